@@ -1,0 +1,28 @@
+"""CLEVRER's attribute words and their fixed order (the order of every attribute index and logit in this package)."""
+
+COLORS = ("gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow")
+MATERIALS = ("metal", "rubber")
+SHAPES = ("cube", "sphere", "cylinder")
+ATTRIBUTES = {"color": COLORS, "material": MATERIALS, "shape": SHAPES}
+
+COLORS_RGB = {
+    "gray": (87, 87, 87),
+    "red": (173, 35, 35),
+    "blue": (42, 75, 215),
+    "green": (29, 105, 20),
+    "brown": (129, 74, 25),
+    "cyan": (41, 208, 208),
+    "purple": (129, 38, 192),
+    "yellow": (255, 238, 51),
+}
+"""sRGB (0-255) of each colour word, CLEVR's `properties.json`."""
+
+
+def attribute_index(color: str, material: str, shape: str) -> int:
+    """Index 0-47 of an attribute triple: `color * 6 + material * 3 + shape`."""
+    return COLORS.index(color) * 6 + MATERIALS.index(material) * 3 + SHAPES.index(shape)
+
+
+def attributes_of(index: int) -> tuple[str, str, str]:
+    """(color, material, shape) of an attribute index; inverse of `attribute_index`."""
+    return COLORS[index // 6], MATERIALS[index // 3 % 2], SHAPES[index % 3]

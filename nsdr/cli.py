@@ -1,0 +1,277 @@
+"""The command `nsdr`."""
+
+import json
+import logging
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import jsonargparse
+
+from nsdr.errors import DataError, NsdrError
+from nsdr.types import Answer, Scene
+
+__all__ = ["main", "write_picture"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code (0, or 2 after an error told in one line on stderr)."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in arguments
+    arguments = [a for a in arguments if a != "--debug"]
+    logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        try:
+            if arguments[:1] == ["train"]:
+                return _train(arguments[1:])
+            parser = _parser()
+            options = parser.parse_args(arguments)
+            if options.command is None:
+                parser.print_help()
+                return 2
+            return _COMMANDS[options.command](options[options.command])
+        except (NsdrError, jsonargparse.ArgumentError, FloatingPointError) as e:
+            if debug:
+                traceback.print_exc()
+            print(f"error: {' '.join(str(e).split())}", file=sys.stderr)
+            return 2
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"warning: {message}", file=sys.stderr)
+
+
+def _parser() -> jsonargparse.ArgumentParser:
+    parser = jsonargparse.ArgumentParser(
+        prog="nsdr",
+        exit_on_error=False,
+        description="Answer questions about videos of colliding objects. Every command takes --debug for tracebacks.",
+    )
+    commands = parser.add_subcommands(required=False, dest="command")
+
+    def add(name: str, summary: str, checkpoint: bool = True) -> jsonargparse.ArgumentParser:
+        sub = jsonargparse.ArgumentParser(description=summary, exit_on_error=False)
+        if checkpoint:
+            sub.add_argument("--checkpoint", default="default", help="folder, name or hub id of the weights")
+        commands.add_subcommand(name, sub, help=summary)
+        return sub
+
+    answer = add("answer", "answer a question about a video")
+    answer.add_argument("video", help="video file, or a scene saved as .json by parse-video")
+    answer.add_argument("-q", "--question", required=True, help="in CLEVRER's English")
+    answer.add_argument("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
+    answer.add_argument("--trace", action="store_true", help="print every executed step")
+    answer.add_argument("--json", action="store_true", help="print the answer as JSON")
+
+    parse_video = add("parse-video", "turn a video into a symbolic scene")
+    parse_video.add_argument("video", help="video file")
+    parse_video.add_argument("-o", "--output", required=True, help="scene file, .json or .npz")
+    parse_video.add_argument("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
+    parse_video.add_argument("--picture", default=None, help="also write an annotated picture of the last frame")
+
+    parse_question = add("parse-question", "turn a question or choice into a program")
+    parse_question.add_argument("text", help="in CLEVRER's English")
+    parse_question.add_argument(
+        "--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text"
+    )
+    parse_question.add_argument("--tree", action="store_true", help="print it as the paper writes it")
+
+    execute = add("execute", "run a program on a saved scene", checkpoint=False)
+    execute.add_argument("--scene", required=True, help="scene file written by parse-video")
+    execute.add_argument("--program", required=True, help="postfix tokens, or a tree as in the paper")
+    execute.add_argument("--trace", action="store_true", help="print every executed step")
+
+    evaluate = add("evaluate", "score answers to a question file")
+    evaluate.add_argument("--questions", required=True, help="question file in CLEVRER's format")
+    evaluate.add_argument(
+        "--source",
+        required=True,
+        choices=["videos", "proposals", "compact-proposals", "ground-truth", "truth"],
+        help="what scenes are made from",
+    )
+    evaluate.add_argument(
+        "--data", required=True, help="folder of videos or proposals; or one file (compact-*, ground-truth)"
+    )
+    evaluate.add_argument("--programs", default="parsed", choices=["parsed", "gold"], help="whose programs run")
+    evaluate.add_argument("--exclude", type=list[int], default=[], help="scene indices to leave out")
+    evaluate.add_argument("-o", "--output", default=None, help="write the table and every result as JSON")
+
+    demo = add("demo", "answer questions about the clip that comes with the package")
+    demo.add_argument("-o", "--output", default="nsdr_demo.png", help="annotated picture to write")
+
+    parser.add_argument("--version", action="version", version=_version())
+    commands.add_subcommand(
+        "train",
+        jsonargparse.ArgumentParser(description="see nsdr train frame-parser|dynamics|question-parser --help"),
+        help="train frame-parser|dynamics|question-parser --config configs/….yaml [--field value]",
+    )
+    return parser
+
+
+def _version() -> str:
+    import nsdr
+
+    return nsdr.__version__
+
+
+def _answer(options: Any) -> int:
+    pipeline = _pipeline(options)
+    source: Any = options.video
+    if Path(options.video).suffix == ".json":
+        source = _load_scene(options.video)
+    answer = pipeline.answer(source, options.question, options.choice or None)
+    if options.json:
+        print(json.dumps(asdict(answer)))
+    else:
+        _print_answer(answer, options.trace)
+    return 0
+
+
+def _print_answer(answer: Answer, trace: bool) -> None:
+    from nsdr.symbolic import format_trace
+
+    if answer.answer is not None:
+        if trace:
+            print(format_trace(answer.trace))
+        print(answer.answer)
+    for choice in answer.choices:
+        print(f"{choice.answer:<8} {choice.choice}")
+        if trace:
+            print(format_trace(choice.trace))
+
+
+def _parse_video(options: Any) -> int:
+    from nsdr import storage
+    from nsdr.clevrer.proposals import proposals_document
+    from nsdr.files import write_json
+
+    if Path(options.output).suffix not in (".json", ".npz"):
+        raise DataError(f"{options.output}: expected a name ending in .json or .npz")
+    pipeline = _pipeline(options)
+    perception = pipeline.perception(options.video)
+    scene = perception.scene
+    storage.save(scene, options.output)
+    if options.proposals_out:
+        assert perception.proposals is not None
+        name = Path(options.video).name
+        number = "".join(c for c in Path(name).stem if c.isdigit())
+        write_json(options.proposals_out, proposals_document(perception.proposals, int(number or 0), name))
+    if options.picture:
+        write_picture(options.picture, options.video, perception)
+    print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
+    for o in scene.objects:
+        print(f"  object {o.id}: {o.name}")
+    from nsdr.symbolic.world import World
+
+    world = World(scene)
+    for index, _ in enumerate(scene.events):
+        print(f"  {world.event_text(1 << index)}")
+    return 0
+
+
+def write_picture(path: str, video: str, perception: Any) -> None:
+    """Write the annotated last frame of a video as a picture file."""
+    import cv2
+
+    from nsdr.frame_parser.video import read_frames
+    from nsdr.visualize import annotated_picture
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # said once already
+        for index, frame in enumerate(read_frames(video)):
+            last = (index, frame)
+    picture = annotated_picture(last[1], last[0], perception.proposals, perception.tracks, perception.scene)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(path, picture[..., ::-1]):
+        raise DataError(f"{path}: cannot write a picture; expected a name ending in .png or .jpg")
+
+
+def _parse_question(options: Any) -> int:
+    from nsdr.checkpoint import find_checkpoint
+    from nsdr.errors import QuestionError
+    from nsdr.question_parser.parser import QuestionParser
+
+    parser = QuestionParser.from_checkpoint(find_checkpoint(options.checkpoint))
+    kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
+    for kind in kinds:
+        try:
+            program = parser.parse(options.text, kind)
+            break
+        except QuestionError:
+            if kind == kinds[-1]:
+                raise
+    print(program.tree() if options.tree else program)
+    return 0
+
+
+def _execute(options: Any) -> int:
+    from nsdr.symbolic import Executor
+
+    _print_answer(Executor(_load_scene(options.scene)).answer(options.program), options.trace)
+    return 0
+
+
+def _evaluate(options: Any) -> int:
+    from nsdr.evaluate import evaluate_file, format_table
+    from nsdr.files import write_json
+
+    report = evaluate_file(
+        options.questions, options.source, options.data, options.programs, options.checkpoint, set(options.exclude)
+    )
+    print(format_table(report))
+    if options.output:
+        write_json(options.output, report, indent=1)
+    return 0
+
+
+def _demo(options: Any) -> int:
+    from nsdr.demo import run_demo
+
+    return run_demo(options.checkpoint, options.output)
+
+
+def _train(arguments: list[str]) -> int:
+    from importlib import import_module
+
+    parts = {
+        name: f"nsdr.training.{name.replace('-', '_')}" for name in ("frame-parser", "dynamics", "question-parser")
+    }
+    if not arguments or arguments[0] not in parts:
+        raise DataError(
+            f"nsdr train: expected one of {', '.join(parts)}, got {arguments[0] if arguments else 'nothing'!r}"
+        )
+    logging.getLogger("nsdr").setLevel(logging.INFO)
+    print(import_module(parts[arguments[0]]).main(arguments[1:]))
+    return 0
+
+
+def _pipeline(options: Any) -> Any:
+    from nsdr.pipeline import Pipeline
+
+    pipeline = Pipeline.from_pretrained(options.checkpoint)
+    pipeline.progress = sys.stderr.isatty()
+    return pipeline
+
+
+def _load_scene(path: str) -> Scene:
+    from nsdr import storage
+
+    return storage.load(Scene, path)
+
+
+_COMMANDS: dict[str, Callable[[Any], int]] = {
+    "answer": _answer,
+    "parse-video": _parse_video,
+    "parse-question": _parse_question,
+    "execute": _execute,
+    "evaluate": _evaluate,
+    "demo": _demo,
+}
+
+if __name__ == "__main__":
+    sys.exit(main())

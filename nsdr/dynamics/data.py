@@ -1,0 +1,148 @@
+"""Real tracks with their true collisions, as training data for the dynamics predictor."""
+
+import gzip
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from nsdr.clevrer.proposals import read_compact_proposals
+from nsdr.dynamics.states import MotionStates, object_features, states_from_tracks
+from nsdr.errors import DataError
+from nsdr.files import atomic_path
+from nsdr.frame_parser.tracker import track
+from nsdr.types import Event, SceneObject
+
+__all__ = ["MotionData", "read_motion_data", "read_truth"]
+
+MAX_OBJECTS = 7
+NO_COLLISION = -1000
+
+
+@dataclass(frozen=True)
+class MotionData:
+    """States of many scenes, padded to `MAX_OBJECTS`.
+
+    Attributes:
+        scene: (S,) int, video index.
+        location_world: (S, N, F, 2) float32.
+        reliable, present: (S, N, F) bool.
+        static: (S, N, 5) float32, one-hot shape and material.
+        exists: (S, N) bool.
+        collision_frame: (S, N, N) int, symmetric; `NO_COLLISION` where a pair does not collide.
+    """
+
+    scene: NDArray[Any]
+    location_world: NDArray[Any]
+    reliable: NDArray[Any]
+    present: NDArray[Any]
+    static: NDArray[Any]
+    exists: NDArray[Any]
+    collision_frame: NDArray[Any]
+
+    def __len__(self) -> int:
+        return len(self.scene)
+
+    def part(self, picked: NDArray[Any]) -> "MotionData":
+        """The scenes at these indices (or where a mask is true)."""
+        return MotionData(*(getattr(self, name)[picked] for name in self.__dataclass_fields__))
+
+    def states(self, index: int) -> tuple[MotionStates, list[Event]]:
+        """One scene unpadded, with its true collisions (colours are not stored and all gray)."""
+        n = int(self.exists[index].sum())
+        shape = self.static[index, :n, :3].argmax(1)
+        material = self.static[index, :n, 3:].argmax(1)
+        objects = tuple(
+            SceneObject(i, "gray", ("metal", "rubber")[material[i]], ("cube", "sphere", "cylinder")[shape[i]])
+            for i in range(n)
+        )
+        reliable = self.reliable[index, :n]
+        frames = self.collision_frame[index]
+        events = [
+            Event("collision", int(frames[i, j]), (i, j))
+            for i in range(n)
+            for j in range(i + 1, n)
+            if frames[i, j] >= 0
+        ]
+        location = self.location_world[index, :n].astype(float)
+        return MotionStates(objects, location, reliable, reliable, self.present[index, :n]), events
+
+
+def read_truth(path: str | Path) -> dict[int, dict[str, Any]]:
+    """Ground-truth blocks by video index from a gzipped JSON list.
+
+    Raises:
+        DataError: a missing or unreadable file.
+    """
+    try:
+        rows = json.loads(gzip.decompress(Path(path).read_bytes()))
+        return {int(row["video"]): row for row in rows}
+    except (OSError, ValueError, KeyError, TypeError) as e:
+        raise DataError(f"{path}: not a file of ground-truth blocks ({e})") from e
+
+
+def read_motion_data(
+    proposals: str | Path, truth: str | Path, cache: str | Path | None = None, limit: int | None = None
+) -> MotionData:
+    """Track the compact proposals of every video of normal length and join them with the true collisions.
+
+    Args:
+        proposals: compact NPZ (`nsdr.clevrer.proposals.read_compact_proposals`).
+        truth: ground-truth blocks.
+        cache: an NPZ that is read when it exists, and written otherwise.
+        limit: stop after this many scenes.
+
+    Raises:
+        DataError: an unreadable file.
+    """
+    if cache is not None and Path(cache).exists():
+        with np.load(cache) as arrays:
+            return MotionData(**{name: arrays[name] for name in MotionData.__dataclass_fields__})
+    blocks = read_truth(truth)
+    rows: dict[str, list[Any]] = {name: [] for name in MotionData.__dataclass_fields__}
+    for video, found in tqdm(
+        read_compact_proposals(proposals), total=limit or len(blocks), desc="tracks", unit="video"
+    ):
+        if limit is not None and len(rows["scene"]) >= limit:
+            break
+        block = blocks[video]
+        if block["n_frames"] != 128:
+            continue
+        states = states_from_tracks(track(found))
+        if 2 <= len(states.objects) <= MAX_OBJECTS:
+            for name, value in _row(video, states, block).items():
+                rows[name].append(value)
+    data = MotionData(**{name: np.stack(values) for name, values in rows.items()})
+    if cache is not None:
+        with atomic_path(cache) as temporary:
+            np.savez(temporary, **{name: getattr(data, name) for name in MotionData.__dataclass_fields__})
+    return data
+
+
+def _row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, Any]:
+    n = len(states.objects)
+    pad = MAX_OBJECTS - n
+
+    def padded(a: NDArray[Any]) -> NDArray[Any]:
+        return np.pad(a, [(0, pad)] + [(0, 0)] * (a.ndim - 1))
+
+    track_of = {o.name: o.id for o in states.objects}
+    names = {o["id"]: f"{o['color']} {o['material']} {o['shape']}" for o in block["objects"]}
+    collision = np.full((MAX_OBJECTS, MAX_OBJECTS), NO_COLLISION, np.int16)
+    for event in block["collisions"]:
+        pair = [track_of.get(names[i], -1) for i in event["object"]]
+        if min(pair) >= 0:
+            collision[pair[0], pair[1]] = collision[pair[1], pair[0]] = event["frame"]
+    return {
+        "scene": np.int32(video),
+        "location_world": padded(states.location_world.astype(np.float32)),
+        "reliable": padded(states.reliable),
+        "present": padded(states.present),
+        "static": padded(object_features(states.objects)),
+        "exists": padded(np.ones(n, bool)),
+        "collision_frame": collision,
+    }

@@ -1,0 +1,60 @@
+"""How well predicted collisions and motion agree with what happened."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nsdr.dynamics.predictor import UNSEEN_FRAMES, DynamicsPredictor
+from nsdr.dynamics.states import MotionStates
+from nsdr.types import Event
+
+__all__ = ["collision_scores", "rollout_errors"]
+
+
+def collision_scores(
+    pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]], tolerance_frames: int = 3
+) -> dict[str, float]:
+    """Precision, recall and F1 of (predicted, true) collisions: same pair, frames at most `tolerance_frames` apart."""
+    right = predicted_total = true_total = 0
+    for predicted, true in pairs:
+        frames = {e.objects: e.frame for e in true}
+        right += sum(abs(frames.get(e.objects, -100) - e.frame) <= tolerance_frames for e in predicted)
+        predicted_total += len(predicted)
+        true_total += len(true)
+    return {
+        "collision_precision": right / max(predicted_total, 1),
+        "collision_recall": right / max(true_total, 1),
+        "collision_f1": 2 * right / max(predicted_total + true_total, 1),
+    }
+
+
+def rollout_errors(
+    predictor: DynamicsPredictor, scenes: Sequence[MotionStates], starts: Sequence[int] = (60, 80, 100)
+) -> dict[str, float]:
+    """Median distance (world units) of rollouts from real tracks 10, 25 and 50 frames after the last seen frame.
+
+    The rollout sees the frames before `start` only.
+    """
+    distances: dict[int, list[float]] = {10: [], 25: [], 50: []}
+    for states in scenes:
+        for start in starts:
+            here = states.present[:, :start].any(1)
+            if not here.any():
+                continue
+            cut = MotionStates(
+                tuple(replace(o, id=i) for i, o in enumerate(np.array(states.objects, object)[here])),
+                states.location_world[here, :start],
+                *(getattr(states, name)[here, :start] for name in ("detected", "reliable", "present")),
+            )
+            rollout = predictor.continue_motion(cut)
+            for ahead, collected in distances.items():
+                frame = start - 1 + ahead
+                if ahead > UNSEEN_FRAMES or frame >= states.present.shape[1]:
+                    continue
+                seen = states.reliable[here, frame] & states.present[here, start - 1]
+                difference = rollout.location_world[seen, frame] - states.location_world[here, frame][seen]
+                collected += np.hypot(difference[:, 0], difference[:, 1]).tolist()
+    return {
+        f"rollout_error_{k}": float(np.median(values)) if values else float("nan") for k, values in distances.items()
+    }

@@ -1,0 +1,189 @@
+"""Tracks -> what happened, what comes next, and what happens without each object."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from nsdr.checkpoint import load_checkpoint
+from nsdr.clevrer.camera import HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX, pixels_from_world
+from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
+from nsdr.dynamics.states import MotionStates, object_features, states_from_tracks, visible_frames
+from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+
+__all__ = ["UNSEEN_FRAMES", "DynamicsPredictor", "in_picture"]
+
+UNSEEN_FRAMES = 52
+"""Frames that are predicted beyond the video: 128 + 52 = 180, 7 s of video time."""
+
+FloatArray = NDArray[np.floating[Any]]
+
+
+def in_picture(location_world: FloatArray) -> NDArray[np.bool_]:
+    """Whether the centres (..., 2) on the ground are imaged inside the picture."""
+    height = np.full((*location_world.shape[:-1], 1), OBJECT_RADIUS_WORLD)
+    pixels = pixels_from_world(np.concatenate([location_world, height], -1))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(((pixels >= 0) & (pixels < (WIDTH_PX, HEIGHT_PX))).all(-1))
+
+
+class DynamicsPredictor:
+    """Propagation networks over ground-plane states (paper, section 4.2).
+
+    Differs from the paper: states instead of image patches; observed collisions are read from motion before and after;
+    with an object removed, only what its absence can influence is predicted anew, the rest keeps its observed motion.
+
+    Args:
+        model: trained networks.
+    """
+
+    def __init__(self, model: DynamicsModel) -> None:
+        self.model = model.eval()
+        self.config = model.config
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path) -> "DynamicsPredictor":
+        """Load `dynamics.safetensors` and its JSON.
+
+        Raises:
+            CheckpointError: missing or corrupt.
+        """
+        state, details = load_checkpoint(folder, "dynamics")
+        model = DynamicsModel(DynamicsConfig(**details["config"]))
+        model.load_state_dict(state)
+        return cls(model)
+
+    def predict(self, tracks: VideoTracks) -> DynamicsPrediction:
+        """Observed motion and collisions, their future, and one rollout for each removed object.
+
+        Args:
+            tracks: the video's objects.
+
+        Returns:
+            Rollouts over `n_frames + UNSEEN_FRAMES` frames; empty ones for a video without objects.
+        """
+        states = states_from_tracks(tracks)
+        observed = self.observed_collisions(states)
+        rollouts = self._courses(states, observed, tracks.n_frames)
+        counterfactual = dict(enumerate(rollouts[1:]))
+        return DynamicsPrediction(states.objects, tracks.n_frames, rollouts[0], counterfactual)
+
+    def continue_motion(self, states: MotionStates) -> Rollout:
+        """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
+        return self._courses(states, [], states.present.shape[1], counterfactual=False)[0]
+
+    @torch.no_grad()
+    def observed_collisions(self, states: MotionStates) -> list[Event]:
+        """Collisions during the video, in order of time; each pair at most once, at its most probable frame."""
+        n, frames = states.present.shape
+        if n < 2:
+            return []
+        c = self.config
+        index = np.arange(frames)[:, None] + np.arange(-c.side_steps, c.side_steps + 1) * c.stride_frames
+        window, reliable = windows(states, index)
+        static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
+        exists = torch.from_numpy(states.present.T.copy())
+        logits = self.model.observe(window, reliable, static, exists)
+        both = exists[:, :, None] & exists[:, None, :]
+        probability = (logits.sigmoid() * both).numpy()
+        events = []
+        for i in range(n):
+            for j in range(i + 1, n):
+                course = probability[:, i, j]
+                peak = int(course.argmax())
+                if course[peak] > c.collision_threshold:
+                    near = np.arange(max(peak - 4, 0), min(peak + 5, frames))
+                    frame = int(np.floor(np.average(near, weights=course[near]) + 0.5))
+                    events.append(Event("collision", frame, (i, j)))
+        return sorted(events, key=lambda e: e.frame)
+
+    @torch.no_grad()
+    def _courses(
+        self, states: MotionStates, observed: Sequence[Event], n_frames: int, counterfactual: bool = True
+    ) -> list[Rollout]:
+        """The course of the world as it is, and without each object.
+
+        An object is "free" from the frame on at which its motion is no longer the observed one: after the video, or from
+        a collision that the removed object's absence changes.
+        """
+        n, stride, past = len(states.objects), self.config.stride_frames, self.config.past_steps
+        total = n_frames + UNSEEN_FRAMES
+        courses = n + 1 if counterfactual else 1
+        location = np.full((courses, n, total + stride, 2), np.nan)
+        location[:, :, :n_frames] = states.location_world
+        exists = np.ones((courses, n), bool)
+        exists[np.arange(1, courses), np.arange(courses - 1)] = False
+        first = states.present.argmax(1) if n else np.zeros(0, int)
+        free_from = np.full((courses, n), (n_frames - 1) // stride * stride)
+        collisions: list[list[Event]] = [[] for _ in range(courses)]
+        met = [{e.objects for e in observed} if course == 0 else set() for course in range(courses)]
+        collisions[0] = list(observed)
+        pending = [list(observed) for _ in range(courses)]
+        static = torch.from_numpy(object_features(states.objects)).expand(courses, -1, -1)
+        for t in range(0, total - 1, stride) if n else ():
+            for course in range(1, courses):
+                while pending[course] and pending[course][0].frame <= t + stride:
+                    self._observed_event(pending[course].pop(0), course, t, exists, free_from, collisions, met)
+            free = (free_from <= t) & exists
+            if not free.any():
+                continue
+            index = np.clip(t - stride * np.arange(past - 1, -1, -1), 0, None)
+            known = np.ones((courses, n, past), bool)
+            seen = index < n_frames
+            known[:, :, seen] = states.reliable[:, index[seen]] | (free_from[:, :, None] <= index[seen])
+            here = exists & (first <= t)
+            window = torch.from_numpy(np.nan_to_num(location[:, :, index]).astype(np.float32))
+            places, logits = self.model.predict(window, torch.from_numpy(known), static, torch.from_numpy(here))
+            following = places.numpy().astype(float)
+            for step in range(1, stride + 1):
+                between = location[:, :, t] + (following - location[:, :, t]) * step / stride
+                location[:, :, t + step] = np.where(free[..., None], between, location[:, :, t + step])
+            hits = (logits.sigmoid().numpy() > self.config.collision_threshold) & (here[:, :, None] & here[:, None])
+            hits &= free[:, :, None] | free[:, None]
+            for course, i, j in np.argwhere(np.triu(hits, 1)).tolist():
+                if (i, j) not in met[course] and t + 1 < total:
+                    met[course].add((i, j))
+                    frame = t + 1 if course else max(t + 1, n_frames)
+                    collisions[course].append(Event("collision", frame, (i, j)))
+                    free_from[course, [i, j]] = np.minimum(free_from[course, [i, j]], t)
+        visible = np.zeros((courses, n, total), bool)
+        visible[:, :, :n_frames] = visible_frames(states)
+        free_frames = np.arange(total) >= np.maximum(free_from, first)[..., None]
+        with np.errstate(invalid="ignore"):
+            visible = np.where(free_frames, in_picture(location[:, :, :total]), visible) & exists[..., None]
+        location[~exists] = np.nan
+        return [
+            Rollout(location[k, :, :total], visible[k], tuple(sorted(collisions[k], key=lambda e: e.frame)))
+            for k in range(courses)
+        ]
+
+    def _observed_event(
+        self,
+        event: Event,
+        course: int,
+        t: int,
+        exists: NDArray[np.bool_],
+        free_from: NDArray[Any],
+        collisions: list[list[Event]],
+        met: list[set[Any]],
+    ) -> None:
+        """An observed collision comes up in a counterfactual course: it stays when both objects still move as observed."""
+        pair = list(event.objects)
+        if exists[course, pair].all() and (free_from[course, pair] > t).all():
+            collisions[course].append(event)
+            met[course].add(event.objects)
+        else:
+            free_from[course, pair] = np.minimum(free_from[course, pair], t)
+
+
+def windows(states: MotionStates, index: NDArray[Any]) -> tuple[torch.Tensor, torch.Tensor]:
+    """Places (T, n, K, 2) and reliability (T, n, K) at frame indices (T, K); frames outside the video are not reliable."""
+    frames = states.present.shape[1]
+    inside = (index >= 0) & (index < frames)
+    clipped = np.clip(index, 0, frames - 1)
+    window = states.location_world[:, clipped].transpose(1, 0, 2, 3)
+    reliable = (states.reliable[:, clipped] & inside).transpose(1, 0, 2)
+    return torch.from_numpy(window.astype(np.float32)), torch.from_numpy(reliable)

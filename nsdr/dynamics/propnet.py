@@ -1,0 +1,73 @@
+"""Propagation network on object states (Li et al., "Propagation Networks", ICRA 2019; paper, section 4.2)."""
+
+import torch
+from torch import Tensor, nn
+
+__all__ = ["PropNet"]
+
+
+def _mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, outputs), nn.ReLU())
+
+
+class PropNet(nn.Module):
+    """Object and relation encoders, L propagation steps, object and relation predictors.
+
+    With object states o_i and relation states r_ij, encoders c_i = f_O(o_i), c_ij = f_R(o_i, o_j, r_ij), and h_i = 0:
+    e_ij = g_R(c_ij, h_i, h_j), h_i = g_O(c_i, sum_j e_ij, h_i), L times. The predictors read h_i with c_i (skip
+    connection) and e_ij with h_i, h_j.
+
+    Differs from the paper: encoders take states on the ground plane instead of image patches.
+
+    Args:
+        object_inputs, relation_inputs: width of o_i and r_ij.
+        object_outputs, relation_outputs: width of the predictions.
+        hidden: width of all layers.
+        steps: L.
+    """
+
+    def __init__(
+        self,
+        object_inputs: int,
+        relation_inputs: int,
+        object_outputs: int,
+        relation_outputs: int,
+        hidden: int = 128,
+        steps: int = 2,
+    ) -> None:
+        super().__init__()
+        self.steps = steps
+        self.object_encoder = _mlp(object_inputs, hidden, hidden)
+        self.relation_encoder = _mlp(relation_inputs, hidden, hidden)
+        self.relation_receiver = nn.Linear(hidden, hidden)
+        self.relation_sender = nn.Linear(hidden, hidden)
+        self.relation_propagator = _mlp(hidden, hidden, hidden)
+        self.effect_receiver = nn.Linear(hidden, hidden)
+        self.effect_sender = nn.Linear(hidden, hidden)
+        self.object_propagator = _mlp(3 * hidden, hidden, hidden)
+        self.object_predictor = nn.Sequential(_mlp(2 * hidden, hidden, hidden), nn.Linear(hidden, object_outputs))
+        self.relation_predictor = nn.Sequential(_mlp(3 * hidden, hidden, hidden), nn.Linear(hidden, relation_outputs))
+
+    def forward(self, objects: Tensor, relations: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
+        """Predict for all objects and pairs.
+
+        Args:
+            objects: (B, N, object_inputs).
+            relations: (B, N, N, relation_inputs); [b, i, j] describes the effect of sender j on receiver i.
+            exists: (B, N) bool; other objects neither send nor are meant to be read.
+
+        Returns:
+            (B, N, object_outputs), (B, N, N, relation_outputs).
+        """
+        n = objects.shape[1]
+        edges = exists[:, :, None] & exists[:, None, :] & ~torch.eye(n, dtype=torch.bool, device=objects.device)
+        encoded = self.object_encoder(objects)
+        pairs = self.relation_encoder(relations)
+        pairs = pairs + self.relation_receiver(encoded)[:, :, None] + self.relation_sender(encoded)[:, None]
+        hidden = torch.zeros_like(encoded)
+        for _ in range(self.steps):
+            received = self.effect_receiver(hidden)[:, :, None] + self.effect_sender(hidden)[:, None]
+            effects = self.relation_propagator(pairs + received) * edges[..., None]
+            hidden = hidden + self.object_propagator(torch.cat([encoded, effects.sum(2), hidden], -1))
+        both = torch.cat([hidden[:, :, None] + hidden[:, None], effects, pairs], -1)
+        return self.object_predictor(torch.cat([hidden, encoded], -1)), self.relation_predictor(both)

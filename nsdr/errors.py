@@ -1,0 +1,39 @@
+"""Exceptions a user can act on. The command line prints their message in one line and exits with code 2."""
+
+__all__ = [
+    "CheckpointError",
+    "DataError",
+    "ExecutionError",
+    "NsdrError",
+    "ProgramError",
+    "QuestionError",
+    "VideoError",
+]
+
+
+class NsdrError(Exception):
+    """Base of all errors that `nsdr` raises on purpose; the message names the thing and the remedy."""
+
+
+class DataError(NsdrError, ValueError):
+    """A file or value does not have the expected form."""
+
+
+class VideoError(NsdrError, ValueError):
+    """A video cannot be read, or holds nothing to work on."""
+
+
+class CheckpointError(NsdrError, ValueError):
+    """A checkpoint is missing, incomplete or corrupt."""
+
+
+class QuestionError(NsdrError, ValueError):
+    """A question or choice cannot be turned into a program."""
+
+
+class ProgramError(NsdrError, ValueError):
+    """A program is malformed: an unknown token, or a module that gets values of the wrong type."""
+
+
+class ExecutionError(NsdrError, ValueError):
+    """A well-formed program does not fit the scene, such as `unique` on two objects."""

@@ -1,0 +1,11 @@
+"""A clip that ships with the package: a rendered CLEVRER-like video, its true scene, and questions of all four types."""
+
+from importlib.resources import files
+from pathlib import Path
+
+__all__ = ["QUESTIONS", "TRUTH", "VIDEO"]
+
+_FOLDER = Path(str(files(__name__)))
+VIDEO = _FOLDER / "video_500002.mp4"
+TRUTH = _FOLDER / "truth_500002.json"
+QUESTIONS = _FOLDER / "questions_500002.json"

@@ -1,0 +1,85 @@
+"""Videos -> proposals, with a trained network."""
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pycocotools import mask as rle
+from torch import nn
+from tqdm import tqdm
+
+from nsdr.checkpoint import load_checkpoint
+from nsdr.clevrer.proposals import proposals_from_rows
+from nsdr.clevrer.vocab import ATTRIBUTES, attribute_index
+from nsdr.frame_parser.data import image_tensor
+from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.types import VideoProposals
+
+__all__ = ["FrameParser"]
+
+
+class FrameParser:
+    """Finds objects, their masks and attributes in every frame (paper, section 4.1).
+
+    Args:
+        model: a trained network of `build_frame_parser`.
+        batch_size: frames per forward pass.
+    """
+
+    def __init__(self, model: nn.Module, batch_size: int = 8) -> None:
+        self.model = model.eval().to(memory_format=torch.channels_last)
+        self.batch_size = batch_size
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path) -> "FrameParser":
+        """Load `frame_parser.safetensors` and its JSON.
+
+        Raises:
+            CheckpointError: missing or corrupt.
+        """
+        state, details = load_checkpoint(folder, "frame_parser")
+        config: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in details["config"].items()}
+        model = build_frame_parser(FrameParserConfig(**config))
+        model.load_state_dict(state)
+        return cls(model)
+
+    @torch.no_grad()
+    def parse(self, frames: Iterable[NDArray[np.uint8]], progress: bool = False) -> VideoProposals:
+        """Proposals of all frames.
+
+        Args:
+            frames: (320, 480, 3) uint8 RGB each; an array (F, 320, 480, 3) will do.
+            progress: show a progress bar.
+
+        Returns:
+            Detections above a score of 0.5, masks included; the tracker takes those above its own threshold.
+        """
+        rows: list[tuple[int, int, float, str]] = []
+        count = 0
+        bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
+        for batch in _batches(frames, self.batch_size):
+            for detection in self.model([image_tensor(frame) for frame in batch]):
+                rows += [(count, *found) for found in _found(detection)]
+                count += 1
+                bar.update()
+        bar.close()
+        return proposals_from_rows(count, rows)
+
+
+def _batches(frames: Iterable[NDArray[np.uint8]], size: int) -> Iterator[list[NDArray[np.uint8]]]:
+    iterator = iter(frames)
+    while batch := list(islice(iterator, size)):
+        yield batch
+
+
+def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:
+    """(attribute index, score, COCO run-length string) of each detected object."""
+    masks = (detection["masks"][:, 0] > 0.5).byte().cpu().numpy()
+    words = {name: detection[name].argmax(1).tolist() for name in ATTRIBUTES}
+    for i, score in enumerate(detection["scores"].tolist()):
+        named = {name: ATTRIBUTES[name][words[name][i]] for name in ATTRIBUTES}
+        yield attribute_index(**named), score, rle.encode(np.asfortranarray(masks[i]))["counts"].decode()

@@ -1,0 +1,102 @@
+"""torchvision's RoI heads with three attribute classifiers beside the box predictor."""
+
+from typing import cast
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+from torchvision.models.detection.roi_heads import (
+    RoIHeads,
+    fastrcnn_loss,
+    maskrcnn_inference,
+    maskrcnn_loss,
+)
+from torchvision.ops import boxes as box_ops
+
+from nsdr.clevrer.vocab import ATTRIBUTES
+
+__all__ = ["AttributePredictor", "AttributeRoIHeads"]
+
+
+class AttributePredictor(nn.Module):
+    """Linear classifiers of colour, material and shape on the box head's features.
+
+    `forward(features (N, C))` returns `{"color": (N, 8), "material": (N, 2), "shape": (N, 3)}` logits.
+    """
+
+    def __init__(self, in_features: int) -> None:
+        super().__init__()
+        self.heads = nn.ModuleDict({name: nn.Linear(in_features, len(words)) for name, words in ATTRIBUTES.items()})
+
+    def forward(self, features: Tensor) -> dict[str, Tensor]:
+        return {name: head(features) for name, head in self.heads.items()}
+
+
+class AttributeRoIHeads(RoIHeads):
+    """Second stage of Mask R-CNN for one class "object", with attributes.
+
+    Targets carry `boxes` (N, 4) xyxy px, `labels` (N,) all 1, `masks` (N, H, W) uint8, and `color`, `material`,
+    `shape` (N,) int64 indices in the order of `nsdr.clevrer.vocab`. Detections carry `boxes`, `scores` (N,),
+    `masks` (N, 1, H, W) and for each attribute its probabilities (N, number of words).
+
+    Differs from the paper: the paper predicts one label for each of the 48 combinations.
+    """
+
+    attribute_predictor: AttributePredictor
+
+    def forward(self, features, proposals, image_shapes, targets=None):  # type: ignore[no-untyped-def]
+        if self.training:
+            return [], self._losses(features, proposals, image_shapes, targets)
+        return self._detections(features, proposals, image_shapes), {}
+
+    def _box_features(self, features, proposals, image_shapes) -> Tensor:  # type: ignore[no-untyped-def]
+        return cast(Tensor, self.box_head(self.box_roi_pool(features, proposals, image_shapes)))
+
+    def _losses(self, features, proposals, image_shapes, targets) -> dict[str, Tensor]:  # type: ignore[no-untyped-def]
+        proposals, matched, labels, regression_targets = self.select_training_samples(proposals, targets)
+        box_features = self._box_features(features, proposals, image_shapes)
+        class_logits, box_regression = self.box_predictor(box_features)
+        loss_classifier, loss_box = fastrcnn_loss(class_logits, box_regression, labels, regression_targets)
+        losses = {"loss_classifier": loss_classifier, "loss_box_reg": loss_box}
+
+        positive = [label > 0 for label in labels]
+        logits = self.attribute_predictor(box_features[torch.cat(positive)])
+        for name, logit in logits.items():
+            # A frame without objects has no positives; `matched` then points at nothing.
+            words = torch.cat([t[name][m[p]] for t, m, p in zip(targets, matched, positive, strict=True)])
+            losses[f"loss_{name}"] = F.cross_entropy(logit, words, reduction="sum") / max(len(words), 1)
+
+        mask_proposals = [boxes[p] for boxes, p in zip(proposals, positive, strict=True)]
+        mask_logits = self.mask_predictor(self.mask_head(self.mask_roi_pool(features, mask_proposals, image_shapes)))
+        losses["loss_mask"] = maskrcnn_loss(
+            mask_logits,
+            mask_proposals,
+            [t["masks"] for t in targets],
+            [t["labels"] for t in targets],
+            [m[p] for m, p in zip(matched, positive, strict=True)],
+        )
+        return losses
+
+    def _detections(self, features, proposals, image_shapes) -> list[dict[str, Tensor]]:  # type: ignore[no-untyped-def]
+        box_features = self._box_features(features, proposals, image_shapes)
+        class_logits, box_regression = self.box_predictor(box_features)
+        attributes = {name: logit.softmax(-1) for name, logit in self.attribute_predictor(box_features).items()}
+        counts = [len(boxes) for boxes in proposals]
+        all_boxes = self.box_coder.decode(box_regression, proposals)[:, 1].split(counts)
+        all_scores = class_logits.softmax(-1)[:, 1].split(counts)
+        all_attributes = {name: probability.split(counts) for name, probability in attributes.items()}
+
+        results = []
+        for i, (boxes, scores) in enumerate(zip(all_boxes, all_scores, strict=True)):
+            boxes = box_ops.clip_boxes_to_image(boxes, image_shapes[i])
+            kept = torch.where(scores > self.score_thresh)[0]
+            kept = kept[box_ops.remove_small_boxes(boxes[kept], min_size=1.0)]
+            kept = kept[box_ops.nms(boxes[kept], scores[kept], self.nms_thresh)][: self.detections_per_img]
+            result = {"boxes": boxes[kept], "scores": scores[kept], "labels": torch.ones_like(kept)}
+            results.append(result | {name: split[i][kept] for name, split in all_attributes.items()})
+
+        boxes_per_image = [r["boxes"] for r in results]
+        mask_logits = self.mask_predictor(self.mask_head(self.mask_roi_pool(features, boxes_per_image, image_shapes)))
+        for result, masks in zip(results, maskrcnn_inference(mask_logits, [r["labels"] for r in results]), strict=True):
+            result["masks"] = masks
+        return results

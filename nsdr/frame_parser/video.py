@@ -1,0 +1,97 @@
+"""Decoding video files to the frames the frame parser was made for: 480x320, 25 frames a second."""
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.camera import FPS, HEIGHT_PX, WIDTH_PX
+from nsdr.errors import VideoError
+
+__all__ = ["read_frames", "read_video"]
+
+CLEVRER_FRAMES = 128
+
+
+def read_video(path: str | Path) -> NDArray[np.uint8]:
+    """All frames of a video as (F, 320, 480, 3) uint8 RGB, at 25 frames a second.
+
+    Another picture size is scaled to fit, the rest filled with the mean colour, so that shapes keep their aspect;
+    another frame rate is resampled by nearest frame. Both warn, and so does a video shorter than CLEVRER's 128 frames.
+
+    Raises:
+        VideoError: no such file, not a video, or no frames.
+    """
+    return np.stack(list(read_frames(path)))
+
+
+def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
+    """Frames of `read_video` one by one, (320, 480, 3) each; the same warnings and errors."""
+    path = Path(path)
+    if not path.is_file():
+        raise VideoError(f"{path}: no such file")
+    # OpenCV prints its own complaints about broken files; ours follow.
+    level = cv2.utils.logging.getLogLevel() if hasattr(cv2, "utils") else None
+    if level is not None:
+        cv2.utils.logging.setLogLevel(0)
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise VideoError(
+                f"{path}: not a video that OpenCV can read; convert it to H.264 mp4, for example with ffmpeg"
+            )
+        rate = float(capture.get(cv2.CAP_PROP_FPS)) or float(FPS)
+        if abs(rate - FPS) > 0.1:
+            warnings.warn(f"{path}: {rate:g} frames per second, resampled to {FPS}", stacklevel=2)
+        count = 0
+        for frame in _at_rate(_decoded(capture), rate):
+            height, width = frame.shape[:2]
+            if (height, width) != (HEIGHT_PX, WIDTH_PX):
+                if count == 0:
+                    warnings.warn(f"{path}: {width}x{height} px, resized to {WIDTH_PX}x{HEIGHT_PX}", stacklevel=2)
+                frame = _fitted(frame)
+            count += 1
+            yield frame
+        if count == 0:
+            raise VideoError(f"{path}: holds no frames; the file may be cut off")
+        if count < CLEVRER_FRAMES:
+            warnings.warn(f"{path}: {count} frames, CLEVRER's videos have {CLEVRER_FRAMES}", stacklevel=2)
+    finally:
+        capture.release()
+        if level is not None:
+            cv2.utils.logging.setLogLevel(level)
+
+
+def _decoded(capture: cv2.VideoCapture) -> Iterator[NDArray[np.uint8]]:
+    while True:
+        ok, frame = capture.read()
+        if not ok:
+            return
+        yield cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)  # type: ignore[misc]
+
+
+def _at_rate(frames: Iterator[NDArray[np.uint8]], rate: float) -> Iterator[NDArray[np.uint8]]:
+    """Nearest frames at 25 a second."""
+    if abs(rate - FPS) <= 0.1:
+        yield from frames
+        return
+    shown = 0
+    for index, frame in enumerate(frames):
+        while round(shown * rate / FPS) <= index:
+            yield frame
+            shown += 1
+
+
+def _fitted(frame: NDArray[Any]) -> NDArray[np.uint8]:
+    height, width = frame.shape[:2]
+    scale = min(WIDTH_PX / width, HEIGHT_PX / height)
+    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    canvas = np.full((HEIGHT_PX, WIDTH_PX, 3), small.reshape(-1, 3).mean(0), np.uint8)
+    top, left = (HEIGHT_PX - size[1]) // 2, (WIDTH_PX - size[0]) // 2
+    canvas[top : top + size[1], left : left + size[0]] = small
+    return canvas

@@ -1,0 +1,94 @@
+"""Questions and choices -> programs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from nsdr.checkpoint import load_checkpoint
+from nsdr.errors import CheckpointError, ProgramError, QuestionError
+from nsdr.question_parser.grammar import TEXT_KINDS
+from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
+from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer
+from nsdr.symbolic.program import Program
+
+__all__ = ["QuestionParser", "build_networks", "pad"]
+
+
+def pad(rows: Sequence[Sequence[int]]) -> torch.Tensor:
+    """Rows of indices -> (B, longest) with zeros at the ends."""
+    width = max(len(row) for row in rows)
+    return torch.tensor([[*row, *[0] * (width - len(row))] for row in rows])
+
+
+def build_networks(n_words: int, config: QuestionParserConfig) -> nn.ModuleDict:
+    """The three networks, by kind of text."""
+    return nn.ModuleDict({kind: ParserNetwork(n_words, len(PROGRAM_TOKENS), config) for kind in TEXT_KINDS})
+
+
+class QuestionParser:
+    """Parses descriptive questions, multiple-choice questions and choices, each with a network of its own.
+
+    Args:
+        tokenizer: word vocabulary.
+        networks: as `build_networks` makes them.
+    """
+
+    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict) -> None:
+        self.tokenizer = tokenizer
+        self.networks = networks.eval()
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path) -> "QuestionParser":
+        """Load `question_parser.safetensors` and its JSON.
+
+        Raises:
+            CheckpointError: missing, corrupt, or made for other program tokens.
+        """
+        state, details = load_checkpoint(folder, "question_parser")
+        if tuple(details.get("program_tokens", ())) != PROGRAM_TOKENS:
+            raise CheckpointError(f"{folder}: the question parser knows other program tokens; train it again")
+        tokenizer = Tokenizer(details["words"])
+        networks = build_networks(len(tokenizer), QuestionParserConfig(**details["config"]))
+        networks.load_state_dict(state)
+        return cls(tokenizer, networks)
+
+    def parse(self, text: str, kind: str = "descriptive") -> Program:
+        """The program of one text; `parse_batch` for many.
+
+        Args:
+            text: a question or choice in CLEVRER's English.
+            kind: "descriptive", "multiple_choice" or "choice".
+
+        Raises:
+            QuestionError: an empty text, an unknown word, a text of another kind, or one that fits no program.
+        """
+        return self.parse_batch([text], kind)[0]
+
+    def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program]:
+        """Programs of many texts of one kind; raises as `parse`."""
+        if kind not in TEXT_KINDS:
+            raise QuestionError(f"kind is {kind!r}; expected one of {', '.join(TEXT_KINDS)}")
+        if not texts:
+            return []
+        words = pad([self.tokenizer.encode(text) for text in texts])
+        network: Any = self.networks[kind]
+        rows, _ = network.greedy(words)
+        return [
+            self._program(text, [PROGRAM_TOKENS[t] for t in row], kind) for text, row in zip(texts, rows, strict=True)
+        ]
+
+    def _program(self, text: str, tokens: list[str], kind: str) -> Program:
+        if OTHER in tokens:
+            remedy = {
+                "descriptive": "it seems to be a multiple-choice question or a choice: give choices with it",
+                "multiple_choice": "it seems to need no choices: ask it without them",
+                "choice": 'a choice names an object or event, such as "the presence of the red cube"',
+            }
+            raise QuestionError(f"{text!r} is no {kind.replace('_', '-')} text; {remedy[kind]}")
+        try:
+            return Program.parse(tokens)
+        except ProgramError as e:
+            raise QuestionError(f"{text!r} fits no program ({e}); rephrase it as CLEVRER's questions are worded") from e
