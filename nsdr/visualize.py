@@ -16,6 +16,7 @@ __all__ = ["annotated_picture"]
 
 SCALE = 2
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+Box = tuple[int, int, int, int]
 
 
 def annotated_picture(
@@ -45,11 +46,13 @@ def annotated_picture(
     for number, event in enumerate((e for e in scene.events if e.kind == "collision"), 1):
         if event.frame <= frame_index:
             _draw_collision(picture, event.frame, [tracks.tracks[i] for i in event.objects], number)
-    for t in tracks.tracks:
+    taken: list[Box] = []
+    for t in sorted(tracks.tracks, key=lambda t: -int(t.box_xyxy_px[-1, 1])):  # nearer ones keep their place
         here = np.flatnonzero(t.frame_index == frame_index)
         if len(here):
             x0, y0 = (t.box_xyxy_px[here[0], :2] * SCALE).tolist()
-            _draw_text(picture, f"{t.object.id} {t.object.name}", (x0, max(y0 - 6, 14)), _bright(t.object.color))
+            text = f"{t.object.id} {t.object.name}"
+            _draw_text(picture, text, _free_place(picture, text, (x0, y0 - 6), taken), _bright(t.object.color))
     _draw_text(picture, f"frame {frame_index}", (8, HEIGHT_PX * SCALE - 10), (255, 255, 255))
     return picture  # type: ignore[return-value]
 
@@ -87,5 +90,18 @@ def _draw_collision(picture: NDArray[Any], frame: int, pair: list[Any], number: 
 
 
 def _draw_text(picture: NDArray[Any], text: str, place: tuple[int, int], color: tuple[int, int, int]) -> None:
-    cv2.putText(picture, text, place, FONT, 0.5, (30, 30, 30), 4, cv2.LINE_AA)
+    x, y = place
+    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1), (1, 1)):  # a dark rim: readable on any ground
+        cv2.putText(picture, text, (x + dx, y + dy), FONT, 0.5, (20, 20, 20), 1, cv2.LINE_AA)
     cv2.putText(picture, text, place, FONT, 0.5, color, 1, cv2.LINE_AA)
+
+
+def _free_place(picture: NDArray[Any], text: str, place: tuple[int, int], taken: list[Box]) -> tuple[int, int]:
+    """The place for a text, inside the picture and moved up until it overlaps no other."""
+    (width, height), _ = cv2.getTextSize(text, FONT, 0.5, 1)
+    x = min(max(place[0], 2), picture.shape[1] - width - 2)
+    y = max(place[1], height + 2)
+    while y > height + 2 and any(x < b[2] and b[0] < x + width and y - height < b[3] and b[1] < y for b in taken):
+        y -= 2
+    taken.append((x, y - height - 4, x + width, y + 2))
+    return x, y

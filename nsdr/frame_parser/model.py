@@ -11,6 +11,7 @@ from torchvision.models.detection.mask_rcnn import MaskRCNNHeads, MaskRCNNPredic
 from torchvision.models.resnet import BasicBlock
 from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
 
+from nsdr.errors import DataError
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads
 
 __all__ = ["FrameParserConfig", "SlimBackbone", "build_frame_parser"]
@@ -21,7 +22,7 @@ class FrameParserConfig:
     """Sizes of the frame parser.
 
     Attributes:
-        widths: channels of the four residual stages (strides 4, 8, 16, 32 px).
+        widths: channels of the four residual stages (strides 4, 8, 16, 32 px); multiples of 16.
         blocks: residual blocks in each stage.
         fpn_channels: channels of every pyramid level.
         anchor_sizes_px: anchor side on the levels of stride 4, 8 and 16; CLEVRER's objects are 25-110 px wide.
@@ -44,6 +45,12 @@ class FrameParserConfig:
     train_proposals: int = 200
     image_mean: tuple[float, float, float] = (0.510, 0.508, 0.506)
     image_std: tuple[float, float, float] = (0.056, 0.056, 0.059)
+
+    def __post_init__(self) -> None:
+        # oneDNN's channels-last convolutions crash the process on other widths (seen with torch 2.15 on CPU).
+        for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
+            if any(v % 16 for v in value):
+                raise DataError(f"FrameParserConfig.{name}: expected multiples of 16, got {value}")
 
 
 class SlimBackbone(nn.Module):

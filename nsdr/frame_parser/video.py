@@ -21,7 +21,7 @@ def read_video(path: str | Path) -> NDArray[np.uint8]:
     """All frames of a video as (F, 320, 480, 3) uint8 RGB, at 25 frames a second.
 
     Another picture size is scaled to fit, the rest filled with the mean colour, so that shapes keep their aspect;
-    another frame rate is resampled by nearest frame. Both warn, and so does a video shorter than CLEVRER's 128 frames.
+    another frame rate is resampled. Both warn, and so does a video shorter than CLEVRER's 128 frames.
 
     Raises:
         VideoError: no such file, not a video, or no frames.
@@ -75,13 +75,13 @@ def _decoded(capture: cv2.VideoCapture) -> Iterator[NDArray[np.uint8]]:
 
 
 def _at_rate(frames: Iterator[NDArray[np.uint8]], rate: float) -> Iterator[NDArray[np.uint8]]:
-    """Nearest frames at 25 a second."""
+    """The frame on show at every 25th of a second."""
     if abs(rate - FPS) <= 0.1:
         yield from frames
         return
     shown = 0
     for index, frame in enumerate(frames):
-        while round(shown * rate / FPS) <= index:
+        while int(shown * rate / FPS) <= index:
             yield frame
             shown += 1
 

@@ -76,7 +76,7 @@ class Program:
         if isinstance(source, Program):
             return source
         if isinstance(source, str):
-            source = _tree_tokens(source) if "(" in source else re.split(r"[\s,]+", source.strip())
+            source = _tree_tokens(source) if re.search(r"[()]", source) else re.findall(r"[^\s,]+", source)
         return _checked(tuple(source))
 
     def then(self, question: "Program") -> "Program":
@@ -142,7 +142,7 @@ def _checked(source: tuple[str, ...]) -> Program:
         stack.append(place)
     if len(stack) != 1:
         raise ProgramError(f"{len(stack)} values are left at the end; expected one (is the program complete?)")
-    if steps[-1].kind not in (*ANSWER_KINDS, *CHOICE_KINDS, Kind.OBJECTS, Kind.EVENTS, Kind.FRAME):
+    if steps[-1].module is None:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
     return Program(tokens, tuple(steps), needs_choice)
 

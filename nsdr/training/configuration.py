@@ -13,11 +13,13 @@ T = TypeVar("T")
 
 def parse_config(kind: type[T], argv: Sequence[str] | None, program: str) -> T:
     """The configuration `kind` from arguments such as `["--config", "a.yaml", "--loop.steps", "10"]`."""
-    parser = jsonargparse.ArgumentParser(prog=program, description=(kind.__doc__ or "").splitlines()[0])
+    parser = jsonargparse.ArgumentParser(
+        prog=program, description=(kind.__doc__ or "").splitlines()[0], exit_on_error=False
+    )
     parser.add_argument("--config", action="config", help="a YAML file; flags after it win")
     parser.add_class_arguments(kind, sub_configs=True)
     arguments = parser.parse_args(argv if argv is None else list(argv))
-    values = parser.instantiate_classes(arguments).as_dict()
+    values = parser.instantiate(arguments).as_dict()
     values.pop("config")
     return kind(**values)
 

@@ -1,0 +1,206 @@
+import json
+
+import numpy as np
+import pytest
+
+from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
+from nsdr.clevrer import camera
+from nsdr.clevrer.proposals import (
+    mask_numbers,
+    proposals_document,
+    proposals_from_rows,
+    read_compact_proposals,
+    read_proposals,
+)
+from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.scenes import (
+    collisions_in_view,
+    enter_exit_events,
+    scene_from_annotation,
+    scene_from_ground_truth,
+    scene_from_prediction,
+)
+from nsdr.clevrer.vocab import attribute_index, attributes_of
+from nsdr.examples import QUESTIONS
+
+
+def test_attribute_index_and_back() -> None:
+    assert attribute_index("gray", "metal", "cube") == 0
+    assert [attribute_index(*attributes_of(i)) for i in range(48)] == list(range(48))
+
+
+def test_camera_looks_at_the_origin() -> None:
+    np.testing.assert_allclose(camera.pixels_from_world([0, 0, 0]), [240, 160], atol=1e-3)
+
+
+def test_camera_matches_the_released_matrix() -> None:
+    u, v = camera.pixels_from_world([1.0, -0.5, 0.2])
+    w = -0.866025 * 1 - 0.5 * 0.2 + 5
+    assert u == pytest.approx((-207.846 * 1 + 525 * -0.5 - 120 * 0.2 + 1200) / w, abs=0.01)
+    assert v == pytest.approx((123.936 * 1 - 534.663 * 0.2 + 800) / w, abs=0.01)
+
+
+def test_ground_and_pixels_are_inverse() -> None:
+    places = np.random.default_rng(0).uniform(-2, 2, (50, 2))
+    world = np.concatenate([places, np.full((50, 1), camera.OBJECT_RADIUS_WORLD)], 1)
+    np.testing.assert_allclose(camera.ground_from_pixels(camera.pixels_from_world(world)), places, atol=1e-6)
+
+
+def test_points_behind_the_camera_have_no_pixel() -> None:
+    assert np.isnan(camera.pixels_from_world([9.0, 0.0, 0.2])).all()
+
+
+def test_grid_is_rows_then_columns() -> None:
+    np.testing.assert_allclose(camera.grid_from_pixels([480, 320]), [100, 150])
+    np.testing.assert_allclose(camera.pixels_from_grid(camera.grid_from_pixels([[12.0, 34.0]])), [[12, 34]])
+
+
+def test_entering_and_leaving() -> None:
+    visible = np.array([[1, 1, 1, 1], [0, 1, 1, 0]], bool)
+    assert enter_exit_events(visible) == [Event("in", 1, (1,)), Event("out", 3, (1,))]
+
+
+def test_collisions_out_of_view_are_dropped_or_wait() -> None:
+    visible = np.ones((3, 10), bool)
+    visible[1, :4] = False
+    visible[2, :] = False
+    hits = [Event("collision", 2, (0, 1)), Event("collision", 3, (0, 2)), Event("collision", 1, (1, 2))]
+    assert collisions_in_view(hits, visible) == [Event("collision", 4, (0, 1))]
+
+
+def annotation() -> dict:
+    frames = []
+    for f in range(4):
+        moving = {"object_id": 0, "velocity": [0.5, 0, 0], "inside_camera_view": f > 0}
+        resting = {"object_id": 1, "velocity": [0.01, 0, 3], "inside_camera_view": True}
+        frames.append({"frame_id": f, "objects": [moving, resting]})
+    properties = [
+        {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"},
+        {"object_id": 1, "color": "red", "material": "metal", "shape": "sphere"},
+    ]
+    collisions = [{"object_ids": [1, 0], "frame_id": 2, "location": [0, 0, 0]}]
+    return {"object_property": properties, "motion_trajectory": frames, "collision": collisions}
+
+
+def test_scene_of_an_annotation() -> None:
+    scene = scene_from_annotation(annotation())
+    assert scene.events == (Event("in", 1, (0,)), Event("collision", 2, (0, 1)))
+    assert scene.moving is not None
+    assert scene.moving[0].all()
+    assert not scene.moving[1].any()
+
+
+def test_scene_of_something_else_is_refused() -> None:
+    with pytest.raises(DataError, match="not an annotation"):
+        scene_from_annotation({"frames": []})
+    with pytest.raises(DataError, match="not a ground-truth block"):
+        scene_from_ground_truth({})
+
+
+def test_scene_of_a_ground_truth_block() -> None:
+    block = {
+        "objects": [
+            {"id": 0, "color": "red", "material": "metal", "shape": "cube"},
+            {"id": 1, "color": "blue", "material": "metal", "shape": "cube"},
+        ],
+        "in_outs": [{"frame": 5, "object": 1, "type": "in"}, {"frame": 90, "object": 1, "type": "out"}],
+        "collisions": [{"type": "collision", "object": [1, 0], "frame": 30}],
+    }
+    scene = scene_from_ground_truth(block)
+    assert scene.visible[0].all()
+    assert np.flatnonzero(np.diff(scene.visible[1].astype(int))).tolist() == [4, 89]
+    assert scene.moving is None
+    assert [e.kind for e in scene.events] == ["in", "collision", "out"]
+
+
+def test_scene_of_a_prediction() -> None:
+    location = np.zeros((2, 180, 2))
+    location[0, :, 0] = np.arange(180) * 0.01  # 0.36 world units a second
+    visible = np.ones((2, 180), bool)
+    visible[0, :10] = False
+    collisions = (Event("collision", 50, (0, 1)), Event("collision", 150, (0, 1)))
+    rollout = Rollout(location, visible, collisions)
+    objects = (SceneObject(0, "red", "metal", "cube"), SceneObject(1, "blue", "metal", "cube"))
+    scene = scene_from_prediction(DynamicsPrediction(objects, 128, rollout, {1: Rollout(location, visible, ())}))
+    assert scene.events == (Event("in", 10, (0,)), Event("collision", 50, (0, 1)))
+    assert scene.unseen == (Event("collision", 150, (0, 1)),)
+    assert scene.counterfactual == {1: ()}
+    assert scene.moving is not None
+    assert scene.moving[0].all()
+    assert not scene.moving[1].any()
+
+
+def square(x: int, y: int) -> str:
+    from pycocotools import mask as rle
+
+    mask = np.zeros((320, 480), np.uint8)
+    mask[y : y + 10, x : x + 20] = 1
+    return rle.encode(np.asfortranarray(mask))["counts"].decode()
+
+
+def test_mask_numbers() -> None:
+    mask = np.zeros((320, 480), np.uint8)
+    mask[10:20, 30:50] = 1
+    assert mask_numbers(mask) == ((40.0, 15.0), 200, (30, 10, 50, 20))
+    assert mask_numbers(np.zeros((320, 480), np.uint8))[1] == 0
+
+
+def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:
+    rows = [(0, 7, 0.99, square(5, 6)), (2, 20, 0.5, square(100, 100))]
+    proposals = proposals_from_rows(3, rows)
+    document = proposals_document(proposals, 12, "video_00012.mp4")
+    assert [len(f["objects"]) for f in document["frames"]] == [1, 0, 1]
+    (tmp_path / "p.json").write_text(json.dumps(document))
+    back = read_proposals(tmp_path / "p.json")
+    assert back.n_frames == 3
+    np.testing.assert_array_equal(back.box_xyxy_px, proposals.box_xyxy_px)
+    np.testing.assert_array_equal(back.attribute, proposals.attribute)
+
+
+def test_broken_proposals_name_the_place(tmp_path) -> None:
+    path = tmp_path / "p.json"
+    path.write_text('{"frames": [{"objects": [{"color": "pink", "material": "metal", "shape": "cube"}]}]}')
+    with pytest.raises(DataError, match=r"p\.json: frames\[0\]\.objects\[0\]"):
+        read_proposals(path)
+    path.write_text("[]")
+    with pytest.raises(DataError, match=r"p\.json: not a proposal file"):
+        read_proposals(path)
+    with pytest.raises(DataError, match="no such file"):
+        read_proposals(tmp_path / "none.json")
+
+
+def test_compact_proposals(tiny_motion) -> None:
+    videos = list(read_compact_proposals(tiny_motion[0]))
+    assert [v for v, _ in videos] == [0, 1, 2, 3]
+    assert len(videos[0][1]) == 256
+    with pytest.raises(DataError, match="not a compact proposal file"):
+        list(read_compact_proposals(tiny_motion[1]))
+
+
+def test_questions_of_the_example() -> None:
+    (scene,) = read_questions(QUESTIONS)
+    assert scene.scene_index == 500002
+    assert {q.type for q in scene.questions} == {"descriptive", "explanatory", "predictive", "counterfactual"}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({}, "expected a list of scenes"),
+        ([{"scene_index": 1, "video_filename": "a"}], r"\[0\]: missing key 'questions'"),
+        ([{"scene_index": "1", "video_filename": "a", "questions": []}], r"\[0\]\.scene_index: expected int"),
+        (
+            [{"scene_index": 1, "video_filename": "a", "questions": [{"question_type": "odd"}]}],
+            r"questions\[0\]\.question_type: 'odd'",
+        ),
+        (
+            [{"scene_index": 1, "video_filename": "a", "questions": [{"question_type": "predictive"}]}],
+            "a predictive question with 0 choices",
+        ),
+    ],
+)
+def test_broken_question_files_name_the_place(tmp_path, content, message) -> None:
+    path = tmp_path / "q.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=message):
+        read_questions(path)

@@ -1,0 +1,253 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, format_trace
+from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.vocab import COLORS, MATERIALS, SHAPES
+from nsdr.examples import QUESTIONS
+from nsdr.symbolic.causal import ancestor_sets, direct_causes
+
+RED_CUBE = "objects red filter_color cube filter_shape unique"
+BLUE = "objects blue filter_color unique"
+GREEN = "objects green filter_color unique"
+
+ROWS = [
+    ("How many objects are there?", "objects count", "4"),
+    ("How many collisions happen?", "events objects filter_collision count", "2"),
+    ("Are there collisions?", "events objects filter_collision exist", "yes"),
+    ("How many objects enter the scene?", "events objects filter_in count", "1"),
+    ("Are there any cubes that exit the scene?", "events objects cube filter_shape filter_out exist", "no"),
+    ("How many objects are moving when the video begins?", "objects start get_frame filter_moving count", "1"),
+    ("How many objects are moving when the video ends?", "objects end get_frame filter_moving count", "1"),
+    ("How many objects are moving?", "objects null filter_moving count", "3"),
+    ("What color is the stationary object?", "objects null filter_stationary unique query_color", "green"),
+    (
+        "How many objects are stationary when the red sphere enters the scene?",
+        "objects events objects red filter_color sphere filter_shape unique filter_in unique get_frame "
+        "filter_stationary count",
+        "2",
+    ),
+    (
+        "What shape is the first object to collide with the blue object?",
+        f"events {BLUE} filter_collision first filter_order {BLUE} get_col_partner query_shape",
+        "cube",
+    ),
+    (
+        "What material is the last object to collide with the blue object?",
+        f"events {BLUE} filter_collision last filter_order {BLUE} get_col_partner query_material",
+        "rubber",
+    ),
+    (
+        "What color is the second object to collide with the blue object?",
+        f"events {BLUE} filter_collision second filter_order {BLUE} get_col_partner query_color",
+        "green",
+    ),
+    (
+        "What shape is the object that exits the scene?",
+        "events objects filter_out unique get_object query_shape",
+        "sphere",
+    ),
+    (
+        "How many collisions happen before the blue object exits the scene?",
+        f"events events {BLUE} filter_out unique filter_before objects filter_collision count",
+        "2",
+    ),
+    (
+        "How many collisions happen after the red sphere enters the scene?",
+        "events events objects red filter_color sphere filter_shape unique filter_in unique filter_after "
+        "objects filter_collision count",
+        "2",
+    ),
+    ("Is there no cube?", "objects cube filter_shape exist negate", "no"),
+]
+
+
+@pytest.mark.parametrize(("question", "program", "answer"), ROWS)
+def test_descriptive(executor: Executor, question: str, program: str, answer: str) -> None:
+    assert executor.answer(program, question).answer == answer
+
+
+def judged(executor: Executor, question: str, choice: str) -> str:
+    return executor.judge(question, [("", choice)]).choices[0].answer
+
+
+COLLISION_WITH_GREEN = f"events {BLUE} filter_collision {GREEN} filter_collision unique"
+
+
+@pytest.mark.parametrize(
+    ("choice", "answer"),
+    [
+        (RED_CUBE, "correct"),
+        (BLUE, "correct"),  # takes part in the target and in its cause
+        (GREEN, "correct"),  # takes part in the target alone (paper)
+        ("objects red filter_color sphere filter_shape unique", "wrong"),
+        (f"events {RED_CUBE} filter_collision {BLUE} filter_collision unique", "correct"),
+        (COLLISION_WITH_GREEN, "wrong"),  # nothing is responsible for itself
+        ("events objects filter_in unique", "wrong"),
+    ],
+)
+def test_responsible_for_the_second_collision(executor: Executor, choice: str, answer: str) -> None:
+    question = f"events {COLLISION_WITH_GREEN} filter_ancestor belong_to"
+    assert judged(executor, question, choice) == answer
+    assert judged(executor, question + " negate", choice) == {"correct": "wrong", "wrong": "correct"}[answer]
+
+
+def test_the_target_is_no_member_of_its_own_causes(executor: Executor) -> None:
+    assert executor.run(f"events {COLLISION_WITH_GREEN} filter_ancestor count") == 1
+    first = f"events {RED_CUBE} filter_collision {BLUE} filter_collision unique"
+    assert executor.run(f"events {first} filter_ancestor exist") is False
+
+
+def possible(a: str, b: str) -> str:
+    return f"all_events {a} filter_collision {b} filter_collision unique"
+
+
+def test_predictive(executor: Executor) -> None:
+    question = "unseen_events belong_to"
+    red_sphere = "objects red filter_color sphere filter_shape unique"
+    assert judged(executor, question, possible(GREEN, red_sphere)) == "correct"
+    assert judged(executor, question, possible(RED_CUBE, BLUE)) == "wrong"
+
+
+def test_counterfactual(executor: Executor) -> None:
+    without_blue = f"all_events {BLUE} get_counterfact belong_to"
+    assert judged(executor, without_blue, possible(RED_CUBE, GREEN)) == "correct"
+    assert judged(executor, without_blue, possible(RED_CUBE, BLUE)) == "wrong"
+    assert judged(executor, without_blue + " negate", possible(RED_CUBE, BLUE)) == "correct"
+
+
+def test_the_examples_questions_come_out(example_scene: Scene) -> None:
+    executor = Executor(example_scene)
+    kinds = set()
+    for question in read_questions(QUESTIONS)[0].questions:
+        kinds.add(question.type)
+        assert question.program is not None
+        if question.type == "descriptive":
+            assert executor.answer(question.program).answer == question.answer, question.text
+            continue
+        choices = [(c.text, c.program or ()) for c in question.choices]
+        judgements = [c.answer for c in executor.judge(question.program, choices).choices]
+        assert judgements == [c.answer for c in question.choices], question.text
+    assert len(kinds) == 4
+
+
+def test_trace_holds_every_step_with_inputs_and_results(executor: Executor) -> None:
+    answer = executor.answer("events objects filter_collision count")
+    assert [s.module for s in answer.trace] == ["events", "objects", "filter_collision", "count"]
+    assert answer.trace[2].inputs == (0, 1)
+    assert answer.trace[2].value == (Event("collision", 20, (0, 1)), Event("collision", 40, (1, 2)))
+    text = format_trace(answer.trace)
+    assert "filter_collision(1, 2)" in text
+    assert "red metal cube and blue rubber sphere collide (frame 20)" in text
+
+
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [
+        (
+            "objects red filter_color unique query_shape",
+            r"step 4 unique\(red metal cube, red rubber sphere\): expected exactly one",
+        ),
+        ("objects yellow filter_color unique query_shape", r"unique\(none\): expected exactly one, found 0"),
+        ("events objects filter_in second filter_order get_object query_color", "no second event among 1"),
+        (f"events {possible(RED_CUBE, BLUE)} filter_before count", "only possible: it has no frame"),
+        (f"events {RED_CUBE} filter_collision unique {GREEN} get_col_partner query_color", "is no collision of green"),
+    ],
+)
+def test_execution_errors_name_step_module_and_inputs(executor: Executor, program: str, message: str) -> None:
+    with pytest.raises(ExecutionError, match=message):
+        executor.run(program)
+
+
+def test_unknown_motion_future_and_counterfactuals_are_errors(small_scene: Scene) -> None:
+    blind = Executor(Scene(small_scene.objects, 128, small_scene.visible, None, small_scene.events))
+    with pytest.raises(ExecutionError, match="does not know which objects move"):
+        blind.run("objects null filter_moving count")
+    with pytest.raises(ExecutionError, match="after the video"):
+        blind.run("unseen_events count")
+    with pytest.raises(ExecutionError, match="without blue rubber sphere"):
+        blind.run(f"all_events {BLUE} get_counterfact count")
+
+
+def test_choice_questions_and_answers_are_told_apart(executor: Executor) -> None:
+    with pytest.raises(ProgramError, match="give choices"):
+        executor.answer("unseen_events belong_to")
+    with pytest.raises(ProgramError, match="takes no choice"):
+        executor.judge("objects count", [("", RED_CUBE)])
+    with pytest.raises(ProgramError, match="gives objects"):
+        executor.answer("objects")
+
+
+def test_unknown_semantics(small_scene: Scene) -> None:
+    with pytest.raises(ExecutionError, match="'other' is not known"):
+        Executor(small_scene, "other")
+
+
+def test_empty_scene_counts_nothing() -> None:
+    nothing = Scene((), 128, np.zeros((0, 128), bool), np.zeros((0, 128), bool), ())
+    assert Executor(nothing).run("objects count") == 0
+    assert Executor(nothing).run("events objects filter_collision exist") is False
+
+
+TRIPLES = st.tuples(st.sampled_from(COLORS), st.sampled_from(MATERIALS), st.sampled_from(SHAPES))
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    triples = draw(st.lists(TRIPLES, min_size=2, max_size=6, unique=True))
+    objects = tuple(SceneObject(i, *t) for i, t in enumerate(triples))
+    pairs = [(i, j) for i in range(len(objects)) for j in range(i + 1, len(objects))]
+    happened = draw(st.lists(st.sampled_from(pairs), unique=True))
+    events = tuple(Event("collision", draw(st.integers(0, 127)), pair) for pair in happened)
+    flags = np.array(draw(st.lists(st.booleans(), min_size=len(objects), max_size=len(objects))))
+    moving = np.repeat(flags[:, None], 128, 1)
+    return Scene(objects, 128, np.ones_like(moving), moving, events)
+
+
+FILTERS = [
+    "red filter_color",
+    "metal filter_material",
+    "cube filter_shape",
+    "null filter_moving",
+    "null filter_stationary",
+]
+
+
+@given(scenes(), st.sampled_from(FILTERS), st.sampled_from(FILTERS))
+@settings(deadline=None)
+def test_filters_commute(scene: Scene, first: str, second: str) -> None:
+    executor = Executor(scene)
+    assert executor.run(f"objects {first} {second}") == executor.run(f"objects {second} {first}")
+
+
+@given(scenes(), st.sampled_from(FILTERS))
+@settings(deadline=None)
+def test_count_is_the_number_of_members_and_exist_says_whether_any(scene: Scene, chosen: str) -> None:
+    executor = Executor(scene)
+    members = executor.run(f"objects {chosen}")
+    assert executor.run(f"objects {chosen} count") == len(members)
+    assert executor.run(f"objects {chosen} exist") is bool(members)
+    assert executor.run(f"objects {chosen} exist negate negate") is bool(members)
+
+
+@given(scenes())
+@settings(deadline=None)
+def test_ancestors_are_transitive_and_earlier(scene: Scene) -> None:
+    ancestors = ancestor_sets(scene.events)
+    for index, causes in enumerate(direct_causes(scene.events)):
+        mine = ancestors[1 << index]
+        for cause in causes:
+            assert scene.events[cause].frame <= scene.events[index].frame
+            assert mine & ancestors[1 << cause] == ancestors[1 << cause]
+        assert not mine >> index & 1
+
+
+@pytest.mark.parametrize("module", ["nsdr.symbolic", "nsdr.clevrer.questions", "nsdr.clevrer.scenes"])
+def test_symbolic_part_loads_no_torch(module: str) -> None:
+    code = f"import {module}, sys; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

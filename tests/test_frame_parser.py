@@ -1,0 +1,264 @@
+import warnings
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from nsdr import DataError, VideoError, VideoProposals
+from nsdr.clevrer.camera import ground_from_pixels
+from nsdr.clevrer.proposals import proposals_from_rows
+from nsdr.clevrer.vocab import attribute_index
+from nsdr.frame_parser.data import AugmentConfig, FrameDataset
+from nsdr.frame_parser.ground import ground_location, outline
+from nsdr.frame_parser.metrics import detection_scores
+from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.frame_parser.parser import FrameParser
+from nsdr.frame_parser.tracker import TrackerConfig, track
+from nsdr.frame_parser.video import read_video
+
+TINY = FrameParserConfig(
+    widths=(16, 16, 16, 32), blocks=1, fpn_channels=16, box_features=32, mask_channels=16, mask_layers=1
+)
+
+
+@pytest.fixture(scope="module")
+def tiny_parser() -> FrameParser:
+    torch.manual_seed(0)
+    return FrameParser(build_frame_parser(TINY), batch_size=2)
+
+
+def test_widths_that_crash_the_backend_are_refused() -> None:
+    with pytest.raises(DataError, match=r"widths: expected multiples of 16, got \(8, 16, 16, 16\)"):
+        FrameParserConfig(widths=(8, 16, 16, 16))
+
+
+def test_losses_are_finite_also_without_objects(tiny_frames) -> None:
+    torch.manual_seed(0)
+    model = build_frame_parser(TINY).train()
+    dataset = FrameDataset(tiny_frames, "train")
+    image, target = dataset[0]
+    nothing = {name: value[:0] for name, value in target.items()}
+    losses = model([image, image], [target, nothing])
+    assert {"loss_classifier", "loss_color", "loss_material", "loss_shape", "loss_mask"} <= set(losses)
+    assert all(torch.isfinite(v) for v in losses.values())
+    assert all(torch.isfinite(v) for v in model([image], [nothing]).values())
+
+
+def test_network_learns_a_tiny_batch(tiny_frames) -> None:
+    torch.manual_seed(0)
+    model = build_frame_parser(TINY).train()
+    dataset = FrameDataset(tiny_frames, "train")
+    images, targets = zip(*(dataset[i] for i in range(2)), strict=True)
+    optimizer = torch.optim.Adam(model.parameters(), 3e-3)
+    history = []
+    for step in range(25):
+        torch.manual_seed(step)
+        loss = sum(model(list(images), list(targets)).values())
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        history.append(float(loss.detach()))
+    assert np.mean(history[-3:]) < 0.6 * history[0]
+
+
+def test_batches_give_what_single_frames_give(tiny_parser: FrameParser) -> None:
+    frames = np.random.default_rng(0).integers(0, 255, (3, 320, 480, 3), dtype=np.uint8)
+    tiny_parser.model.roi_heads.score_thresh = 0.3
+    together = tiny_parser.parse(frames)
+    alone = FrameParser(tiny_parser.model, batch_size=1).parse(frames)
+    tiny_parser.model.roi_heads.score_thresh = 0.5
+    assert together.n_frames == alone.n_frames == 3
+    np.testing.assert_array_equal(together.frame_index, alone.frame_index)
+    np.testing.assert_allclose(together.centroid_px, alone.centroid_px, atol=1.0)
+
+
+def test_no_frames_and_no_objects_are_no_error(tiny_parser: FrameParser) -> None:
+    tiny_parser.model.roi_heads.score_thresh = 1.1
+    found = tiny_parser.parse(np.zeros((2, 320, 480, 3), np.uint8))
+    tiny_parser.model.roi_heads.score_thresh = 0.5
+    assert len(found) == 0
+    assert track(found).tracks == ()
+
+
+def test_dataset_splits_by_scene_and_augments(tiny_frames) -> None:
+    assert len(FrameDataset(tiny_frames, "train")) == 4
+    assert len(FrameDataset(tiny_frames, "evaluation")) == 2
+    plain = FrameDataset(tiny_frames, "train").get(0, np.random.default_rng(1))
+    config = AugmentConfig(flip=1.0, blur=1.0, jpeg=1.0)
+    changed = FrameDataset(tiny_frames, "train", config).get(0, np.random.default_rng(1))
+    again = FrameDataset(tiny_frames, "train", config).get(0, np.random.default_rng(1))
+    assert torch.equal(changed[0], again[0])
+    assert not torch.equal(plain[0], changed[0])
+    assert torch.equal(plain[1]["masks"].flip(2), changed[1]["masks"])
+    assert changed[1]["boxes"][0, 0] == 480 - plain[1]["boxes"][0, 2]
+
+
+def test_dataset_errors_name_the_file(tiny_frames, tmp_path) -> None:
+    with pytest.raises(DataError, match="no frames for part 'all'"):
+        FrameDataset(tmp_path / "empty", "all")
+    with pytest.raises(DataError, match="expected train, evaluation or all"):
+        FrameDataset(tiny_frames, "test")
+    (tiny_frames / "images" / "0.png").unlink()
+    with pytest.raises(DataError, match=r"0\.png: no readable picture"):
+        FrameDataset(tiny_frames, "train")[0]
+    (tiny_frames / "annotations_0.jsonl").write_text("{}\n")
+    with pytest.raises(DataError, match="line 1: not a frame record"):
+        FrameDataset(tiny_frames, "all")
+
+
+class _Perfect(torch.nn.Module):
+    """Gives back the targets of a dataset, in order, as detections."""
+
+    def __init__(self, targets) -> None:
+        super().__init__()
+        self.anything = torch.nn.Parameter(torch.zeros(1))
+        self.targets = iter(targets)
+
+    def forward(self, images):
+        target = next(self.targets)
+        one_hot = {n: torch.nn.functional.one_hot(target[n], 8).float() for n in ("color", "material", "shape")}
+        scores = torch.ones(len(target["boxes"]))
+        return [{"boxes": target["boxes"], "scores": scores, "masks": target["masks"][:, None].float(), **one_hot}]
+
+
+def test_scores_of_perfect_and_wrong_detections(tiny_frames) -> None:
+    dataset = FrameDataset(tiny_frames, "train")
+    items = [dataset[i] for i in range(len(dataset))]
+    perfect = detection_scores(_Perfect([t for _, t in items]), items)
+    assert perfect["f1"] == perfect["mask_iou"] == 1.0
+    wrong = [{**t, "color": (t["color"] + 1) % 8} for _, t in items]
+    scores = detection_scores(_Perfect(wrong), items)
+    assert scores["f1"] == 0.0
+    assert scores["color_accuracy"] == 0.0
+    assert scores["shape_accuracy"] == 1.0
+
+
+@pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (-2.0, 1.5), (1.5, -0.8)])
+def test_outline_centroid_gives_the_place(shape: str, x: float, y: float) -> None:
+    mask = np.zeros((320, 480), np.uint8)
+    cv2.fillPoly(mask, [np.round(outline(shape, x, y, 0.4) * 16).astype(np.int32)], 1, shift=4)
+    rows, columns = np.nonzero(mask)
+    centroid = np.array([[columns.mean() + 0.5, rows.mean() + 0.5]])
+    box = np.array([[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]])
+    np.testing.assert_allclose(ground_location(shape, centroid, box)[0], [x, y], atol=0.03)
+
+
+def test_an_outline_cut_by_the_border_gives_the_place_by_its_free_edge() -> None:
+    expected = ground_from_pixels([474.0, 160.0])
+    polygon = outline("sphere", *expected)
+    centroid = np.array([[470.0, 160.0]])  # of the visible part, too far left
+    box = np.array([[polygon[:, 0].min(), polygon[:, 1].min(), 480, polygon[:, 1].max()]]).round().astype(int)
+    assert abs(ground_location("sphere", centroid, box)[0] - expected).max() < 0.05
+
+
+def moving(frames, attribute: int, x0: float, speed: float, score: float = 0.99):
+    """Rows of one object that moves to the right of the picture at a speed in pixels a frame."""
+    rows = []
+    for f in frames:
+        x = x0 + speed * f
+        rows.append((f, attribute, score, (x, 150.0), [int(x) - 15, 135, int(x) + 15, 165]))
+    return rows
+
+
+def as_proposals(rows, n_frames: int = 40) -> VideoProposals:
+    rows = sorted(rows, key=lambda r: r[0])
+    frame, attribute, score, centroid, box = zip(*rows, strict=True)
+    area = np.full(len(rows), 900)
+    return VideoProposals(
+        n_frames, np.array(frame), np.array(attribute), np.array(score), np.array(centroid), area, np.array(box)
+    )
+
+
+RED, BLUE, GREEN = (attribute_index(c, "rubber", "sphere") for c in ("red", "blue", "green"))
+
+
+def test_tracks_follow_objects_and_bridge_gaps() -> None:
+    rows = moving([f for f in range(40) if not 12 <= f < 18], RED, 50, 4) + moving(range(5, 40), BLUE, 300, 0)
+    video = track(as_proposals(rows))
+    assert [t.object.name for t in video.tracks] == ["red rubber sphere", "blue rubber sphere"]
+    assert len(video.tracks[0].frame_index) == 34
+    assert video.tracks[1].frame_index[0] == 5
+
+
+def test_a_wrong_label_in_single_frames_is_outvoted() -> None:
+    rows = moving(range(40), RED, 50, 4)
+    rows[20] = (20, GREEN, *rows[20][2:])
+    video = track(as_proposals(rows))
+    assert [t.object.color for t in video.tracks] == ["red"]
+    assert len(video.tracks[0].frame_index) == 40
+
+
+def test_rare_and_unsure_identities_are_dropped() -> None:
+    rows = moving(range(40), RED, 50, 4) + moving(range(10), BLUE, 300, 0) + moving(range(40), GREEN, 200, 0, score=0.8)
+    assert [t.object.color for t in track(as_proposals(rows)).tracks] == ["red"]
+    rows += moving(range(10, 11), BLUE, 300, 0)
+    assert len(track(as_proposals(rows)).tracks) == 2
+    assert len(track(as_proposals(rows), TrackerConfig(score=0.7)).tracks) == 3
+
+
+def test_doubles_of_one_triple_become_one_track() -> None:
+    rows = moving(range(40), RED, 50, 4) + moving(range(10, 30), RED, 300, 0)
+    video = track(as_proposals(rows))
+    assert len(video.tracks) == 1
+    assert len(np.unique(video.tracks[0].frame_index)) == 40
+
+
+def test_proposals_from_empty_masks_are_left_out() -> None:
+    from pycocotools import mask as rle
+
+    empty = rle.encode(np.zeros((320, 480), np.uint8, order="F"))["counts"].decode()
+    assert len(proposals_from_rows(1, [(0, 1, 0.9, empty)])) == 0
+
+
+def write_video(path, frames: int = 128, size=(480, 320), rate: float = 25.0) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
+    for f in range(frames):
+        picture = np.full((size[1], size[0], 3), 120, np.uint8)
+        cv2.circle(picture, (size[0] // 2, size[1] // 2), 10 + f % 20, (0, 0, 255), -1)
+        writer.write(picture)
+    writer.release()
+
+
+def test_a_normal_video_is_read_without_warning(tmp_path) -> None:
+    write_video(tmp_path / "v.mp4")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read_video(tmp_path / "v.mp4").shape == (128, 320, 480, 3)
+
+
+def test_other_sizes_keep_their_aspect(tmp_path) -> None:
+    write_video(tmp_path / "v.mp4", size=(320, 320))
+    with pytest.warns(UserWarning, match="320x320 px, resized"):
+        frames = read_video(tmp_path / "v.mp4")
+    assert frames.shape == (128, 320, 480, 3)
+    red = frames[19, :, :, 0].astype(int) - frames[19, :, :, 1] > 60
+    rows, columns = np.nonzero(red)
+    assert abs((rows.max() - rows.min()) - (columns.max() - columns.min())) <= 3
+
+
+def test_other_frame_rates_are_resampled(tmp_path) -> None:
+    write_video(tmp_path / "v.mp4", frames=256, rate=50)
+    with pytest.warns(UserWarning, match="50 frames per second, resampled to 25"):
+        assert len(read_video(tmp_path / "v.mp4")) == 128
+    write_video(tmp_path / "slow.mp4", frames=64, rate=12.5)
+    with pytest.warns(UserWarning, match="resampled"):
+        assert len(read_video(tmp_path / "slow.mp4")) in (127, 128)
+
+
+def test_short_videos_are_read_with_a_warning(tmp_path) -> None:
+    write_video(tmp_path / "v.mp4", frames=30)
+    with pytest.warns(UserWarning, match=r"30 frames, CLEVRER's videos have 128"):
+        assert len(read_video(tmp_path / "v.mp4")) == 30
+
+
+def test_broken_videos_are_named(tmp_path) -> None:
+    with pytest.raises(VideoError, match=r"none\.mp4: no such file"):
+        read_video(tmp_path / "none.mp4")
+    (tmp_path / "text.mp4").write_text("no video")
+    with pytest.raises(VideoError, match=r"text\.mp4: not a video"):
+        read_video(tmp_path / "text.mp4")
+    write_video(tmp_path / "empty.mp4", frames=0)
+    with pytest.raises(VideoError, match=r"empty\.mp4: (not a video|holds no frames)"):
+        read_video(tmp_path / "empty.mp4")

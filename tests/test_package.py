@@ -1,0 +1,90 @@
+import importlib
+import pkgutil
+import subprocess
+import sys
+from importlib.metadata import version
+
+import pytest
+
+import nsdr
+from nsdr import CheckpointError
+from nsdr.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.question_parser.model import QuestionParserConfig
+
+
+def test_public_names_exist_and_have_docstrings() -> None:
+    assert len(nsdr.__all__) == len(set(nsdr.__all__))
+    for name in nsdr.__all__:
+        if name != "__version__":
+            assert getattr(nsdr, name).__doc__, name
+    assert set(dir(nsdr)) == set(nsdr.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        nsdr.nothing  # noqa: B018
+
+
+def test_all_names_of_every_module_exist() -> None:
+    for info in pkgutil.walk_packages(nsdr.__path__, "nsdr."):
+        module = importlib.import_module(info.name)
+        for name in getattr(module, "__all__", []):
+            assert hasattr(module, name), f"{info.name}.{name}"
+
+
+def test_version_is_the_packages() -> None:
+    assert version("nsdr") == nsdr.__version__
+
+
+def test_import_is_light() -> None:
+    code = "import nsdr, sys; sys.exit(any(m in sys.modules for m in ('torch', 'cv2', 'numpy')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_using_does_not_load_training() -> None:
+    code = "import nsdr.pipeline, nsdr.cli, nsdr.evaluate, sys; sys.exit('nsdr.training' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_checkpoints_are_found_by_path_variable_and_checkout(tmp_path, monkeypatch) -> None:
+    assert find_checkpoint("default").name == "default"
+    assert find_checkpoint(tmp_path) == tmp_path
+    (tmp_path / "mine").mkdir()
+    monkeypatch.setenv("NSDR_CHECKPOINTS", str(tmp_path))
+    assert find_checkpoint("mine") == tmp_path / "mine"
+
+
+def test_a_missing_checkpoint_says_where_it_was_looked_for(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("NSDR_CHECKPOINTS", str(tmp_path))
+    with pytest.raises(CheckpointError, match=r"no checkpoint 'none'.*set NSDR_CHECKPOINTS"):
+        find_checkpoint("none")
+
+
+def test_a_hub_that_cannot_be_reached_is_one_clear_error(monkeypatch) -> None:
+    import huggingface_hub
+
+    def unreachable(*_, **__):
+        raise OSError("no network")
+
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", unreachable)
+    with pytest.raises(CheckpointError, match=r"no checkpoint 'someone/something'.*no network"):
+        find_checkpoint("someone/something")
+
+
+def test_missing_and_corrupt_files_are_named(tmp_path) -> None:
+    import torch
+
+    config = QuestionParserConfig()
+    with pytest.raises(CheckpointError, match=r"question_parser\.json: no such file"):
+        load_checkpoint(tmp_path, "question_parser")
+    save_checkpoint(tmp_path, "question_parser", {"a": torch.ones(3)}, config, {"note": "x"}, half=True)
+    state, details = load_checkpoint(tmp_path, "question_parser")
+    assert torch.equal(state["a"], torch.ones(3))
+    assert details["note"] == "x"
+    weights = tmp_path / "question_parser.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-3])
+    with pytest.raises(CheckpointError, match=r"question_parser\.safetensors: corrupt"):
+        load_checkpoint(tmp_path, "question_parser")
+    weights.unlink()
+    with pytest.raises(CheckpointError, match=r"question_parser\.safetensors: no such file"):
+        load_checkpoint(tmp_path, "question_parser")
+    (tmp_path / "question_parser.json").write_text("[]")
+    with pytest.raises(CheckpointError, match="not the description of a question_parser"):
+        load_checkpoint(tmp_path, "question_parser")

@@ -1,0 +1,74 @@
+import pytest
+
+from nsdr import Program, ProgramError
+from nsdr.symbolic import MODULES, Kind
+
+COUNT_MOVING = ["objects", "sphere", "filter_shape", "end", "get_frame", "filter_moving", "count"]
+TREE = 'Count(Filter_moving(Filter_shape(Objects, "sphere"), Get_frame(End)))'
+
+
+def test_postfix_text_and_tree_are_one_program() -> None:
+    program = Program.parse(COUNT_MOVING)
+    assert program.result == Kind.NUMBER
+    assert Program.parse(" ".join(COUNT_MOVING)) == program
+    assert Program.parse(TREE) == program
+    assert program.tree() == TREE
+
+
+def test_paper_capitals_are_read() -> None:
+    assert Program.parse('Count(Filter_shape(Objects, "Sphere"))').tokens == (
+        "objects",
+        "sphere",
+        "filter_shape",
+        "count",
+    )
+
+
+def test_research_names_are_read() -> None:
+    source = "objects events filter_end query_frame filter_resting count"
+    assert Program.parse(source).tokens == ("objects", "end", "get_frame", "filter_stationary", "count")
+
+
+def test_question_with_an_open_choice_prints_and_reads_back() -> None:
+    program = Program.parse("unseen_events belong_to")
+    assert program.needs_choice
+    assert program.tree() == "Belong_to(Choice, Unseen_events)"
+    assert Program.parse(program.tree()) == program
+
+
+def test_choice_and_question_become_one() -> None:
+    choice = Program.parse("objects red filter_color unique")
+    whole = choice.then(Program.parse("unseen_events belong_to"))
+    assert whole.result == Kind.BOOLEAN
+    assert not whole.needs_choice
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("objects frobnicate count", "token 2: unknown module or word 'frobnicate'"),
+        ("count", "token 1 'count': takes 1 arguments, found 0"),
+        ("events objects filter_color count", "'filter_color': argument 1 is events; expected objects"),
+        ("objects red filter_shape count", "argument 2 is color; expected shape"),
+        ("objects objects count", "2 values are left"),
+        ("", "the program is empty"),
+        ("red", "ends in the word 'red'"),
+        ("Count(Objects", r"1 \( without"),
+        ("Objects)", r"\) without"),
+        ("Count(#)", "cannot read the program at '#"),
+    ],
+)
+def test_errors_name_the_token(source: str, message: str) -> None:
+    with pytest.raises(ProgramError, match=message):
+        Program.parse(source)
+
+
+def test_empty_token_list() -> None:
+    with pytest.raises(ProgramError, match="empty"):
+        Program.parse([])
+
+
+def test_every_module_has_a_meaning_and_a_lower_case_name() -> None:
+    for name, module in MODULES.items():
+        assert name == name.lower()
+        assert module.meaning

@@ -1,0 +1,110 @@
+import random
+
+import pytest
+import torch
+
+from nsdr import CheckpointError, Program, QuestionError, QuestionParser
+from nsdr.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.question_parser.grammar import TEXT_KINDS, sample
+from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
+from nsdr.question_parser.parser import build_networks, pad
+from nsdr.question_parser.tokenizer import PROGRAM_TOKENS, Tokenizer, split_words
+
+
+@pytest.fixture(scope="module")
+def parser() -> QuestionParser:
+    return QuestionParser.from_checkpoint(find_checkpoint("default"))
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_grammar_makes_well_typed_programs_of_known_length(kind: str) -> None:
+    rng = random.Random(3)
+    for _ in range(500):
+        text, tokens = sample(kind, rng)
+        program = Program.parse(tokens)
+        assert program.needs_choice == (kind == "multiple_choice")
+        assert len(tokens) <= 36
+        assert len(text.split()) <= 24
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_default_weights_parse_unseen_texts_exactly(parser: QuestionParser, kind: str) -> None:
+    rng = random.Random("unseen")
+    pairs = [sample(kind, rng) for _ in range(300)]
+    programs = parser.parse_batch([text for text, _ in pairs], kind)
+    assert [list(p.tokens) for p in programs] == [tokens for _, tokens in pairs]
+
+
+def test_case_spaces_punctuation_and_curly_quotes_do_not_matter(parser: QuestionParser) -> None:
+    expected = parser.parse("the red cube's exit", "choice")
+    assert parser.parse("  The RED  cube\u2019s exit. ", "choice") == expected
+
+
+def test_one_text_alone_gives_what_a_batch_gives(parser: QuestionParser) -> None:
+    texts = ["How many collisions happen?", "What color is the first metal object that enters the scene?"]
+    assert parser.parse_batch(texts) == [parser.parse(t) for t in texts]
+    assert parser.parse_batch([]) == []
+
+
+def test_unknown_words_are_named_with_near_ones(parser: QuestionParser) -> None:
+    with pytest.raises(QuestionError, match=r"unknown word 'colr'.*did you mean.*color"):
+        parser.parse("What colr is the moving object?")
+    with pytest.raises(QuestionError, match="is empty"):
+        parser.parse(" ?")
+
+
+def test_texts_of_another_kind_are_told_apart(parser: QuestionParser) -> None:
+    with pytest.raises(QuestionError, match="give choices with it"):
+        parser.parse("What will happen next?")
+    with pytest.raises(QuestionError, match="ask it without them"):
+        parser.parse("How many collisions happen?", "multiple_choice")
+    with pytest.raises(QuestionError, match="is no choice text"):
+        parser.parse("How many collisions happen?", "choice")
+    with pytest.raises(QuestionError, match="kind is 'riddle'"):
+        parser.parse("How many?", "riddle")
+
+
+def test_network_learns_a_tiny_batch() -> None:
+    torch.manual_seed(0)
+    rng = random.Random(0)
+    pairs = [sample("choice", rng) for _ in range(4)]
+    tokenizer = Tokenizer.from_texts(t for t, _ in pairs)
+    index = {t: i for i, t in enumerate(PROGRAM_TOKENS)}
+    words = pad([tokenizer.encode(t) for t, _ in pairs])
+    tokens = pad([[1, *(index[t] for t in p), 2] for _, p in pairs])
+    net = ParserNetwork(len(tokenizer), len(PROGRAM_TOKENS), QuestionParserConfig(embedding=32, hidden=64))
+    optimizer = torch.optim.Adam(net.parameters(), 5e-3)
+    for _ in range(300):
+        loss = torch.nn.functional.cross_entropy(
+            net(words, tokens[:, :-1]).flatten(0, 1), tokens[:, 1:].flatten(), ignore_index=0
+        )
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    rows, probabilities = net.greedy(words)
+    assert [[PROGRAM_TOKENS[t] for t in row] for row in rows] == [p for _, p in pairs]
+    assert min(probabilities) > 0.5
+
+
+def test_padding_does_not_change_the_result() -> None:
+    torch.manual_seed(0)
+    net = ParserNetwork(20, 30, QuestionParserConfig(embedding=8, hidden=16)).eval()
+    words = torch.tensor([[3, 4, 5]])
+    padded = torch.tensor([[3, 4, 5, 0, 0], [6, 7, 8, 9, 10]])
+    tokens = torch.tensor([[1, 5, 6]])
+    torch.testing.assert_close(net(words, tokens)[0], net(padded, tokens.expand(2, -1))[0])
+
+
+def test_split_words() -> None:
+    assert split_words("The cube's entrance, now?") == ["the", "cube", "'s", "entrance", "now"]
+
+
+def test_a_checkpoint_with_other_tokens_is_refused(tmp_path) -> None:
+    config = QuestionParserConfig(embedding=8, hidden=8)
+    networks = build_networks(5, config)
+    details = {"words": ["a", "b", "c", "d"], "program_tokens": ["count"]}
+    save_checkpoint(tmp_path, "question_parser", networks.state_dict(), config, details)
+    with pytest.raises(CheckpointError, match="knows other program tokens"):
+        QuestionParser.from_checkpoint(tmp_path)
+    state, _ = load_checkpoint(tmp_path, "question_parser")
+    assert set(state) == set(networks.state_dict())

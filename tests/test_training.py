@@ -1,0 +1,179 @@
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from jsonargparse import ArgumentError
+from safetensors.torch import load_file
+
+from nsdr import DataError, DynamicsPredictor, FrameParser, QuestionParser
+from nsdr.training import dynamics, frame_parser, question_parser
+from nsdr.training.loop import LoopConfig, learning_rate_at, train
+
+LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
+
+
+def parser_arguments(frames: Path, run: Path, steps: int) -> list[str]:
+    model = (
+        "{widths: [16, 16, 16, 32], blocks: 1, fpn_channels: 16, box_features: 32, mask_channels: 16, mask_layers: 1}"
+    )
+    return [
+        *("--frames", str(frames), "--run_dir", str(run), "--model", model, "--evaluation_frames", "2"),
+        *(*LOOP, "--loop.steps", str(steps), "--loop.save_every", "2", "--loop.optimizer", "sgd"),
+    ]
+
+
+def lines(run: Path) -> list[dict]:
+    return [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+
+
+def test_frame_parser_trains_and_its_checkpoint_loads(tiny_frames, tmp_path) -> None:
+    output = frame_parser.main(parser_arguments(tiny_frames, tmp_path / "run", 2))
+    FrameParser.from_checkpoint(output)
+    assert [r["step"] for r in lines(tmp_path / "run")] == [1, 2]
+    assert "f1" in lines(tmp_path / "run")[-1]
+    config = json.loads((tmp_path / "run" / "config.json").read_text())
+    assert config["config"]["loop"]["steps"] == 2
+    assert config["revision"]
+    assert list((tmp_path / "run").glob("events.out.tfevents*"))
+
+
+def test_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_path) -> None:
+    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
+    output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", "--model.hidden", "16"])
+    DynamicsPredictor.from_checkpoint(output)
+    assert {"loss/motion", "loss/collision", "loss/observed", "collision_f1"} <= set(lines(tmp_path / "run")[-1])
+
+
+def question_arguments(run: Path, *more: str) -> list[str]:
+    small = ["--model.embedding", "8", "--model.hidden", "16", "--evaluation_texts", "5"]
+    return ["--run_dir", str(run), *small, *LOOP, "--loop.save_every", "2", *more]
+
+
+def test_question_parser_trains_and_its_checkpoint_loads(tmp_path) -> None:
+    output = question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "3"))
+    QuestionParser.from_checkpoint(output)
+
+
+def test_dynamics_network_learns_the_collision(tiny_motion, tmp_path) -> None:
+    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
+    loop = ["--loop.steps", "60", "--loop.batch_size", "8", "--loop.log_every", "1", "--loop.learning_rate", "3e-3"]
+    dynamics.main([*arguments, *loop, "--model.hidden", "32"])
+    rows = lines(tmp_path / "run")
+    assert np.mean([r["loss/observed"] for r in rows[-10:]]) < 0.5 * np.mean([r["loss/observed"] for r in rows[:5]])
+
+
+class _Killed(Exception):
+    pass
+
+
+def test_a_killed_run_goes_on_to_the_same_result(tmp_path, monkeypatch) -> None:
+    """Killed after step 3 with a checkpoint of step 2: the resumed run equals the uninterrupted one."""
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    steps = ["--loop.steps", "6"]
+    question_parser.main(question_arguments(whole, *steps))
+
+    losses = question_parser.QuestionParserTask.losses
+    calls = []
+
+    def failing(self, model, batch):
+        calls.append(1)
+        if len(calls) == 4:
+            raise _Killed
+        return losses(self, model, batch)
+
+    monkeypatch.setattr(question_parser.QuestionParserTask, "losses", failing)
+    with pytest.raises(_Killed):
+        question_parser.main(question_arguments(broken, *steps))
+    assert [p.name for p in broken.glob("step_*")] == ["step_0000002"]
+    question_parser.main(question_arguments(broken, *steps))
+    first, second = (load_file(run / "checkpoint" / "question_parser.safetensors") for run in (whole, broken))
+    assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_a_half_written_checkpoint_is_passed_over(tmp_path) -> None:
+    run = tmp_path / "run"
+    question_parser.main(question_arguments(run, "--loop.steps", "2"))
+    shutil.copytree(run / "step_0000002", run / "step_0000099")
+    (run / "step_0000099" / "state.json").unlink()
+    question_parser.main(question_arguments(run, "--loop.steps", "2"))
+    assert len(lines(run)) == 2
+
+
+def test_a_run_folder_of_another_configuration_is_refused(tmp_path) -> None:
+    question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "2"))
+    with pytest.raises(DataError, match=r"started with another configuration \(loop\)"):
+        question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "4"))
+
+
+def test_unknown_keys_are_errors(tmp_path) -> None:
+    (tmp_path / "c.yaml").write_text("run_dir: x\nlearning: 3\n")
+    with pytest.raises(ArgumentError, match="learning"):
+        question_parser.main(["--config", str(tmp_path / "c.yaml")])
+
+
+@pytest.mark.parametrize("part", [frame_parser, dynamics, question_parser])
+def test_shipped_configurations_are_read(part, monkeypatch) -> None:
+    class Reached(Exception):
+        pass
+
+    def stop(config):
+        raise Reached
+
+    name = part.__name__.rsplit(".", 1)[-1]
+    task = {"frame_parser": "FrameParserTask", "dynamics": "DynamicsTask", "question_parser": "QuestionParserTask"}[
+        name
+    ]
+    monkeypatch.setattr(part, task, stop)
+    files = sorted((Path(__file__).parent.parent / "configs" / name).glob("*.yaml"))
+    assert files
+    for path in files:
+        with pytest.raises(Reached):
+            part.main(["--config", str(path)])
+
+
+class _Line:
+    """Fits y = w x; the loss can be made to explode."""
+
+    def __init__(self, explode: bool = False) -> None:
+        torch.manual_seed(0)
+        self.model = torch.nn.Linear(1, 1)
+        self.explode = explode
+
+    def batch(self, size: int, rng: np.random.Generator) -> torch.Tensor:
+        return torch.from_numpy(rng.normal(size=(size, 1)).astype(np.float32))
+
+    def losses(self, model, batch):
+        loss = (model(batch) - 3 * batch).square().mean()
+        return {"fit": loss, "bad": loss * float("nan")} if self.explode else {"fit": loss}
+
+    def evaluate(self, model):
+        return {"weight": model.weight.item()}
+
+
+def test_loop_fits_a_line(tmp_path) -> None:
+    config = LoopConfig(steps=300, learning_rate=0.1, device="cpu", save_every=1000)
+    assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
+    # A finished run is not repeated; its measures are read.
+    assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
+
+
+def test_a_loss_that_is_not_finite_names_the_term(tmp_path) -> None:
+    with pytest.raises(FloatingPointError, match=r"step 0: loss is not finite \(bad\)"):
+        train(_Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {})
+
+
+def test_learning_rate_schedules() -> None:
+    config = LoopConfig(steps=100, learning_rate=1.0, warmup_steps=10)
+    assert learning_rate_at(0, config) == pytest.approx(0.1)
+    assert learning_rate_at(10, config) == 1.0
+    assert learning_rate_at(99, config) < 0.01
+    steps = replace(config, schedule="step", step_size=30, step_factor=0.5, warmup_steps=0)
+    assert [learning_rate_at(s, steps) for s in (0, 29, 30, 60)] == [1, 1, 0.5, 0.25]
+    with pytest.raises(DataError, match="schedule is 'odd'"):
+        learning_rate_at(0, replace(steps, schedule="odd"))
+    with pytest.raises(DataError, match="optimizer is 'odd'"):
+        train(_Line(), LoopConfig(optimizer="odd", device="cpu"), "unused", {})
