@@ -1,0 +1,154 @@
+import json
+
+import pytest
+
+from nsdr import Scene, load
+from nsdr.cli import main
+from nsdr.examples import QUESTIONS, TRUTH, VIDEO
+
+
+def run(capsys, *arguments: object) -> tuple[int, str, str]:
+    code = main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_answer_from_a_saved_scene(capsys) -> None:
+    code, out, _ = run(capsys, "answer", TRUTH, "-q", "How many collisions happen?", "--trace")
+    assert code == 0
+    assert out.splitlines()[-1] == "4"
+    assert "filter_collision(1, 2)" in out
+
+
+def test_answer_of_a_choice_question_as_json(capsys) -> None:
+    choices = [
+        "The brown cylinder collides with the brown metal sphere",
+        "The purple metal object and the brown metal sphere collide",
+    ]
+    code, out, _ = run(
+        capsys, "answer", TRUTH, "-q", "What will happen next?", "-c", choices[0], "-c", choices[1], "--json"
+    )
+    answer = json.loads(out)
+    assert code == 0
+    assert [c["answer"] for c in answer["choices"]] == ["correct", "wrong"]
+    assert answer["program"] == ["unseen_events", "belong_to"]
+
+
+def test_parse_video_writes_scene_proposals_and_picture(capsys, tmp_path) -> None:
+    scene, proposals, picture = (tmp_path / name for name in ("scene.json", "proposals.json", "picture.png"))
+    code, out, _ = run(capsys, "parse-video", VIDEO, "-o", scene, "--proposals-out", proposals, "--picture", picture)
+    assert code == 0
+    assert "6 objects" in out
+    assert len(load(Scene, scene).objects) == 6
+    document = json.loads(proposals.read_text())
+    assert document["video_index"] == 500002
+    assert len(document["frames"]) == 128
+    assert picture.stat().st_size > 10_000
+    code, out, _ = run(capsys, "execute", "--scene", scene, "--program", "Count(Objects)")
+    assert (code, out) == (0, "6\n")
+
+
+def test_parse_question(capsys) -> None:
+    code, out, _ = run(capsys, "parse-question", "What will happen without the red cube?")
+    assert code == 0
+    assert out.strip() == "all_events objects red filter_color cube filter_shape unique get_counterfact belong_to"
+    _, out, _ = run(capsys, "parse-question", "How many cubes enter the scene?", "--tree")
+    assert out.strip() == 'Count(Filter_in(Events, Filter_shape(Objects, "cube")))'
+
+
+def test_evaluate_prints_the_table_and_writes_results(capsys, tmp_path) -> None:
+    code = main(["evaluate", "--questions", str(QUESTIONS), "--source", "truth", "--data", str(_truth(tmp_path)),
+                 "-o", str(tmp_path / "out.json")])  # fmt: skip
+    out = capsys.readouterr().out
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert code == 0
+    assert report["descriptive"]["accuracy"] == 1.0
+    assert report["counterfactual"]["per_option"] == report["predictive"]["per_question"] == 1.0
+    assert len(report["results"]) == 10
+    assert "100.0" in out
+
+
+def _truth(folder):
+    """The example's true scene as a generator's truth file."""
+    scene = load(Scene, TRUTH)
+    assert scene.moving is not None
+    assert scene.unseen is not None
+    assert scene.counterfactual is not None
+
+    def rows(events):
+        return [{"frame_id": e.frame, "object_ids": list(e.objects)} for e in events if e.kind == "collision"]
+
+    frames = []
+    for f in range(128):
+        frames.append(
+            {
+                "objects": [
+                    {
+                        "object_id": o.id,
+                        "velocity": [float(scene.moving[o.id, f]), 0, 0],
+                        "inside_camera_view": bool(scene.visible[o.id, f]),
+                    }
+                    for o in scene.objects
+                ]
+            }
+        )
+    objects = [{"object_id": o.id, "color": o.color, "material": o.material, "shape": o.shape} for o in scene.objects]
+    truth = {
+        "objects": objects,
+        "frames": frames,
+        "collisions": rows(scene.events) + rows(scene.unseen),
+        "counterfactual": {str(k): rows(v) for k, v in scene.counterfactual.items()},
+    }
+    (folder / "truth_500002.json").write_text(json.dumps(truth))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["answer", "none.mp4", "-q", "How many collisions happen?"], "none.mp4: no such file"),
+        (["answer", TRUTH, "-q", ""], "the question is empty"),
+        (["answer", TRUTH, "-q", "How many zebras enter the scene?"], "unknown word 'zebras'"),
+        (["answer", TRUTH, "-q", "What will happen next?"], "give choices with it"),
+        (
+            ["answer", TRUTH, "-q", "How many collisions happen?", "-c", "the presence of the cube"],
+            "ask it without them",
+        ),
+        (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
+        (["execute", "--scene", QUESTIONS, "--program", "objects count"], "not a Scene"),
+        (["execute", "--scene", TRUTH, "--program", "objects boggle"], "unknown module or word 'boggle'"),
+        (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json or .npz"),
+        (["train", "everything"], "expected one of frame-parser, dynamics, question-parser"),
+        (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
+        (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
+        (["nonsense"], "nonsense"),
+    ],
+)
+def test_errors_are_one_line_and_exit_code_2(capsys, arguments, message) -> None:
+    code, out, err = run(capsys, *arguments)
+    assert code == 2
+    assert out == ""
+    assert message in err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+
+
+def test_debug_shows_the_traceback(capsys) -> None:
+    code, _, err = run(capsys, "answer", "none.mp4", "-q", "How many collisions happen?", "--debug")
+    assert code == 2
+    assert "Traceback" in err
+
+
+def test_no_command_prints_help(capsys) -> None:
+    code, out, _ = run(capsys)
+    assert code == 2
+    assert "parse-video" in out
+
+
+def test_demo(capsys, tmp_path) -> None:
+    code, out, _ = run(capsys, "demo", "-o", tmp_path / "demo.png")
+    assert code == 0
+    for kind in ("descriptive", "explanatory", "predictive", "counterfactual"):
+        assert f"[{kind}]" in out
+    assert "of 10 answers equal the ground truth" in out
+    assert (tmp_path / "demo.png").stat().st_size > 10_000

@@ -1,0 +1,118 @@
+"""The whole system on the clip that ships with the package, from pixels."""
+
+import numpy as np
+import pytest
+
+from nsdr import Pipeline, Program, QuestionError, Scene, VideoError
+from nsdr.clevrer.questions import read_questions
+from nsdr.examples import QUESTIONS, VIDEO
+from nsdr.pipeline import Perception
+
+
+@pytest.fixture(scope="module")
+def pipeline() -> Pipeline:
+    return Pipeline.from_pretrained()
+
+
+@pytest.fixture(scope="module")
+def perception(pipeline: Pipeline) -> Perception:
+    return pipeline.perception(VIDEO)
+
+
+def test_the_clips_objects_are_found(perception: Perception, example_scene: Scene) -> None:
+    assert {o.name for o in perception.scene.objects} == {o.name for o in example_scene.objects}
+    assert perception.scene.n_frames == 128
+
+
+def test_most_answers_equal_the_truth(pipeline: Pipeline, perception: Perception) -> None:
+    right = []
+    for question in read_questions(QUESTIONS)[0].questions:
+        answer = pipeline.answer(VIDEO, question.text, [c.text for c in question.choices] or None)
+        if question.choices:
+            right.append([c.answer for c in answer.choices] == [c.answer for c in question.choices])
+        else:
+            right.append(answer.answer == question.answer)
+        assert answer.program == question.program
+    assert sum(right) >= 8, right
+
+
+def test_perceiving_is_done_once(pipeline: Pipeline, perception: Perception, monkeypatch) -> None:
+    def never(*_, **__):
+        raise AssertionError("parsed again")
+
+    monkeypatch.setattr(pipeline.frame_parser, "parse", never)
+    assert pipeline.perception(VIDEO) is perception
+    assert pipeline.perceive(VIDEO) is perception.scene
+
+
+def test_every_stage_can_be_given(pipeline: Pipeline, perception: Perception) -> None:
+    scene = perception.scene
+    for given in (
+        {"proposals": perception.proposals},
+        {"tracks": perception.tracks},
+        {"dynamics": perception.dynamics},
+    ):
+        again = pipeline.perception(**given)
+        assert again.scene.events == scene.events
+        assert again.scene.objects == scene.objects
+    answer = pipeline.answer(scene, program=Program.parse("objects count"))
+    assert answer.answer == str(len(scene.objects))
+    assert [s.module for s in answer.trace] == ["objects", "count"]
+    choice = pipeline.answer(
+        scene, program="unseen_events belong_to", choice_programs=["objects purple filter_color unique"]
+    )
+    assert choice.choices[0].answer in ("correct", "wrong")
+
+
+def test_a_true_scene_answers_without_pixels(pipeline: Pipeline, example_scene: Scene) -> None:
+    answer = pipeline.answer(example_scene, "How many collisions happen?")
+    assert answer.answer == "4"
+    assert answer.trace[-1].value == 4
+
+
+def test_choices_missing_or_too_many(pipeline: Pipeline, example_scene: Scene) -> None:
+    with pytest.raises(QuestionError, match="give choices with it"):
+        pipeline.answer(example_scene, "What will happen next?")
+    with pytest.raises(QuestionError, match="ask it without"):
+        pipeline.answer(example_scene, "How many collisions happen?", ["the presence of the cube"])
+    with pytest.raises(QuestionError, match="give choices with it"):
+        pipeline.answer(example_scene, program="unseen_events belong_to")
+    with pytest.raises(QuestionError, match="ask it without choices"):
+        pipeline.answer(example_scene, program="objects count", choices=["the presence of the cube"])
+    with pytest.raises(QuestionError, match="1 choices but 2 choice programs"):
+        pipeline.answer(example_scene, program="unseen_events belong_to", choices=["x"], choice_programs=["a", "b"])
+    with pytest.raises(QuestionError, match="is empty"):
+        pipeline.answer(example_scene, " ")
+
+
+def test_a_video_without_objects_is_a_clear_error(pipeline: Pipeline, tmp_path) -> None:
+    import cv2
+
+    writer = cv2.VideoWriter(str(tmp_path / "gray.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 25, (480, 320))
+    for _ in range(128):
+        writer.write(np.full((320, 480, 3), 130, np.uint8))
+    writer.release()
+    with pytest.raises(VideoError, match=r"gray\.mp4: no objects found"):
+        pipeline.perceive(tmp_path / "gray.mp4")
+
+
+def test_a_missing_video_is_a_clear_error(pipeline: Pipeline, tmp_path) -> None:
+    with pytest.raises(VideoError, match=r"none\.mp4: no such file"):
+        pipeline.perceive(tmp_path / "none.mp4")
+    with pytest.raises(VideoError, match="give a video"):
+        pipeline.perception()
+
+
+def test_a_short_video_works(pipeline: Pipeline, tmp_path) -> None:
+    import cv2
+
+    from nsdr.frame_parser.video import read_video
+
+    frames = read_video(VIDEO)[:40]
+    writer = cv2.VideoWriter(str(tmp_path / "short.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 25, (480, 320))
+    for frame in frames:
+        writer.write(frame[..., ::-1])
+    writer.release()
+    with pytest.warns(UserWarning, match="40 frames"):
+        scene = pipeline.perceive(tmp_path / "short.mp4")
+    assert scene.n_frames == 40
