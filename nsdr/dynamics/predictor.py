@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nsdr.checkpoint import load_checkpoint
 from nsdr.clevrer.camera import HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX, pixels_from_world
 from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
-from nsdr.dynamics.states import MotionStates, object_features, states_from_tracks, visible_frames
+from nsdr.dynamics.states import MotionStates, object_features, reliable_location, states_from_tracks, visible_frames
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["UNSEEN_FRAMES", "DynamicsPredictor", "in_picture"]
@@ -154,6 +154,10 @@ class DynamicsPredictor:
         free_frames = np.arange(total) >= np.maximum(free_from, first)[..., None]
         with np.errstate(invalid="ignore"):
             visible = np.where(free_frames, in_picture(location[:, :, :total]), visible) & exists[..., None]
+        as_observed = np.arange(n_frames) <= free_from[..., None]
+        location[:, :, :n_frames][as_observed] = np.broadcast_to(reliable_location(states), (courses, n, n_frames, 2))[
+            as_observed
+        ]
         location[~exists] = np.nan
         return [
             Rollout(location[k, :, :total], visible[k], tuple(sorted(collisions[k], key=lambda e: e.frame)))
