@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from nsdr.pipeline import Perception, Pipeline
     from nsdr.question_parser.parser import QuestionParser
     from nsdr.storage import load, save
-    from nsdr.symbolic import Executor, Program, format_trace
+    from nsdr.symbolic import Executor, Program, explain, format_trace, format_tree
     from nsdr.types import (
         Answer,
         DynamicsPrediction,
@@ -60,7 +60,7 @@ _HOME = {
     "nsdr.pipeline": ["Perception", "Pipeline"],
     "nsdr.question_parser.parser": ["QuestionParser"],
     "nsdr.storage": ["load", "save"],
-    "nsdr.symbolic": ["Executor", "Program", "format_trace"],
+    "nsdr.symbolic": ["Executor", "Program", "explain", "format_trace", "format_tree"],
     "nsdr.types": [
         "Answer",
         "DynamicsPrediction",
@@ -100,7 +100,9 @@ __all__ = [
     "VideoProposals",
     "VideoTracks",
     "__version__",
+    "explain",
     "format_trace",
+    "format_tree",
     "load",
     "save",
     "track",

@@ -166,9 +166,9 @@ def _parse_video(options: Any) -> int:
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
     for o in scene.objects:
         print(f"  object {o.id}: {o.name}")
-    from nsdr.symbolic.world import World
+    from nsdr.symbolic.world import world_of
 
-    world = World(scene)
+    world = world_of(scene)
     for index, _ in enumerate(scene.events):
         print(f"  {world.event_text(1 << index)}")
     return 0

@@ -276,10 +276,16 @@ class Scene:
             _check(
                 max(event.objects) < n and min(event.objects) >= 0, f"Scene: {event} names an object beyond 0-{n - 1}"
             )
-        ordered = tuple(sorted(self.events, key=lambda e: (e.frame, e.kind == "collision")))
-        object.__setattr__(self, "events", ordered)
+        object.__setattr__(self, "events", _in_order(self.events))
+        if self.unseen is not None:
+            object.__setattr__(self, "unseen", _in_order(self.unseen))
         if self.counterfactual is not None:
             object.__setattr__(self, "counterfactual", MappingProxyType(dict(self.counterfactual)))
+
+
+def _in_order(events: Sequence[Event]) -> tuple[Event, ...]:
+    """By frame; at one frame, entering and leaving come before collisions."""
+    return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))
 
 
 @dataclass(frozen=True)
@@ -292,6 +298,8 @@ class TraceStep:
         kind: type of the result (`nsdr.symbolic.Kind`).
         value: the result in plain form: words, numbers, object ids, or `Event`s.
         text: the result in words.
+        objects: ids of the objects the result rests on: its own, or for a word or number those of its inputs.
+        events: the same for events.
     """
 
     module: str
@@ -299,6 +307,8 @@ class TraceStep:
     kind: str
     value: Any
     text: str
+    objects: tuple[int, ...] = ()
+    events: tuple[Event, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, format_trace
+from nsdr import (
+    Event,
+    ExecutionError,
+    Executor,
+    ProgramError,
+    Scene,
+    SceneObject,
+    explain,
+    format_trace,
+    format_tree,
+)
 from nsdr.clevrer.questions import read_questions
 from nsdr.clevrer.vocab import COLORS, MATERIALS, SHAPES
 from nsdr.examples import QUESTIONS
@@ -174,6 +184,21 @@ def test_unknown_motion_future_and_counterfactuals_are_errors(small_scene: Scene
         blind.run(f"all_events {BLUE} get_counterfact count")
 
 
+def test_motion_after_the_video_is_an_error(executor: Executor) -> None:
+    with pytest.raises(ExecutionError, match="motion at frame 150 is not known"):
+        executor.run("objects unseen_events unique get_frame filter_moving count")
+
+
+def test_a_batch_gives_what_single_runs_give(executor: Executor, small_scene: Scene) -> None:
+    programs = [program for _, program, _ in ROWS] + ["objects yellow filter_color unique query_shape"]
+    results = executor.run_batch(programs)
+    assert results[:-1] == [Executor(small_scene).run(p) for p in programs[:-1]]
+    assert isinstance(results[-1], ExecutionError)
+    assert "step 4 unique(none)" in str(results[-1])
+    with pytest.raises(ProgramError, match="give choices"):
+        executor.run_batch(["unseen_events belong_to"])
+
+
 def test_choice_questions_and_answers_are_told_apart(executor: Executor) -> None:
     with pytest.raises(ProgramError, match="give choices"):
         executor.answer("unseen_events belong_to")
@@ -251,3 +276,37 @@ def test_ancestors_are_transitive_and_earlier(scene: Scene) -> None:
 def test_symbolic_part_loads_no_torch(module: str) -> None:
     code = f"import {module}, sys; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_explanations_name_events_and_the_causal_path(executor: Executor, small_scene: Scene) -> None:
+    count = executor.answer("events objects filter_collision count")
+    assert explain(count, small_scene).startswith("2: red metal cube and blue rubber sphere collide (frame 20); blue")
+    nothing = executor.answer("objects yellow filter_color exist")
+    assert explain(nothing, small_scene) == "no: there is none"
+    partner = executor.answer(f"events {RED_CUBE} filter_collision unique {RED_CUBE} get_col_partner query_color")
+    assert "the color of the blue rubber sphere, because red metal cube and blue" in explain(partner, small_scene)
+    judged = executor.judge(f"events {COLLISION_WITH_GREEN} filter_ancestor belong_to", [("the red cube", RED_CUBE)])
+    assert explain(judged, small_scene) == (
+        "the red cube: correct: it led to the target: the red metal cube hit the blue rubber sphere at frame 20, "
+        "then the blue rubber sphere hit the green rubber cylinder at frame 40"
+    )
+    wrong = executor.judge("unseen_events belong_to negate", [("hit", possible(RED_CUBE, BLUE))])
+    assert 'correct: "red metal cube and blue rubber sphere collide" is not among what happens after' in explain(
+        wrong, small_scene
+    )
+
+
+def test_the_trace_as_a_tree(executor: Executor) -> None:
+    answer = executor.answer("objects cube filter_shape count")
+    assert format_tree(answer.trace).splitlines() == [
+        "count: 1",
+        "└─ filter_shape: red metal cube",
+        "   ├─ objects: red metal cube, blue rubber sphere, green rubber cylinder, red rubber sphere",
+        "   └─ cube",
+    ]
+
+
+def test_steps_know_what_they_rest_on(executor: Executor) -> None:
+    trace = executor.answer("events objects filter_collision count").trace
+    assert trace[-1].events == (Event("collision", 20, (0, 1)), Event("collision", 40, (1, 2)))
+    assert trace[1].objects == (0, 1, 2, 3)

@@ -1,15 +1,15 @@
 """Runs programs on a scene (paper, section 4.4)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from nsdr.errors import ExecutionError, ProgramError
 from nsdr.symbolic.modules import Kind
-from nsdr.symbolic.program import ANSWER_KINDS, Program, Step
-from nsdr.symbolic.world import World
-from nsdr.types import Answer, ChoiceAnswer, Scene, TraceStep
+from nsdr.symbolic.program import ANSWER_KINDS, Node, Program
+from nsdr.symbolic.world import World, world_of
+from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
-__all__ = ["Executor", "format_trace"]
+__all__ = ["Executor"]
 
 ProgramSource = str | Sequence[str] | Program
 
@@ -29,7 +29,7 @@ class Executor:
         if semantics != "paper":
             raise ExecutionError(f"semantics {semantics!r} is not known; expected 'paper'")
         self.scene = scene
-        self.world = World(scene)
+        self.world = world_of(scene)
 
     def run(self, program: ProgramSource) -> Any:
         """The program's value: a word, number, truth value; objects' ids; or `Event`s.
@@ -39,7 +39,40 @@ class Executor:
             ExecutionError: it does not fit the scene; names step, module and inputs.
         """
         parsed = _complete(Program.parse(program))
-        return self._plain(parsed.result, self._values(parsed)[-1])
+        value = self._value(parsed, {})
+        return value if parsed.answers else self._plain(parsed.result, value)
+
+    def run_batch(self, programs: Iterable[ProgramSource]) -> list[Any]:
+        """Values of many programs, as `run`; what they have in common is executed once.
+
+        Returns:
+            For each program its value, or the `ExecutionError` that it met.
+
+        Raises:
+            ProgramError: a program is not well-formed.
+        """
+        shared: dict[Node, Any] = {}
+        results: list[Any] = []
+        for program in programs:
+            parsed = _complete(Program.parse(program))
+            try:
+                value = self._value(parsed, shared)
+            except ExecutionError as e:
+                results.append(e)
+            else:
+                results.append(value if parsed.answers else self._plain(parsed.result, value))
+        return results
+
+    def _value(self, program: Program, known: dict[Node, Any]) -> Any:
+        """Raw value of a program; `known` holds values of sub-programs and gets the new ones."""
+        value = known.get(program.root)
+        if value is not None:
+            return value
+        try:
+            return _evaluate(program.root, self.world, known)
+        except ExecutionError:
+            self._values(program)  # slower, but its error names the step
+            raise
 
     def answer(self, program: ProgramSource, question: str = "") -> Answer:
         """Answer a descriptive question: yes, no, a number or an attribute word, with the trace.
@@ -94,16 +127,27 @@ class Executor:
         return values
 
     def _trace(self, program: Program, values: Sequence[Any]) -> tuple[TraceStep, ...]:
-        return tuple(self._trace_step(step, value) for step, value in zip(program.steps, values, strict=True))
-
-    def _trace_step(self, step: Step, value: Any) -> TraceStep:
-        return TraceStep(
-            step.token, step.inputs, step.kind, self._plain(step.kind, value), self._text(step.kind, value)
-        )
+        trace: list[TraceStep] = []
+        for step, value in zip(program.steps, values, strict=True):
+            plain = self._plain(step.kind, value)
+            objects: tuple[int, ...] = ()
+            events: tuple[Event, ...] = ()
+            if step.kind in (Kind.OBJECTS, Kind.OBJECT):
+                objects = plain if step.kind == Kind.OBJECTS else (plain,)
+            elif step.kind in (Kind.EVENTS, Kind.EVENT):
+                events = plain if step.kind == Kind.EVENTS else (plain,)
+            else:
+                objects = tuple(sorted({o for i in step.inputs for o in trace[i].objects}))
+                events = tuple(dict.fromkeys(e for i in step.inputs for e in trace[i].events))
+            text = self._text(step.kind, value)
+            trace.append(TraceStep(step.token, step.inputs, step.kind, plain, text, objects, events))
+        return tuple(trace)
 
     def _plain(self, kind: Kind, value: Any) -> Any:
+        if kind in ANSWER_KINDS:
+            return value
         if kind == Kind.OBJECTS:
-            return tuple(o.id for o in self.scene.objects if value >> o.id & 1)
+            return tuple(o.id for o in self.world.objects if value >> o.id & 1)
         if kind == Kind.EVENTS:
             return tuple(e for i, e in enumerate(self.world.events) if value >> i & 1)
         if kind == Kind.OBJECT:
@@ -122,6 +166,28 @@ class Executor:
         return _word(value)
 
 
+def _evaluate(node: Node, world: World, known: dict[Node, Any]) -> Any:
+    """Value of a sub-program. (A known None, the value of `null`, is looked up again, which costs little.)"""
+    left = node.left
+    if left is None:
+        value = node.run(world)
+    else:
+        first = known.get(left)
+        if first is None:
+            first = _evaluate(left, world, known)
+        if node.word is not None:
+            value = node.run(world, first, node.word)
+        elif node.right is None:
+            value = node.run(world, first)
+        else:
+            second = known.get(node.right)
+            if second is None:
+                second = _evaluate(node.right, world, known)
+            value = node.run(world, first, second)
+    known[node] = value
+    return value
+
+
 def _complete(program: Program) -> Program:
     if program.needs_choice:
         raise ProgramError("the program judges a choice; give choices")
@@ -130,13 +196,3 @@ def _complete(program: Program) -> Program:
 
 def _word(value: Any) -> str:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
-
-
-def format_trace(trace: Sequence[TraceStep]) -> str:
-    """The trace as text, one step a line: number, module with the numbers of its inputs, and the result."""
-    lines = []
-    for number, step in enumerate(trace, 1):
-        inputs = ", ".join(str(i + 1) for i in step.inputs)
-        call = f"{step.module}({inputs})" if inputs else step.module
-        lines.append(f"{number:>3}  {call:<26} {step.text}")
-    return "\n".join(lines)

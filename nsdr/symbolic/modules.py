@@ -7,15 +7,16 @@ single object or event is a set of one. Types are known before the program runs,
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import product
 from typing import Any
 
-from nsdr.clevrer.vocab import ATTRIBUTES, COLORS, MATERIALS, SHAPES
+from nsdr.clevrer.vocab import ATTRIBUTES
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.world import World
 
-__all__ = ["MODULES", "WORDS", "Kind", "Module"]
+__all__ = ["ARITY", "DISPATCH", "MODULES", "WORDS", "Kind", "Module"]
 
 
 class Kind(StrEnum):
@@ -60,18 +61,6 @@ def _unique(world: World, values: int) -> int:
     return values
 
 
-def _moving(world: World, objects: int, frame: int | None) -> int:
-    moving = world.need_motion()
-    return objects & (moving.ever if frame is None else moving.at[frame])
-
-
-def _stationary(world: World, objects: int, frame: int | None) -> int:
-    moving = world.need_motion()
-    if frame is None:
-        return objects & world.visible_ever & ~moving.ever
-    return objects & world.visible_at[frame] & ~moving.at[frame]
-
-
 def _order(world: World, events: int, order: str) -> int:
     events &= world.members
     if order == "last":
@@ -107,7 +96,7 @@ def _belongs(world: World, one: int, events: int) -> bool:
 
 
 def _object_belongs(world: World, one: int, events: int) -> bool:
-    return bool(world.involving(one, participants=True) & events)
+    return bool(world.participation(one) & events)
 
 
 def _get_object(world: World, event: int) -> int:
@@ -143,8 +132,8 @@ _TABLE = [
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a material"),
     Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a shape"),
-    Module("filter_moving", (_OBJECTS, _FRAME), Kind.OBJECTS, _moving, "objects visible and moving at a frame; with `null`, at any"),
-    Module("filter_stationary", (_OBJECTS, _FRAME), Kind.OBJECTS, _stationary, "objects visible and at rest at a frame; with `null`, at all"),
+    Module("filter_moving", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.motion.moving(objects, frame), "objects visible and moving at a frame; with `null`, at any"),
+    Module("filter_stationary", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.motion.stationary(objects, frame), "objects visible and at rest at a frame; with `null`, at all"),
     Module("filter_in", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.entering & w.involving(who), "entrances of any of the objects"),
     Module("filter_out", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.exiting & w.involving(who), "exits of any of the objects"),
     Module("filter_collision", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.colliding & w.involving(who), "collisions of any of the objects"),
@@ -166,5 +155,21 @@ WORDS: dict[str, Kind] = {
 }
 """Tokens that stand for themselves: attribute words and orders."""
 
-OBJECT_BELONGS = Module("belong_to", (_OBJECT, _EVENTS), Kind.BOOLEAN, _object_belongs, MODULES["belong_to"].meaning)
-assert set(COLORS) | set(MATERIALS) | set(SHAPES) <= set(WORDS)
+ARITY: dict[str, int] = {module.name: len(module.arguments) for module in _TABLE}
+"""Number of arguments of each module."""
+
+
+def _dispatch() -> dict[tuple[str | Kind, ...], tuple[Module, Kind]]:
+    """(token, kind of each argument) -> module and kind of its result."""
+    table: dict[tuple[str | Kind, ...], tuple[Module, Kind]] = {}
+    of_objects = replace(MODULES["belong_to"], run=_object_belongs)
+    for module in _TABLE:
+        for kinds in product(*module.arguments):
+            single = Kind.OBJECT if kinds[:1] == (Kind.OBJECTS,) else Kind.EVENT
+            chosen = of_objects if module.name == "belong_to" and kinds[0] == Kind.OBJECT else module
+            table[(module.name, *kinds)] = (chosen, module.result or single)
+    return table
+
+
+DISPATCH = _dispatch()
+"""The signature table, unrolled for type check and execution."""

@@ -4,11 +4,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 from nsdr.errors import ProgramError
-from nsdr.symbolic.modules import MODULES, OBJECT_BELONGS, WORDS, Kind, Module
+from nsdr.symbolic.modules import ARITY, DISPATCH, MODULES, WORDS, Kind, Module
 
-__all__ = ["Program", "Step"]
+__all__ = ["Node", "Program", "Step"]
 
 RESEARCH_NAMES = {
     "query_frame": "get_frame",
@@ -23,12 +24,11 @@ ANSWER_KINDS = (Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE
 CHOICE_KINDS = (Kind.EVENT, Kind.OBJECT)
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """A checked token.
 
     Attributes:
-        token: as written.
+        token: in the data set's spelling.
         module: what runs; None for a word, which stands for itself.
         inputs: indices of the steps that give its arguments; -1 is the choice of a multiple-choice question.
         kind: type of the result.
@@ -38,6 +38,21 @@ class Step:
     module: Module | None
     inputs: tuple[int, ...]
     kind: Kind
+
+
+class Node:
+    """A sub-program. Equal sub-programs are one object, so that a scene's questions share their results.
+
+    Attributes:
+        run: the module's function; None for the open choice of a multiple-choice question.
+        left, right: sub-programs that give its arguments, None where it has none.
+        word: a word argument, which stands for itself.
+    """
+
+    __slots__ = ("left", "right", "run", "word")
+
+    def __init__(self, run: Any, left: "Node | None", right: "Node | None", word: str | None) -> None:
+        self.run, self.left, self.right, self.word = run, left, right, word
 
 
 @dataclass(frozen=True)
@@ -50,12 +65,16 @@ class Program:
     Attributes:
         tokens: postfix tokens in the data set's spelling.
         steps: one for each token.
+        root: the program as a tree of shared sub-programs.
         needs_choice: its `belong_to` waits for a choice's event or object.
+        answers: its result is a word, number or truth value.
     """
 
     tokens: tuple[str, ...]
     steps: tuple[Step, ...] = field(repr=False, compare=False)
+    root: Node = field(repr=False, compare=False)
     needs_choice: bool = field(default=False, compare=False)
+    answers: bool = field(default=True, compare=False)
 
     @property
     def result(self) -> Kind:
@@ -113,14 +132,17 @@ def _checked(source: tuple[str, ...]) -> Program:
     if not tokens:
         raise ProgramError("the program is empty")
     steps: list[Step] = []
+    nodes: list[Node] = []
     stack: list[int] = []
     needs_choice = False
     for place, token in enumerate(tokens):
         if token in WORDS:
             steps.append(Step(token, None, (), WORDS[token]))
-        elif token in MODULES:
-            module = MODULES[token]
-            arity = len(module.arguments)
+            nodes.append(_node(None, (), token))
+        else:
+            arity = ARITY.get(token)
+            if arity is None:
+                raise ProgramError(f"token {place + 1}: unknown module or word {token!r}")
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)
@@ -128,23 +150,39 @@ def _checked(source: tuple[str, ...]) -> Program:
                 raise ProgramError(f"token {place + 1} {token!r}: takes {arity} arguments, found {len(stack)}")
             inputs = tuple(stack[len(stack) - arity :])
             del stack[len(stack) - arity :]
-            kinds = [Kind.EVENT if i < 0 else steps[i].kind for i in inputs]
-            for number, (kind, allowed) in enumerate(zip(kinds, module.arguments, strict=True), 1):
-                if kind not in allowed:
-                    expected = " or ".join(allowed)
-                    raise ProgramError(f"token {place + 1} {token!r}: argument {number} is {kind}; expected {expected}")
-            if token == "belong_to" and kinds[0] == Kind.OBJECT:
-                module = OBJECT_BELONGS
-            result = module.result or (Kind.OBJECT if kinds[0] == Kind.OBJECTS else Kind.EVENT)
+            kinds = tuple([Kind.EVENT if i < 0 else steps[i].kind for i in inputs])
+            found = DISPATCH.get((token, *kinds))
+            if found is None:
+                raise ProgramError(f"token {place + 1} {token!r}: {_mismatch(MODULES[token], kinds)}")
+            module, result = found
             steps.append(Step(token, module, inputs, result))
-        else:
-            raise ProgramError(f"token {place + 1}: unknown module or word {token!r}")
+            nodes.append(_node(module.run, tuple([_CHOICE if i < 0 else nodes[i] for i in inputs]), None))
         stack.append(place)
     if len(stack) != 1:
         raise ProgramError(f"{len(stack)} values are left at the end; expected one (is the program complete?)")
     if steps[-1].module is None:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
-    return Program(tokens, tuple(steps), needs_choice)
+    return Program(tokens, tuple(steps), nodes[-1], needs_choice, steps[-1].kind in ANSWER_KINDS)
+
+
+def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
+    for number, (kind, allowed) in enumerate(zip(kinds, module.arguments, strict=True), 1):
+        if kind not in allowed:
+            return f"argument {number} is {kind}; expected {' or '.join(allowed)}"
+    return f"does not take {' and '.join(kinds)}"
+
+
+_CHOICE = Node(None, None, None, None)
+
+
+@lru_cache(maxsize=1 << 18)
+def _node(run: Any, inputs: tuple[Node, ...], word: str | None) -> Node:
+    """The one node of a sub-program. A second argument that is a word is kept as such."""
+    left = inputs[0] if inputs else None
+    right = inputs[1] if len(inputs) > 1 else None
+    if right is not None and right.word is not None and right.run is None:
+        return Node(run, left, None, right.word)
+    return Node(run, left, right, word)
 
 
 def _data_set_names(source: tuple[str, ...]) -> tuple[str, ...]:

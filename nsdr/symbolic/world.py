@@ -4,75 +4,122 @@ Event bits, from low to high: observed events in order of time, unseen events, t
 possible event (for choices), and for each observed event a mark "takes part in the target" (see `World.ancestors`).
 """
 
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import Event, Scene, SceneObject
 
-__all__ = ["Motion", "World"]
+__all__ = ["Motion", "World", "world_of"]
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Bit sets of moving and visible objects: at each frame, and at any."""
+    """Bit sets of visible objects, and of visible moving ones: by frame, and at any frame of the video."""
 
-    at: list[int]
-    ever: int
+    visible_at: Sequence[int] | Mapping[int, int]
+    moving_at: Sequence[int] | Mapping[int, int]
+    visible_ever: int
+    moving_ever: int
+
+    def moving(self, objects: int, frame: int | None) -> int:
+        """Those of the objects that are visible and move at a frame; None stands for the whole video."""
+        return objects & (self.moving_ever if frame is None else _at(self.moving_at, frame))
+
+    def stationary(self, objects: int, frame: int | None) -> int:
+        """Those of the objects that are visible and rest at a frame; None: that never move while visible."""
+        if frame is None:
+            return objects & self.visible_ever & ~self.moving_ever
+        return objects & _at(self.visible_at, frame) & ~_at(self.moving_at, frame)
+
+
+def _at(table: Sequence[int] | Mapping[int, int], frame: int) -> int:
+    try:
+        return table[frame]
+    except (IndexError, KeyError):
+        raise ExecutionError(f"motion at frame {frame} is not known") from None
+
+
+@lru_cache(maxsize=16)
+def _possible_events(n: int) -> tuple[Event, ...]:
+    """Every event that could happen to n objects; they have no frame."""
+    pairs = [Event("collision", -1, pair) for pair in combinations(range(n), 2)]
+    return (*pairs, *(Event(kind, -1, (i,)) for kind in ("in", "out") for i in range(n)))
 
 
 class World:
-    """Bit-set view of a `Scene`, built once and shared by all programs that run on it."""
+    """What programs run on: objects, events and motion as bit sets. `world_of` makes one from a scene.
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        n = len(scene.objects)
-        self.all_objects = (1 << n) - 1
-        self.with_word: dict[str, int] = _Words()
-        for o in scene.objects:
-            for word in (o.color, o.material, o.shape):
-                self.with_word[word] |= 1 << o.id
-        self._index_events()
+    Args:
+        objects: identities.
+        observed: events of the video in order of time.
+        unseen: events after it, in order of time; None where they are not known.
+        counterfactual: collisions by removed object; None where they are not known.
+        end_frame: frame of the event `end`.
+        motion: gives the motion table when it is first asked for.
+        participants_are_responsible: an object is responsible for an event also by taking part in it (paper).
+    """
+
+    def __init__(
+        self,
+        objects: Sequence[SceneObject],
+        observed: Sequence[Event],
+        unseen: Sequence[Event] | None,
+        counterfactual: Mapping[int, Sequence[Event]] | None,
+        end_frame: int,
+        motion: Callable[[], Motion],
+        participants_are_responsible: bool = True,
+    ) -> None:
+        self.objects = objects
+        self._observed_events = observed
+        self._unseen_events = unseen
+        self._counterfactual = counterfactual
+        self._make_motion = motion
+        self._marks_targets = participants_are_responsible
+        self.all_objects = (1 << len(objects)) - 1
+        self.with_word = _Words()
+        for o in objects:
+            bit = 1 << o.id
+            self.with_word[o.color] |= bit
+            self.with_word[o.material] |= bit
+            self.with_word[o.shape] |= bit
+        self._index_events(end_frame)
         self._involving: dict[int, int] = {}
-        self._participants: dict[int, int] = {}
-        self._ancestors: dict[int, int] | None = None
-        self._visible: list[int] | None = None
-        self._motion: Motion | None = None
 
-    def _index_events(self) -> None:
-        scene = self.scene
-        n = len(scene.objects)
-        unseen = scene.unseen or ()
-        start, end = Event("in", 0, (0,)), Event("in", scene.n_frames - 1, (0,))  # only their frame is read
-        possible = [Event("collision", -1, pair) for pair in combinations(range(n), 2)]
-        possible += [Event(kind, -1, (i,)) for kind in ("in", "out") for i in range(n)]
-        self.events: list[Event] = [*scene.events, *unseen, start, end, *possible]
-        n_observed, n_seen = len(scene.events), len(scene.events) + len(unseen)
-        self.observed = (1 << n_observed) - 1
+    def _index_events(self, end_frame: int) -> None:
+        observed, unseen = self._observed_events, self._unseen_events or ()
+        possible = _possible_events(len(self.objects))
+        start, end = Event("in", 0, (0,)), Event("in", end_frame, (0,))  # only their frame is read
+        self.events = (*observed, *unseen, start, end, *possible)
+        self.frames = [e.frame for e in (*observed, *unseen)]
+        n_seen = len(self.frames)
+        self.observed = (1 << len(observed)) - 1
         self._unseen = ((1 << n_seen) - 1) & ~self.observed
         self.start, self.end = 1 << n_seen, 2 << n_seen
         self.possible = ((1 << len(possible)) - 1) << (n_seen + 2)
         self._mark = len(self.events)
         self.members = (1 << self._mark) - 1
 
-        self.entering = self.exiting = self.colliding = 0
-        self._of_object = [0] * n
+        kinds = {"in": 0, "out": 0, "collision": 0}
+        self._of_object = [0] * len(self.objects)
         self._same: dict[tuple[str, tuple[int, ...]], int] = {}
-        bit = 1
         for index, event in enumerate(self.events):
-            if not n_seen <= index < n_seen + 2:
-                if event.kind == "collision":
-                    self.colliding |= bit
-                elif event.kind == "in":
-                    self.entering |= bit
-                else:
-                    self.exiting |= bit
-                for i in event.objects:
-                    self._of_object[i] |= bit
-                key = (event.kind, event.objects)
-                self._same[key] = self._same.get(key, 0) | bit
-            bit <<= 1
+            if n_seen <= index < n_seen + 2:
+                continue
+            bit = 1 << index
+            kinds[event.kind] |= bit
+            for i in event.objects:
+                self._of_object[i] |= bit
+            key = (event.kind, event.objects)
+            self._same[key] = self._same.get(key, 0) | bit
+        self.entering, self.exiting, self.colliding = kinds["in"], kinds["out"], kinds["collision"]
 
     def event(self, bit: int) -> Event:
         """The event of a one-bit set."""
@@ -80,42 +127,53 @@ class World:
 
     def attribute(self, bit: int) -> SceneObject:
         """The object of a one-bit set."""
-        return self.scene.objects[bit.bit_length() - 1]
+        return self.objects[bit.bit_length() - 1]
 
     def objects_of(self, event: int) -> int:
         """Objects that take part in an event, as a bit set."""
-        if event in (self.start, self.end):
+        if event == self.start or event == self.end:
             return 0
-        return sum(1 << i for i in self.event(event).objects)
+        bits = 0
+        for i in self.events[event.bit_length() - 1].objects:
+            bits |= 1 << i
+        return bits
 
     def frame_of(self, event: int) -> int:
         """Frame of an event of the video."""
-        frame = self.event(event).frame
+        frame = self.events[event.bit_length() - 1].frame
         if frame < 0:
             raise ExecutionError(f"{self.event_text(event)} is only possible: it has no frame")
         return frame
 
     def before(self, frame: int) -> int:
         """Observed and unseen events before a frame."""
-        return sum(1 << i for i, e in enumerate(self.events[: self.start.bit_length() - 1]) if e.frame < frame)
+        return (1 << bisect_left(self.frames, frame)) - 1
 
     def after(self, frame: int) -> int:
         """Observed and unseen events after a frame."""
-        return sum(1 << i for i, e in enumerate(self.events[: self.start.bit_length() - 1]) if e.frame > frame)
+        return (self.observed | self._unseen) & -(1 << bisect_right(self.frames, frame))
 
-    def involving(self, objects: int, participants: bool = False) -> int:
-        """Events in which any of the objects takes part; `participants` adds the marks of `ancestors`."""
-        memo = self._participants if participants else self._involving
-        if objects not in memo:
-            memo[objects] = 0
+    def involving(self, objects: int) -> int:
+        """Events in which any of the objects takes part."""
+        found = self._involving.get(objects)
+        if found is None:
+            found = 0
             for i, events in enumerate(self._of_object):
                 if objects >> i & 1:
-                    memo[objects] |= events | ((events & self.observed) << self._mark if participants else 0)
-        return memo[objects]
+                    found |= events
+            self._involving[objects] = found
+        return found
+
+    def participation(self, one: int) -> int:
+        """Events in which an object takes part, and its marks as a participant of the target (see `ancestors`)."""
+        events = self.involving(one)
+        return events | (events & self.observed) << self._mark
 
     def same_kind_and_objects(self, event: int) -> int:
         """All events of the same kind with the same objects, at whatever frame."""
-        e = self.event(event)
+        if event == self.start or event == self.end:
+            return event
+        e = self.events[event.bit_length() - 1]
         return self._same[e.kind, e.objects]
 
     def ancestors(self, events: int, event: int) -> int:
@@ -124,21 +182,23 @@ class World:
         The paper lets an object be responsible by taking part in the event itself, which is no event responsible for
         itself: so the target is not in the set, but its mark is, and only membership of objects looks at marks.
         """
-        if self._ancestors is None:
-            self._ancestors = ancestor_sets(self.scene.events)
         if not event & self.observed:
             raise ExecutionError(f"{self.event_text(event)} was not observed: nothing is responsible for it")
-        return (events & self._ancestors[event]) | event << self._mark
+        return (events & self._ancestors[event]) | (event << self._mark if self._marks_targets else 0)
+
+    @cached_property
+    def _ancestors(self) -> dict[int, int]:
+        return ancestor_sets(self._observed_events)
 
     def need_unseen(self) -> int:
         """Events after the video."""
-        if self.scene.unseen is None:
+        if self._unseen_events is None:
             raise ExecutionError("the scene does not know what happens after the video")
         return self._unseen
 
     def need_counterfactual(self, removed: int) -> int:
         """Every event whose kind and objects happen in the course of the world without an object."""
-        known = self.scene.counterfactual
+        known = self._counterfactual
         one = removed.bit_length() - 1
         if known is None or one not in known:
             raise ExecutionError(f"the scene does not know what happens without {self.object_text(removed)}")
@@ -147,45 +207,54 @@ class World:
             result |= self._same[event.kind, event.objects]
         return result
 
-    @property
-    def visible_at(self) -> list[int]:
-        """Visible objects at each frame."""
-        if self._visible is None:
-            self._visible = _bits_by_frame(self.scene.visible)
-        return self._visible
+    @cached_property
+    def motion(self) -> Motion:
+        """What is visible and what moves.
 
-    @property
-    def visible_ever(self) -> int:
-        """Objects visible at any frame."""
-        return _union(self.visible_at)
-
-    def need_motion(self) -> Motion:
-        """Objects visible and moving."""
-        if self._motion is None:
-            if self.scene.moving is None:
-                raise ExecutionError("the scene does not know which objects move (it comes from events alone)")
-            at = _bits_by_frame(self.scene.visible & self.scene.moving)
-            self._motion = Motion(at, _union(at))
-        return self._motion
+        Raises:
+            ExecutionError: motion is not known.
+        """
+        return self._make_motion()
 
     def object_text(self, objects: int) -> str:
         """Names of a set of objects."""
-        return ", ".join(o.name for o in self.scene.objects if objects >> o.id & 1) or "none"
+        return ", ".join(o.name for o in self.objects if objects >> o.id & 1) or "none"
 
     def event_text(self, events: int) -> str:
         """A set of events in words."""
-        texts = []
-        for index, event in enumerate(self.events):
-            if events >> index & 1:
-                texts.append(self._one_event_text(1 << index, event))
+        texts = [self._one_event_text(1 << i, event) for i, event in enumerate(self.events) if events >> i & 1]
         return "; ".join(texts) or "none"
 
     def _one_event_text(self, bit: int, event: Event) -> str:
         if bit in (self.start, self.end):
             return f"{'start' if bit == self.start else 'end'} (frame {event.frame})"
-        names = [self.scene.objects[i].name for i in event.objects]
+        names = [self.objects[i].name for i in event.objects]
         what = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}[event.kind].format(*names)
         return what if event.frame < 0 else f"{what} (frame {event.frame})"
+
+
+def world_of(scene: Scene) -> World:
+    """The world of a scene, by the paper's semantics."""
+    return World(
+        scene.objects,
+        scene.events,
+        scene.unseen,
+        scene.counterfactual,
+        end_frame=scene.n_frames - 1,
+        motion=lambda: _motion(scene),
+    )
+
+
+def _motion(scene: Scene) -> Motion:
+    if scene.moving is None:
+        raise ExecutionError("the scene does not know which objects move (it comes from events alone)")
+    moving = scene.visible & scene.moving
+    return Motion(
+        _bits_by_frame(scene.visible),
+        _bits_by_frame(moving),
+        _bits(np.asarray(scene.visible.any(1))),
+        _bits(np.asarray(moving.any(1))),
+    )
 
 
 class _Words(dict[str, int]):
@@ -195,13 +264,13 @@ class _Words(dict[str, int]):
         return 0
 
 
-def _bits_by_frame(flags) -> list[int]:  # type: ignore[no-untyped-def]
-    weights = [1 << i for i in range(len(flags))]
-    return [sum(w for w, on in zip(weights, row, strict=True) if on) for row in flags.T.tolist()]
+def _bits_by_frame(flags: NDArray[np.bool_]) -> list[int]:
+    """(n, F) flags -> one bit set of objects for each frame."""
+    if len(flags) <= 8:
+        packed = np.packbits(flags, axis=0, bitorder="little")
+        return packed[0].tolist() if len(packed) else [0] * flags.shape[1]
+    return [_bits(column) for column in flags.T]
 
 
-def _union(sets: list[int]) -> int:
-    result = 0
-    for one in sets:
-        result |= one
-    return result
+def _bits(flags: NDArray[np.bool_]) -> int:
+    return sum(1 << i for i, on in enumerate(flags.tolist()) if on)
