@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from nsdr.clevrer.camera import FRAME_SECONDS
 from nsdr.errors import DataError
@@ -21,6 +21,7 @@ __all__ = [
     "scene_from_ground_truth",
     "scene_from_prediction",
     "scene_from_truth",
+    "speed_world_per_s",
 ]
 
 MOVING_SPEED_WORLD_PER_S = 0.02
@@ -111,6 +112,11 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
     unseen = tuple(e for e in collisions if n_frames <= e.frame)
     counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
     return Scene(prediction.objects, n_frames, visible, moving, tuple(events), unseen, counterfactual)
+
+
+def speed_world_per_s(step_world: NDArray[Any], frames: ArrayLike) -> NDArray[Any]:
+    """Speed in world units per second of steps (..., 2) on the ground that take a number of frames (broadcast)."""
+    return np.asarray(np.linalg.norm(step_world / (np.asarray(frames) * FRAME_SECONDS), axis=-1))
 
 
 def _speed(location_world: NDArray[np.floating[Any]], window: int = SPEED_WINDOW_FRAMES) -> NDArray[np.floating[Any]]:

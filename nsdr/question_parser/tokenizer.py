@@ -13,7 +13,7 @@ PAD, START, END = 0, 1, 2
 OTHER = "<other>"
 """What a network says of a text that is not of its kind."""
 
-PROGRAM_TOKENS = ("<pad>", "<start>", "<end>", OTHER, *MODULES, *WORDS)
+PROGRAM_TOKENS = ("<pad>", "<start>", "<end>", OTHER, *(name for name, m in MODULES.items() if m.in_data_set), *WORDS)
 """The decoder's vocabulary, from the signature table."""
 
 _WORD = re.compile(r"'s\b|[^\W_]+")

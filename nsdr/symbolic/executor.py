@@ -1,10 +1,11 @@
 """Runs programs on a scene (paper, section 4.4)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from nsdr.errors import ExecutionError, ProgramError
 from nsdr.symbolic.modules import Kind
+from nsdr.symbolic.official import official_world
 from nsdr.symbolic.program import ANSWER_KINDS, Node, Program
 from nsdr.symbolic.world import World, world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
@@ -18,18 +19,26 @@ class Executor:
     """Executes programs on one scene.
 
     Args:
-        scene: what programs ask about.
-        semantics: "paper", the meaning in the paper and in CLEVRER's own answers.
+        scene: what programs ask about; for the official semantics the content of a prediction file.
+        semantics: "paper", the meaning in the paper and in CLEVRER's own answers; or "official", what the released
+            executor answers on its prediction files, quirks included (`nsdr.symbolic.official`): failures are then no
+            exceptions but the answer "error".
+        collisions: "predicted", or with the official semantics "velocity", the variant NE.
 
     Raises:
-        ExecutionError: an unknown semantics.
+        ExecutionError: an unknown semantics, or one that does not fit the scene.
     """
 
-    def __init__(self, scene: Scene, semantics: str = "paper") -> None:
-        if semantics != "paper":
-            raise ExecutionError(f"semantics {semantics!r} is not known; expected 'paper'")
-        self.scene = scene
-        self.world = world_of(scene)
+    def __init__(
+        self, scene: Scene | Mapping[str, Any], semantics: str = "paper", collisions: str = "predicted"
+    ) -> None:
+        if semantics not in ("paper", "official"):
+            raise ExecutionError(f"semantics {semantics!r} is not known; expected 'paper' or 'official'")
+        self.semantics = semantics
+        if isinstance(scene, Scene) == (semantics == "official"):
+            expected = "the content of a prediction file" if semantics == "official" else "a Scene"
+            raise ExecutionError(f"semantics {semantics!r} runs on {expected}, got a {type(scene).__name__}")
+        self.world = world_of(scene) if isinstance(scene, Scene) else official_world(scene, collisions)
 
     def run(self, program: ProgramSource) -> Any:
         """The program's value: a word, number, truth value; objects' ids; or `Event`s.
@@ -80,13 +89,28 @@ class Executor:
         Raises:
             ProgramError, ExecutionError: as `run`; also when the program gives no answer word.
         """
+        if self.semantics == "official":
+            return self._official_answer(program, question)
         parsed = _complete(Program.parse(program))
-        if parsed.result not in ANSWER_KINDS:
+        if not parsed.answers:
             raise ProgramError(
                 f"the program gives {parsed.result}; a question's program ends in a count, exist or query"
             )
         values = self._values(parsed)
         return Answer(question, parsed.tokens, _word(values[-1]), self._trace(parsed, values))
+
+    def _official_answer(self, source: ProgramSource, question: str) -> Answer:
+        if isinstance(source, Program):
+            source = source.tokens
+        tokens = tuple(source.split() if isinstance(source, str) else source)
+        try:
+            program = Program.parse_official(tokens)
+            values = self._values(_complete(program))
+            trace = self._trace(program, values)
+        except (ProgramError, ExecutionError):
+            return Answer(question, tokens, "error")
+        is_word = program.answers or program.result in (Kind.ORDER, Kind.UNKNOWN)
+        return Answer(question, tokens, _word(values[-1]) if is_word else trace[-1].text, trace)
 
     def judge(
         self, question_program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str = ""
@@ -101,6 +125,8 @@ class Executor:
         Raises:
             ProgramError, ExecutionError: as `run`.
         """
+        if self.semantics == "official":
+            return self._official_judge(question_program, choices, question)
         parsed = Program.parse(question_program)
         answers = []
         for text, choice in choices:
@@ -110,6 +136,18 @@ class Executor:
                 ChoiceAnswer(text, "correct" if values[-1] else "wrong", whole.tokens, self._trace(whole, values))
             )
         return Answer(question, parsed.tokens, None, (), tuple(answers))
+
+    def _official_judge(
+        self, source: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str
+    ) -> Answer:
+        """Every choice with the question as one program: yes is correct, no is wrong, anything else an "error"."""
+        tokens = Program.parse(source).tokens
+        answers = []
+        for text, choice in choices:
+            whole = self._official_answer([*Program.parse(choice).tokens, *tokens], question)
+            judgement = {"yes": "correct", "no": "wrong"}.get(str(whole.answer), "error")
+            answers.append(ChoiceAnswer(text, judgement, whole.program, whole.trace))
+        return Answer(question, tokens, None, (), tuple(answers))
 
     def _values(self, program: Program) -> list[Any]:
         """Raw value of every step."""

@@ -33,6 +33,8 @@ class Kind(StrEnum):
     MATERIAL = "material"
     SHAPE = "shape"
     ORDER = "order"
+    DIRECTION = "direction"
+    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Module:
         result: type of the result; None: `object` for a set of objects, `event` for a set of events.
         run: `run(world, *arguments)`.
         meaning: one line for the reader.
+        in_data_set: CLEVRER's own programs use it; the others are the research executor's.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Module:
     result: Kind | None
     run: Callable[..., Any]
     meaning: str
+    in_data_set: bool = True
 
 
 def _unique(world: World, values: int) -> int:
@@ -129,6 +133,8 @@ _TABLE = [
     Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda w, one: w.attribute(one).shape, "its shape"),
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "the frame an event happens at"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "the object that enters or exits"),
+    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.motion.direction(one, frame), "left, right, up or down, the way it moves", False),
+    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: w.need_counterfactual(one) & w.possible, "collisions that happen when an object is removed", False),
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a material"),
     Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a shape"),

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from nsdr.errors import ProgramError
 from nsdr.symbolic.modules import ARITY, DISPATCH, MODULES, WORDS, Kind, Module
+from nsdr.symbolic.official import official_tokens
 
 __all__ = ["Node", "Program", "Step"]
 
@@ -20,7 +21,7 @@ RESEARCH_NAMES = {
 }
 """The research executor's names -> the data set's tokens; `events filter_start|filter_end` stand for `start|end`."""
 
-ANSWER_KINDS = (Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE)
+ANSWER_KINDS = (Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE, Kind.DIRECTION)
 CHOICE_KINDS = (Kind.EVENT, Kind.OBJECT)
 
 
@@ -98,6 +99,17 @@ class Program:
             source = _tree_tokens(source) if re.search(r"[()]", source) else re.findall(r"[^\s,]+", source)
         return _checked(tuple(source))
 
+    @classmethod
+    def parse_official(cls, source: Sequence[str]) -> "Program":
+        """Read tokens as the released executor does (see `nsdr.symbolic.official`).
+
+        Unknown tokens are values that fit no module, and values left on the stack below the top are ignored.
+
+        Raises:
+            ProgramError: what that executor answers with "error".
+        """
+        return _checked(tuple(official_tokens(source)), official=True)
+
     def then(self, question: "Program") -> "Program":
         """This choice, judged by a multiple-choice question: one program.
 
@@ -127,7 +139,7 @@ class Program:
 
 
 @lru_cache(maxsize=65536)
-def _checked(source: tuple[str, ...]) -> Program:
+def _checked(source: tuple[str, ...], official: bool = False) -> Program:
     tokens = _data_set_names(source)
     if not tokens:
         raise ProgramError("the program is empty")
@@ -142,7 +154,12 @@ def _checked(source: tuple[str, ...]) -> Program:
         else:
             arity = ARITY.get(token)
             if arity is None:
-                raise ProgramError(f"token {place + 1}: unknown module or word {token!r}")
+                if not official:
+                    raise ProgramError(f"token {place + 1}: unknown module or word {token!r}")
+                steps.append(Step(token, None, (), Kind.UNKNOWN))
+                nodes.append(_node(None, (), token))
+                stack.append(place)
+                continue
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)
@@ -158,9 +175,9 @@ def _checked(source: tuple[str, ...]) -> Program:
             steps.append(Step(token, module, inputs, result))
             nodes.append(_node(module.run, tuple([_CHOICE if i < 0 else nodes[i] for i in inputs]), None))
         stack.append(place)
-    if len(stack) != 1:
+    if len(stack) != 1 and not official:
         raise ProgramError(f"{len(stack)} values are left at the end; expected one (is the program complete?)")
-    if steps[-1].module is None:
+    if steps[-1].module is None and not official:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
     return Program(tokens, tuple(steps), nodes[-1], needs_choice, steps[-1].kind in ANSWER_KINDS)
 

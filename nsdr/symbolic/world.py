@@ -28,6 +28,13 @@ class Motion:
     moving_at: Sequence[int] | Mapping[int, int]
     visible_ever: int
     moving_ever: int
+    direction_at: Callable[[int, int], str] | None = None
+
+    def direction(self, one: int, frame: int | None) -> str:
+        """The way an object (a one-bit set) moves at a frame: left, right, up or down."""
+        if self.direction_at is None or frame is None:
+            raise ExecutionError("the scene does not know directions of motion")
+        return self.direction_at(one.bit_length() - 1, frame)
 
     def moving(self, objects: int, frame: int | None) -> int:
         """Those of the objects that are visible and move at a frame; None stands for the whole video."""
