@@ -186,7 +186,7 @@ def test_questions_of_the_example() -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({}, "expected a list of scenes"),
+        ({}, "expected a JSON list"),
         ([{"scene_index": 1, "video_filename": "a"}], r"\[0\]: missing key 'questions'"),
         ([{"scene_index": "1", "video_filename": "a", "questions": []}], r"\[0\]\.scene_index: expected int"),
         (

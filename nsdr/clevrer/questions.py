@@ -1,14 +1,23 @@
 """CLEVRER's question files (schema: `train.json`, `validation.json`, `test.json`)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from nsdr.clevrer.schema import get, iterate_list
 from nsdr.errors import DataError
-from nsdr.files import read_json
+from nsdr.files import write_json
 
-__all__ = ["QUESTION_TYPES", "Choice", "Question", "SceneQuestions", "read_questions"]
+__all__ = [
+    "QUESTION_TYPES",
+    "Choice",
+    "Question",
+    "SceneQuestions",
+    "iterate_questions",
+    "read_questions",
+    "write_questions",
+]
 
 QUESTION_TYPES = ("descriptive", "explanatory", "predictive", "counterfactual")
 
@@ -45,29 +54,54 @@ class SceneQuestions:
     questions: tuple[Question, ...]
 
 
-def read_questions(path: str | Path) -> list[SceneQuestions]:
-    """Read a question file.
+def iterate_questions(path: str | Path) -> Iterator[SceneQuestions]:
+    """Scenes of a question file one by one; large files are never held whole.
 
     Raises:
         DataError: names the file, the place inside the JSON, and what was expected there.
     """
-    content = read_json(path)
-    if not isinstance(content, list):
-        raise DataError(f"{path}: expected a list of scenes, got {type(content).__name__}")
-    return [_scene(scene, f"{path}: [{i}]") for i, scene in enumerate(content)]
+    for i, scene in enumerate(iterate_list(path)):
+        yield _scene(scene, f"{path}: [{i}]")
+
+
+def read_questions(path: str | Path) -> list[SceneQuestions]:
+    """All scenes of a question file; raises as `iterate_questions`."""
+    return list(iterate_questions(path))
+
+
+def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
+    """Write a question file in the official schema, atomically; inverse of `read_questions`."""
+    write_json(path, [_scene_row(scene) for scene in scenes])
+
+
+def _scene_row(scene: SceneQuestions) -> dict[str, Any]:
+    rows = []
+    for q in scene.questions:
+        row: dict[str, Any] = {"question_id": q.id, "question": q.text, "question_type": q.type}
+        row |= _known(question_subtype=q.subtype, program=q.program, answer=q.answer)
+        if q.choices:
+            row["choices"] = [
+                {"choice_id": c.id, "choice": c.text, **_known(program=c.program, answer=c.answer)} for c in q.choices
+            ]
+        rows.append(row)
+    return {"scene_index": scene.scene_index, "video_filename": scene.video_filename, "questions": rows}
+
+
+def _known(**values: Any) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _scene(scene: Any, where: str) -> SceneQuestions:
-    questions = _get(scene, "questions", list, where)
+    questions = get(scene, "questions", list, where)
     return SceneQuestions(
-        _get(scene, "scene_index", int, where),
-        _get(scene, "video_filename", str, where),
+        get(scene, "scene_index", int, where),
+        get(scene, "video_filename", str, where),
         tuple(_question(q, f"{where}.questions[{i}]") for i, q in enumerate(questions)),
     )
 
 
 def _question(question: Any, where: str) -> Question:
-    kind = _get(question, "question_type", str, where)
+    kind = get(question, "question_type", str, where)
     if kind not in QUESTION_TYPES:
         raise DataError(f"{where}.question_type: {kind!r}; expected one of {', '.join(QUESTION_TYPES)}")
     choices = []
@@ -76,13 +110,13 @@ def _question(question: Any, where: str) -> Question:
         answer = choice.get("answer") if isinstance(choice, dict) else None
         if answer not in (None, "correct", "wrong"):
             raise DataError(f"{place}.answer: {answer!r}; expected correct or wrong")
-        text, number = _get(choice, "choice", str, place), _get(choice, "choice_id", int, place)
+        text, number = get(choice, "choice", str, place), get(choice, "choice_id", int, place)
         choices.append(Choice(number, text, _program(choice, place), answer))
     if bool(choices) == (kind == "descriptive"):
         raise DataError(f"{where}: a {kind} question with {len(choices)} choices")
     return Question(
-        _get(question, "question_id", int, where),
-        _get(question, "question", str, where),
+        get(question, "question_id", int, where),
+        get(question, "question", str, where),
         kind,
         question.get("question_subtype"),
         _program(question, where),
@@ -98,13 +132,3 @@ def _program(holder: Any, where: str) -> tuple[str, ...] | None:
     if not isinstance(program, Sequence) or not all(isinstance(token, str) for token in program):
         raise DataError(f"{where}.program: expected a list of strings")
     return tuple(program)
-
-
-def _get(holder: Any, key: str, kind: type, where: str) -> Any:
-    if not isinstance(holder, dict):
-        raise DataError(f"{where}: expected an object, got {type(holder).__name__}")
-    if key not in holder:
-        raise DataError(f"{where}: missing key {key!r}")
-    if not isinstance(holder[key], kind) or (kind is int and isinstance(holder[key], bool)):
-        raise DataError(f"{where}.{key}: expected {kind.__name__}, got {holder[key]!r}")
-    return holder[key]

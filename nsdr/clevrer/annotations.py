@@ -1,0 +1,106 @@
+"""CLEVRER's annotation files (`annotation_XXXXX.json`), and the `ground_truth` block of the research code's proposal files."""
+
+from pathlib import Path
+from typing import Any
+
+from nsdr.clevrer.schema import check_objects, get
+from nsdr.errors import DataError
+from nsdr.files import read_json, write_json
+
+__all__ = ["check_annotation", "check_ground_truth", "read_annotation", "write_annotation"]
+
+VIDEO_FRAMES = 128
+IRREGULAR_FRAMES = {7648: 104, 9777: 104}
+"""Released videos of other lengths; 10800 differs, too, by an amount that is not recorded, so it may have any."""
+ANY_LENGTH = (10800,)
+VECTORS = ("location", "orientation", "velocity", "angular_velocity")
+
+
+def read_annotation(path: str | Path) -> dict[str, Any]:
+    """The content of an annotation file, checked (see `nsdr.clevrer.scenes.scene_from_annotation`).
+
+    Raises:
+        DataError: names the file, the place inside the JSON and what was expected there.
+    """
+    annotation = read_json(path)
+    try:
+        check_annotation(annotation)
+    except DataError as e:
+        raise DataError(f"{path}: {e}") from e
+    return dict(annotation)
+
+
+def write_annotation(path: str | Path, annotation: dict[str, Any]) -> None:
+    """Check an annotation and write it, atomically; raises `DataError` as `read_annotation`."""
+    check_annotation(annotation)
+    write_json(path, annotation)
+
+
+def check_annotation(annotation: Any) -> None:
+    """Demand the form of an annotation.
+
+    Raises:
+        DataError: names the place inside and what was expected there.
+    """
+    video = get(annotation, "scene_index", int, "annotation")
+    get(annotation, "video_filename", str, "annotation")
+    objects = check_objects(get(annotation, "object_property", list, "annotation"), "object_id", "object_property")
+    frames = get(annotation, "motion_trajectory", list, "annotation")
+    _check_length(video, len(frames), "motion_trajectory")
+    for f, frame in enumerate(frames):
+        where = f"motion_trajectory[{f}]"
+        if get(frame, "frame_id", int, where) != f:
+            raise DataError(f"{where}.frame_id: expected {f}, got {frame['frame_id']}")
+        rows = get(frame, "objects", list, where)
+        for i, row in enumerate(rows):
+            place = f"{where}.objects[{i}]"
+            _check_index(get(row, "object_id", int, place), len(objects), f"{place}.object_id")
+            get(row, "inside_camera_view", bool, place)
+            for name in VECTORS:
+                _check_vector(get(row, name, list, place), f"{place}.{name}")
+    for c, collision in enumerate(get(annotation, "collision", list, "annotation")):
+        where = f"collision[{c}]"
+        _check_pair(get(collision, "object_ids", list, where), len(objects), f"{where}.object_ids")
+        get(collision, "frame_id", int, where)
+
+
+def check_ground_truth(block: Any, where: str = "ground_truth") -> None:
+    """Demand the form of a `ground_truth` block.
+
+    Raises:
+        DataError: names the place inside and what was expected there.
+    """
+    objects = check_objects(get(block, "objects", list, where), "id", f"{where}.objects")
+    for i, event in enumerate(get(block, "in_outs", list, where)):
+        place = f"{where}.in_outs[{i}]"
+        get(event, "frame", int, place)
+        _check_index(get(event, "object", int, place), len(objects), f"{place}.object")
+        if get(event, "type", str, place) not in ("in", "out"):
+            raise DataError(f"{place}.type: expected in or out, got {event['type']!r}")
+    for i, event in enumerate(get(block, "collisions", list, where)):
+        place = f"{where}.collisions[{i}]"
+        get(event, "frame", int, place)
+        _check_pair(get(event, "object", list, place), len(objects), f"{place}.object")
+
+
+def _check_length(video: int, frames: int, where: str) -> None:
+    expected = IRREGULAR_FRAMES.get(video, VIDEO_FRAMES)
+    if frames not in (expected, VIDEO_FRAMES) and video not in ANY_LENGTH:
+        raise DataError(f"{where}: expected {expected} frames for video {video}, got {frames}")
+
+
+def _check_index(index: int, n: int, where: str) -> None:
+    if not 0 <= index < n:
+        raise DataError(f"{where}: expected 0 to {n - 1}, got {index}")
+
+
+def _check_pair(pair: list[Any], n: int, where: str) -> None:
+    if len(pair) != 2 or not all(isinstance(i, int) for i in pair) or pair[0] == pair[1]:
+        raise DataError(f"{where}: expected two different object ids, got {pair!r}")
+    for i in pair:
+        _check_index(i, n, where)
+
+
+def _check_vector(vector: list[Any], where: str) -> None:
+    if len(vector) != 3 or not all(isinstance(v, int | float) for v in vector):
+        raise DataError(f"{where}: expected 3 numbers, got {vector!r:.60}")
