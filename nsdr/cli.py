@@ -91,15 +91,30 @@ def _parser() -> jsonargparse.ArgumentParser:
     evaluate.add_argument(
         "--source",
         required=True,
-        choices=["videos", "proposals", "compact-proposals", "ground-truth", "truth"],
+        choices=["videos", "proposals", "predictions", "annotations", "ground-truth", "truth"],
         help="what scenes are made from",
     )
-    evaluate.add_argument(
-        "--data", required=True, help="folder of videos or proposals; or one file (compact-*, ground-truth)"
-    )
+    evaluate.add_argument("--data", required=True, help="folder of these files (or one compact file)")
     evaluate.add_argument("--programs", default="parsed", choices=["parsed", "gold"], help="whose programs run")
+    evaluate.add_argument("--types", nargs="+", default=None, help="question types to answer; all when left out")
+    evaluate.add_argument("--semantics", default="paper", choices=["paper", "official"], help="of the executor")
+    evaluate.add_argument(
+        "--collisions",
+        default="predicted",
+        choices=["predicted", "velocity"],
+        help="official semantics: velocity is NE",
+    )
     evaluate.add_argument("--exclude", type=list[int], default=[], help="scene indices to leave out")
     evaluate.add_argument("-o", "--output", default=None, help="write the table and every result as JSON")
+    evaluate.add_argument("--submission", default=None, help="write the answers as an EvalAI submission")
+
+    data = add("data", "check or download CLEVRER's official files", checkpoint=False)
+    data.add_argument("action", choices=["verify", "download"], help="what to do")
+    data.add_argument("root", help="the data set's folder")
+    data.add_argument("--split", default=None, choices=["train", "validation", "test"], help="which to download")
+    data.add_argument(
+        "--what", nargs="+", default=["videos", "annotations", "questions"], help="videos, annotations, questions"
+    )
 
     demo = add("demo", "answer questions about the clip that comes with the package")
     demo.add_argument("-o", "--output", default="nsdr_demo.png", help="annotated picture to write")
@@ -217,15 +232,47 @@ def _execute(options: Any) -> int:
 
 
 def _evaluate(options: Any) -> int:
+    from nsdr.clevrer.questions import QUESTION_TYPES
+    from nsdr.clevrer.submissions import write_submission
     from nsdr.evaluate import evaluate_file, format_table
     from nsdr.files import write_json
 
     report = evaluate_file(
-        options.questions, options.source, options.data, options.programs, options.checkpoint, set(options.exclude)
+        options.questions,
+        options.source,
+        options.data,
+        options.programs,
+        options.checkpoint,
+        options.types or QUESTION_TYPES,
+        options.semantics,
+        options.collisions,
+        set(options.exclude),
     )
     print(format_table(report))
     if options.output:
         write_json(options.output, report, indent=1)
+    if options.submission:
+        write_submission(options.submission, report["results"])
+    return 0
+
+
+def _data(options: Any) -> int:
+    from nsdr.clevrer.dataset import CLEVRER
+    from nsdr.clevrer.download import download
+
+    if options.action == "download":
+        if options.split is None:
+            raise DataError("nsdr data download: --split is missing; expected train, validation or test")
+        for path in download(options.root, options.split, options.what):
+            print(path)
+        return 0
+    print(f"{'split':<12}{'kind':<14}{'found':>7}{'expected':>10}  first missing")
+    complete = True
+    for row in CLEVRER(options.root).inventory():
+        complete &= row.found == row.expected
+        first = ", ".join(str(i) for i in row.missing[:5]) + (", ..." if len(row.missing) > 5 else "")
+        print(f"{row.split:<12}{row.kind:<14}{row.found:>7}{row.expected:>10}  {first}")
+    print("complete" if complete else "incomplete: `nsdr data download` fetches videos, annotations and questions")
     return 0
 
 
@@ -270,6 +317,7 @@ _COMMANDS: dict[str, Callable[[Any], int]] = {
     "parse-question": _parse_question,
     "execute": _execute,
     "evaluate": _evaluate,
+    "data": _data,
     "demo": _demo,
 }
 

@@ -1,47 +1,54 @@
 """Scores answers the way the paper does: descriptive accuracy; the other types per option and per question."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from nsdr.clevrer.proposals import read_compact_proposals, read_proposals
+from nsdr.clevrer.annotations import read_annotation
+from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
+from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions, read_questions
-from nsdr.clevrer.scenes import scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
 from nsdr.errors import DataError, ExecutionError, NsdrError, QuestionError
 from nsdr.files import read_json
 from nsdr.symbolic import Executor, Program
 from nsdr.types import Scene
 
-__all__ = ["evaluate", "evaluate_file", "format_table"]
+__all__ = ["SOURCES", "evaluate", "evaluate_file", "format_table"]
 
 Parse = Callable[[str, str], Program]
 """(text, kind) -> program, as `QuestionParser.parse`."""
 
 
-def evaluate(scenes: Iterable[tuple[SceneQuestions, Scene | NsdrError]], parse: Parse | None = None) -> dict[str, Any]:
+def evaluate(
+    scenes: Iterable[tuple[SceneQuestions, Executor | NsdrError]],
+    parse: Parse | None = None,
+    types: Sequence[str] = QUESTION_TYPES,
+) -> dict[str, Any]:
     """Answer and score all questions.
 
     Args:
-        scenes: questions with the scene they are about, or the error that kept it from being made.
+        scenes: questions with the executor of the scene they are about, or the error that kept it from being made.
         parse: turns texts into programs; None runs the programs of the question file.
+        types: question types to answer.
 
     Returns:
         The table by question type as fractions 0-1, and under `results` every question with its answers. What fails
         is counted wrong and carries its `error`.
     """
     results = []
-    for questions, scene in scenes:
-        executor = Executor(scene) if isinstance(scene, Scene) else None
+    for questions, executor in scenes:
         for question in questions.questions:
+            if question.type not in types:
+                continue
             result: dict[str, Any] = {"scene_index": questions.scene_index, "question_id": question.id}
             result |= {"question_type": question.type, "question_subtype": question.subtype}
             try:
-                if executor is None:
-                    assert isinstance(scene, NsdrError)
-                    raise scene
+                if isinstance(executor, NsdrError):
+                    raise executor
                 result |= _answered(executor, question, parse)
             except NsdrError as e:
                 result |= {"correct": False, "error": str(e)}
@@ -129,79 +136,124 @@ def _reason(error: str) -> str:
     return f"{head.split(' ')[-1]}: {tail.rsplit('): ', 1)[-1]}" if "): " in tail else error[:100]
 
 
+SOURCES = ("videos", "proposals", "predictions", "annotations", "ground-truth", "truth")
+_FILE_NAMES = {
+    "proposals": ("proposal_{:05d}.json", "sim_{:05d}.json", "proposal_{:05d}.json.gz", "sim_{:05d}.json.gz"),
+    "predictions": ("sim_{:05d}.json",),
+    "annotations": ("annotation_{:05d}.json",),
+    "ground-truth": ("sim_{:05d}.json", "sim_{:05d}.json.gz"),
+    "truth": ("truth_{:05d}.json",),
+}
+
+
 def evaluate_file(
     questions: str | Path,
     source: str,
     data: str | Path,
     programs: str = "parsed",
     checkpoint: str | Path = "default",
-    exclude: set[int] | None = None,
+    types: Sequence[str] = QUESTION_TYPES,
+    semantics: str = "paper",
+    collisions: str = "predicted",
+    exclude: Set[int] = frozenset(),
 ) -> dict[str, Any]:
     """Score a question file on scenes from a source.
 
     Args:
         questions: question file.
-        source: "videos" (`video_N.mp4`), "proposals" (`proposal_N.json`, `sim_N.json[.gz]`), "compact-proposals" (NPZ),
-            "ground-truth" (gzipped list of blocks), or "truth" (`truth_N.json` of our generator).
-        data: its folder or file.
+        source: what scenes are made from: "videos" (`video_N.mp4`), "proposals" (`proposal_N.json`, `sim_N.json`),
+            "predictions" (`sim_N.json` of the dynamics predictor), "annotations", "ground-truth" (the truth block of
+            `processed_proposals` files), or "truth" (our generator's `truth_N.json`).
+        data: their folder; for "proposals" also a compact NPZ, for "ground-truth" also a gzipped list of blocks.
         programs: "parsed" or "gold".
         checkpoint: weights, where a network is needed.
+        types: question types to answer.
+        semantics: "paper" or "official"; the latter needs predictions.
+        collisions: for the official semantics "predicted", or "velocity" (NE).
         exclude: scene indices to leave out.
 
     Raises:
-        DataError: unreadable questions or data.
+        DataError: unreadable questions or data, or values that do not go together.
     """
-    listed = [s for s in read_questions(questions) if s.scene_index not in (exclude or set())]
+    data = Path(data)
+    if not data.exists():
+        raise DataError(f"{data}: no such file or folder")
+    if semantics == "official" and source != "predictions":
+        raise DataError(f"the official semantics runs on predictions, not on {source}; use --source predictions")
+    unknown = sorted(set(types) - set(QUESTION_TYPES))
+    if unknown:
+        raise DataError(f"unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
+    listed = [s for s in read_questions(questions) if s.scene_index not in exclude]
     parse: Parse | None = None
     if programs == "parsed":
         from nsdr.checkpoint import find_checkpoint
         from nsdr.question_parser.parser import QuestionParser
 
         parse = QuestionParser.from_checkpoint(find_checkpoint(checkpoint)).parse
-    scene_of = _scene_source(source, Path(data), checkpoint, {s.scene_index for s in listed})
+    if semantics == "official":
 
-    def pairs() -> Iterator[tuple[SceneQuestions, Scene | NsdrError]]:
+        def executor_of(s: SceneQuestions) -> Executor:
+            document = read_predictions(_file(data, source, s.scene_index))
+            return Executor(document, "official", collisions)
+    else:
+        scene_of = _scene_source(source, data, checkpoint, {s.scene_index for s in listed})
+
+        def executor_of(s: SceneQuestions) -> Executor:
+            return Executor(scene_of(s))
+
+    def pairs() -> Iterator[tuple[SceneQuestions, Executor | NsdrError]]:
         for scene_questions in tqdm(listed, desc="scenes", unit="scene"):
             try:
-                yield scene_questions, scene_of(scene_questions)
+                yield scene_questions, executor_of(scene_questions)
             except NsdrError as e:
                 yield scene_questions, e
 
-    return evaluate(pairs(), parse)
+    return evaluate(pairs(), parse, types)
 
 
 def _scene_source(
-    source: str, data: Path, checkpoint: str | Path, wanted: set[int]
+    source: str, data: Path, checkpoint: str | Path, wanted: Set[int]
 ) -> Callable[[SceneQuestions], Scene]:
-    if not data.exists():
-        raise DataError(f"{data}: no such file or folder")
-    if source == "ground-truth":
+    """How scenes are made from a source."""
+    if source == "ground-truth" and data.is_file():
         from nsdr.dynamics.data import read_truth
 
         blocks = read_truth(data)
         return lambda s: scene_from_ground_truth(_of(blocks, s.scene_index, data), blocks[s.scene_index]["n_frames"])
+    if source == "ground-truth":
+        return lambda s: scene_from_ground_truth(*read_ground_truth(_file(data, source, s.scene_index)))
+    if source == "annotations":
+        return lambda s: scene_from_annotation(read_annotation(_file(data, source, s.scene_index)))
+    if source == "predictions":
+        return lambda s: scene_from_predictions(read_predictions(_file(data, source, s.scene_index)))
     if source == "truth":
-        return lambda s: scene_from_truth(read_json(data / f"truth_{s.scene_index}.json"))
+        return lambda s: scene_from_truth(read_json(_file(data, source, s.scene_index)))
+    if source not in SOURCES:
+        raise DataError(f"source is {source!r}; expected one of {', '.join(SOURCES)}")
     from nsdr.pipeline import Pipeline
 
     pipeline = Pipeline.from_pretrained(checkpoint)
     if source == "videos":
         return lambda s: pipeline.perceive(data / s.video_filename)
-    if source == "proposals":
-        return lambda s: pipeline.perception(proposals=read_proposals(_proposal_file(data, s.scene_index))).scene
+    if data.is_dir():
+        return lambda s: pipeline.perception(proposals=read_proposals(_file(data, source, s.scene_index))).scene
     found = {video: p for video, p in read_compact_proposals(data) if video in wanted}
     return lambda s: pipeline.perception(proposals=_of(found, s.scene_index, data)).scene
 
 
-def _of(table: dict[int, Any], scene_index: int, data: Path) -> Any:
+def _of(table: Mapping[int, Any], scene_index: int, data: Path) -> Any:
     if scene_index not in table:
         raise DataError(f"{data}: has no scene {scene_index}")
     return table[scene_index]
 
 
-def _proposal_file(folder: Path, scene_index: int) -> Path:
-    names = [f"proposal_{scene_index:05d}.json", f"sim_{scene_index:05d}.json"]
-    for path in [folder / (name + ending) for name in names for ending in ("", ".gz")]:
-        if path.exists():
-            return path
+def _file(folder: Path, source: str, scene_index: int) -> Path:
+    """The file of a scene, in the folder itself or the official sub-folders of 1,000."""
+    thousand = scene_index // 1000 * 1000
+    names = [name.format(scene_index) for name in _FILE_NAMES[source]]
+    for name in names:
+        stem = name.split("_")[0]
+        for path in (folder / name, folder / f"{stem}_{thousand:05d}-{thousand + 1000:05d}" / name):
+            if path.exists():
+                return path
     raise DataError(f"{folder}: has no {' or '.join(names)}")

@@ -1,5 +1,6 @@
 """Reading JSON with clear errors, and writing files so that a kill never leaves half of one."""
 
+import gzip
 import json
 import os
 import tempfile
@@ -10,7 +11,7 @@ from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["atomic_path", "read_json", "write_json"]
+__all__ = ["atomic_path", "parse_json", "read_json", "write_json"]
 
 
 def read_json(path: str | Path, error: Callable[[str], Exception] = DataError) -> Any:
@@ -22,6 +23,14 @@ def read_json(path: str | Path, error: Callable[[str], Exception] = DataError) -
         raise error(f"{path}: no such file") from e
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as e:
         raise error(f"{path}: not a readable JSON file ({e})") from e
+
+
+def parse_json(data: bytes, name: str) -> Any:
+    """JSON from bytes, which may be gzipped; raises `DataError` with the name."""
+    try:
+        return json.loads(gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data)
+    except (OSError, EOFError, UnicodeDecodeError, json.JSONDecodeError) as e:
+        raise DataError(f"{name}: not a readable JSON file ({e})") from e
 
 
 def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:

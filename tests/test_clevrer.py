@@ -163,7 +163,7 @@ def test_broken_proposals_name_the_place(tmp_path) -> None:
     with pytest.raises(DataError, match=r"p\.json: frames\[0\]\.objects\[0\]"):
         read_proposals(path)
     path.write_text("[]")
-    with pytest.raises(DataError, match=r"p\.json: not a proposal file"):
+    with pytest.raises(DataError, match=r"p\.json: expected an object, got list"):
         read_proposals(path)
     with pytest.raises(DataError, match="no such file"):
         read_proposals(tmp_path / "none.json")

@@ -1,7 +1,5 @@
 """CLEVRER's mask proposals: official JSON files (plain or gzipped), and the same reduced to numbers in one NPZ file."""
 
-import gzip
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,43 +8,70 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as rle
 
+from nsdr.clevrer.annotations import check_ground_truth
 from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.clevrer.schema import get, scene_object
 from nsdr.clevrer.vocab import attribute_index, attributes_of
 from nsdr.errors import DataError
+from nsdr.files import parse_json
 from nsdr.types import VideoProposals
 
-__all__ = ["mask_numbers", "proposals_document", "proposals_from_rows", "read_compact_proposals", "read_proposals"]
+__all__ = [
+    "mask_numbers",
+    "parse_proposals",
+    "proposals_document",
+    "proposals_from_rows",
+    "read_compact_proposals",
+    "read_ground_truth",
+    "read_proposals",
+]
 
 
 def read_proposals(path: str | Path) -> VideoProposals:
-    """Read `proposal_XXXXX.json` or the research code's `sim_XXXXX.json`, also as `.json.gz`.
+    """Read `proposal_XXXXX.json` or the research code's `sim_XXXXX.json`, also gzipped.
 
     Raises:
         DataError: not a proposal file; names the file, the place inside and what was expected.
     """
-    path = Path(path)
+    return parse_proposals(_bytes(path), str(path))
+
+
+def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
+    """The `ground_truth` block of a `processed_proposals` file, checked, and the video's number of frames.
+
+    Raises:
+        DataError: there is no such block, or it is broken.
+    """
+    content = parse_json(_bytes(path), str(path))
+    block = get(content, "ground_truth", dict, str(path))
+    check_ground_truth(block, f"{path}: ground_truth")
+    return block, len(get(content, "frames", list, str(path)))
+
+
+def _bytes(path: str | Path) -> bytes:
     try:
-        data = path.read_bytes()
-        content = json.loads(gzip.decompress(data) if path.suffix == ".gz" else data)
-        frames = content["frames"]
+        return Path(path).read_bytes()
     except FileNotFoundError as e:
         raise DataError(f"{path}: no such file") from e
-    except (OSError, ValueError) as e:
-        raise DataError(f"{path}: not a readable proposal file ({e})") from e
-    except (KeyError, TypeError) as e:
-        raise DataError(f"{path}: not a proposal file; expected an object with the list `frames`") from e
+    except OSError as e:
+        raise DataError(f"{path}: cannot be read ({e})") from e
+
+
+def parse_proposals(data: bytes, name: str) -> VideoProposals:
+    """Proposals from a file's bytes; raises as `read_proposals`, with `name` for the file."""
+    content = parse_json(data, name)
+    frames = get(content, "frames", list, name)
     rows = []
     for f, frame in enumerate(frames):
-        for i, o in enumerate(frame.get("objects", [])):
-            where = f"{path}: frames[{f}].objects[{i}]"
-            try:
-                attribute = attribute_index(o["color"], o["material"], o["shape"])
-                size = o["mask"]["size"]
-                if size != [HEIGHT_PX, WIDTH_PX]:
-                    raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {size}")
-                rows.append((f, attribute, float(o["score"]), str(o["mask"]["counts"])))
-            except (KeyError, TypeError, ValueError) as e:
-                raise e if isinstance(e, DataError) else DataError(f"{where}: not a proposal ({e!r})") from e
+        for i, o in enumerate(get(frame, "objects", list, f"{name}: frames[{f}]")):
+            where = f"{name}: frames[{f}].objects[{i}]"
+            found = scene_object(o, 0, where)
+            mask = get(o, "mask", dict, where)
+            size, counts = get(mask, "size", list, f"{where}.mask"), get(mask, "counts", str, f"{where}.mask")
+            if size != [HEIGHT_PX, WIDTH_PX]:
+                raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {size}")
+            score = float(get(o, "score", (float, int), where))
+            rows.append((f, attribute_index(found.color, found.material, found.shape), score, counts))
     return proposals_from_rows(len(frames), rows)
 
 

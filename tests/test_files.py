@@ -1,0 +1,396 @@
+"""The official files: layout, download, large lists, questions, annotations, submissions."""
+
+import http.server
+import json
+import threading
+import zipfile
+from collections.abc import Iterator
+
+import pytest
+
+from nsdr import DataError
+from nsdr.clevrer.annotations import check_ground_truth, read_annotation, write_annotation
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.download import download
+from nsdr.clevrer.proposals import read_ground_truth
+from nsdr.clevrer.questions import read_questions, write_questions
+from nsdr.clevrer.schema import CHUNK_CHARACTERS, iterate_list
+from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
+from nsdr.cli import main
+from nsdr.evaluate import evaluate, evaluate_file
+from nsdr.examples import QUESTIONS, VIDEO
+from nsdr.symbolic import Executor
+
+from .test_clevrer import square
+
+
+def annotation(video: int = 3) -> dict:
+    """Two resting objects, one of which is hit though nothing moves."""
+    vectors = {name: [0.0, 0.0, 0.0] for name in ("location", "orientation", "velocity", "angular_velocity")}
+    frames = [
+        {"frame_id": f, "objects": [{"object_id": i, "inside_camera_view": True, **vectors} for i in range(2)]}
+        for f in range(128)
+    ]
+    properties = [
+        {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"},
+        {"object_id": 1, "color": "blue", "material": "metal", "shape": "sphere"},
+    ]
+    collision = [{"object_ids": [0, 1], "frame_id": 5, "location": [0, 0, 0]}]
+    name = f"video_{video:05d}.mp4"
+    return {
+        "scene_index": video,
+        "video_filename": name,
+        "object_property": properties,
+        "motion_trajectory": frames,
+        "collision": collision,
+    }
+
+
+def question_file(path, video: int = 3) -> None:
+    count = {
+        "question_id": 0,
+        "question": "How many collisions happen?",
+        "question_type": "descriptive",
+        "question_subtype": "count",
+        "program": ["events", "objects", "filter_collision", "count"],
+        "answer": "1",
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scene = {"scene_index": video, "video_filename": f"video_{video:05d}.mp4", "questions": [count]}
+    path.write_text(json.dumps([scene]))
+
+
+def proposal(video: int = 3) -> dict:
+    mask = {"size": [320, 480], "counts": square(100, 100)}
+    found = {"mask": mask, "color": "red", "material": "metal", "shape": "cube", "score": 1.0}
+    truth = {
+        "objects": [{"id": 0, "color": "red", "material": "metal", "shape": "cube"},
+                    {"id": 1, "color": "blue", "material": "metal", "shape": "sphere"}],
+        "in_outs": [],
+        "collisions": [{"type": "collision", "object": [0, 1], "frame": 5}],
+    }  # fmt: skip
+    frames = [{"frame_index": f, "objects": [found]} for f in range(128)]
+    return {"video_index": video, "frames": frames, "ground_truth": truth}
+
+
+@pytest.fixture
+def root(tmp_path):
+    """A small data set: video 3 as a file, videos 4 and its annotation inside zips."""
+    folder = tmp_path / "clevrer"
+    videos = folder / "videos" / "train" / "video_00000-01000"
+    videos.mkdir(parents=True)
+    (videos / "video_00003.mp4").write_bytes(VIDEO.read_bytes())
+    with zipfile.ZipFile(folder / "videos" / "train" / "video_train.zip", "w") as archive:
+        archive.write(VIDEO, "video_00000-01000/video_00004.mp4")
+    annotations = folder / "annotations" / "train"
+    annotations.mkdir(parents=True)
+    (annotations / "annotation_00003.json").write_text(json.dumps(annotation()))
+    with zipfile.ZipFile(annotations / "annotation_train.zip", "w") as archive:
+        archive.writestr("annotation_00000-01000/annotation_00004.json", json.dumps(annotation(4)))
+    (folder / "processed_proposals").mkdir()
+    (folder / "processed_proposals" / "sim_00003.json").write_text(json.dumps(proposal()))
+    question_file(folder / "questions" / "train.json")
+    return folder
+
+
+def test_files_are_found_also_inside_zips(root) -> None:
+    train = CLEVRER(root).split("train")
+    assert train.video(3).name == "video_00003.mp4"
+    assert train.video(4).read_bytes() == VIDEO.read_bytes()
+    assert train.annotation(3)["scene_index"] == 3
+    assert train.annotation(4)["scene_index"] == 4
+    assert len(train.proposals(3)) == 128
+    assert [s.scene_index for s in train.questions()] == [3]
+    with pytest.raises(DataError, match=r"has no video_00005\.mp4 \(videos of train\)"):
+        train.video(5)
+    with pytest.raises(DataError, match=r"has no questions/test\.json"):
+        CLEVRER(root).split("test").questions()
+    with pytest.raises(DataError, match="split is 'dev'"):
+        CLEVRER(root).split("dev")
+    with pytest.raises(DataError, match="no such folder"):
+        CLEVRER(root / "nowhere")
+
+
+def test_inventory_and_verify(root, capsys) -> None:
+    rows = {(r.split, r.kind): r for r in CLEVRER(root).inventory()}
+    assert rows["train", "videos"].found == 2
+    assert rows["train", "videos"].missing[:4] == (0, 1, 2, 5)
+    assert rows["train", "questions"].found == 1
+    assert ("test", "annotations") not in rows
+    assert main(["data", "verify", str(root)]) == 0
+    out = capsys.readouterr().out
+    assert "train       videos              2     10000  0, 1, 2, 5, 6, ..." in out
+    assert "incomplete" in out
+
+
+def test_a_broken_zip_is_named(root) -> None:
+    (root / "videos" / "train" / "video_train.zip").write_bytes(b"half")
+    with pytest.raises(DataError, match=r"video_train\.zip: not a readable zip"):
+        CLEVRER(root).split("train").video(4)
+
+
+class _Server(http.server.BaseHTTPRequestHandler):
+    """Serves `files`, breaking off after `cut` bytes as long as `cuts` last."""
+
+    files: dict[str, bytes] = {}  # noqa: RUF012
+    cut = 1000
+    cuts = 0
+    ranges: list[str | None] = []  # noqa: RUF012
+
+    def do_GET(self) -> None:
+        data = self.files.get(self.path)
+        if data is None:
+            self.send_error(404)
+            return
+        wanted = self.headers.get("Range")
+        type(self).ranges.append(wanted)
+        start = int(wanted.removeprefix("bytes=").rstrip("-")) if wanted else 0
+        if start >= len(data):
+            self.send_error(416)
+            return
+        self.send_response(206 if wanted else 200)
+        self.send_header("Content-Length", str(len(data) - start))
+        self.end_headers()
+        if type(self).cuts > 0:
+            type(self).cuts -= 1
+            self.wfile.write(data[start : start + self.cut])
+            self.close_connection = True
+            return
+        self.wfile.write(data[start:])
+
+    def do_HEAD(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(self.files[self.path])))
+        self.end_headers()
+
+    def log_message(self, *_) -> None:
+        pass
+
+
+@pytest.fixture
+def server() -> Iterator[str]:
+    _Server.files = {"/questions/train.json": bytes(range(256)) * 40}
+    _Server.cuts, _Server.ranges = 0, []
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Server) as running:
+        thread = threading.Thread(target=running.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{running.server_port}"
+        running.shutdown()
+        thread.join()
+
+
+def fetch(server: str, folder, **options):
+    return download(folder, "train", ["questions"], base_url=server, wait_s=0.0, progress=False, **options)
+
+
+def test_download_goes_on_where_it_broke_off(server, tmp_path) -> None:
+    _Server.cuts = 3
+    (path,) = fetch(server, tmp_path)
+    assert path.read_bytes() == _Server.files["/questions/train.json"]
+    assert _Server.ranges == [None, "bytes=1000-", "bytes=2000-", "bytes=3000-"]
+    fetch(server, tmp_path)
+    assert len(_Server.ranges) == 4  # complete files are not fetched again
+
+
+def test_download_gives_up_and_a_later_call_goes_on(server, tmp_path) -> None:
+    _Server.cut, _Server.cuts = 0, 100
+    with pytest.raises(DataError, match="broke off 3 times in a row"):
+        fetch(server, tmp_path, retries=2)
+    _Server.cut, _Server.cuts = 1000, 1
+    (path,) = fetch(server, tmp_path)
+    assert path.read_bytes() == _Server.files["/questions/train.json"]
+
+
+def test_a_part_that_was_complete_is_taken_and_a_foreign_one_is_dropped(server, tmp_path) -> None:
+    data = _Server.files["/questions/train.json"]
+    part = tmp_path / "questions" / "train.json.part"
+    part.parent.mkdir()
+    part.write_bytes(data)
+    (path,) = fetch(server, tmp_path)
+    assert path.read_bytes() == data
+    path.unlink()
+    part.write_bytes(data + b"more")
+    (path,) = fetch(server, tmp_path)
+    assert path.read_bytes() == data
+
+
+def test_download_errors(server, tmp_path) -> None:
+    with pytest.raises(DataError, match="the server answers 404"):
+        download(tmp_path, "train", ["videos"], base_url=server, progress=False)
+    with pytest.raises(DataError, match="split is 'dev'"):
+        download(tmp_path, "dev")
+    with pytest.raises(DataError, match="cannot download 'weights'"):
+        download(tmp_path, "train", ["weights"])
+    assert main(["data", "download", str(tmp_path)]) == 2
+
+
+def test_large_lists_are_read_item_by_item(tmp_path) -> None:
+    items = [{"text": "x" * 1000, "number": i} for i in range(CHUNK_CHARACTERS // 300)] + [12345678, [1, 2], "end"]
+    path = tmp_path / "list.json"
+    for indent in (None, 2):
+        path.write_text(json.dumps(items, indent=indent))
+        assert list(iterate_list(path)) == items
+    path.write_text(" [ ] ")
+    assert list(iterate_list(path)) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "expected a JSON list"),
+        ("{}", "expected a JSON list"),
+        ('[{"a": 1}, {"a"', r"\[1\]: not readable as JSON"),
+        ("[1, 2", r"\[1\]: not readable as JSON|expected , or \]"),
+        ("[1 2]", r"expected , or \], got '2'"),
+    ],
+)
+def test_broken_lists_name_the_item(tmp_path, content: str, message: str) -> None:
+    (tmp_path / "list.json").write_text(content)
+    with pytest.raises(DataError, match=message):
+        list(iterate_list(tmp_path / "list.json"))
+
+
+def test_questions_round_trip(tmp_path) -> None:
+    scenes = read_questions(QUESTIONS)
+    write_questions(tmp_path / "q.json", scenes)
+    assert read_questions(tmp_path / "q.json") == scenes
+    assert json.loads((tmp_path / "q.json").read_text()) == json.loads(QUESTIONS.read_text())
+
+
+def test_annotations_round_trip(tmp_path) -> None:
+    write_annotation(tmp_path / "a.json", annotation())
+    assert read_annotation(tmp_path / "a.json") == annotation()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a: a.pop("collision"), "missing key 'collision'"),
+        (lambda a: a.update(scene_index="3"), "scene_index: expected int, got '3'"),
+        (lambda a: a["object_property"][1].update(color="pink"), r"object_property\[1\]\.color: 'pink'"),
+        (lambda a: a["object_property"][1].update(color="red", shape="cube"), "a second red metal cube"),
+        (lambda a: a["object_property"][1].update(object_id=0), r"object_property\[1\]\.object_id: expected 1, got 0"),
+        (lambda a: a["motion_trajectory"].pop(), "expected 128 frames for video 3, got 127"),
+        (
+            lambda a: a["motion_trajectory"][4].update(frame_id=9),
+            r"motion_trajectory\[4\]\.frame_id: expected 4, got 9",
+        ),
+        (
+            lambda a: a["motion_trajectory"][4]["objects"][1].update(object_id=5),
+            r"motion_trajectory\[4\]\.objects\[1\]\.object_id: expected 0 to 1, got 5",
+        ),
+        (
+            lambda a: a["motion_trajectory"][4]["objects"][1].update(velocity=[1, 2]),
+            r"objects\[1\]\.velocity: expected 3 numbers",
+        ),
+        (lambda a: a["collision"][0].update(object_ids=[1, 1]), "expected two different object ids"),
+    ],
+)
+def test_broken_annotations_name_the_place(tmp_path, change, message) -> None:
+    broken = annotation()
+    change(broken)
+    (tmp_path / "a.json").write_text(json.dumps(broken))
+    with pytest.raises(DataError, match=rf"a\.json: .*{message}"):
+        read_annotation(tmp_path / "a.json")
+
+
+def test_the_known_irregular_videos_are_accepted(tmp_path) -> None:
+    short = annotation(7648)
+    short["motion_trajectory"] = short["motion_trajectory"][:104]
+    write_annotation(tmp_path / "a.json", short)
+    assert len(read_annotation(tmp_path / "a.json")["motion_trajectory"]) == 104
+
+
+def test_ground_truth_blocks(root, tmp_path) -> None:
+    block, frames = read_ground_truth(root / "processed_proposals" / "sim_00003.json")
+    assert frames == 128
+    assert len(block["objects"]) == 2
+    block["in_outs"] = [{"frame": 3, "object": 0, "type": "gone"}]
+    with pytest.raises(DataError, match=r"in_outs\[0\]\.type: expected in or out"):
+        check_ground_truth(block)
+    (tmp_path / "p.json").write_text('{"frames": []}')
+    with pytest.raises(DataError, match="missing key 'ground_truth'"):
+        read_ground_truth(tmp_path / "p.json")
+
+
+RESULTS = [
+    {"scene_index": 9, "question_id": 1, "choices": [{"choice_id": 0, "answer": "wrong", "correct": True}]},
+    {"scene_index": 9, "question_id": 0, "answer": "2", "correct": True},
+    {"scene_index": 7, "question_id": 0, "error": "failed", "correct": False},
+]
+
+
+def test_submission(tmp_path) -> None:
+    write_submission(tmp_path / "s.json", RESULTS)
+    content = read_submission(tmp_path / "s.json")
+    assert content == submission_document(RESULTS)
+    assert content == [
+        {"scene_index": 7, "questions": [{"question_id": 0, "answer": "error"}]},
+        {
+            "scene_index": 9,
+            "questions": [
+                {"question_id": 0, "answer": "2"},
+                {"question_id": 1, "choices": [{"choice_id": 0, "answer": "wrong"}]},
+            ],
+        },
+    ]
+    (tmp_path / "s.json").write_text(
+        '[{"scene_index": 1, "questions": [{"question_id": 0, "choices": [{"choice_id": 0}]}]}]'
+    )
+    with pytest.raises(DataError, match=r"questions\[0\]\.choices\[0\]: missing key 'answer'"):
+        read_submission(tmp_path / "s.json")
+
+
+@pytest.mark.parametrize(
+    ("source", "folder"),
+    [("annotations", "annotations/train"), ("ground-truth", "processed_proposals")],
+)
+def test_evaluation_on_true_scenes(root, source: str, folder: str) -> None:
+    report = evaluate_file(root / "questions" / "train.json", source, root / folder, programs="gold")
+    assert report["descriptive"] == {"accuracy": 1.0, "n": 1, "subtypes": {"count": {"accuracy": 1.0, "n": 1}}}
+    assert report["predictive"]["n_questions"] == 0
+    assert report["predictive"]["per_option"] is None
+
+
+def test_evaluation_on_predictions_by_both_semantics(root, tmp_path) -> None:
+    hit = [
+        {"color": "red", "material": "metal", "shape": "cube"},
+        {"color": "blue", "material": "metal", "shape": "sphere"},
+    ]
+    sample = [{"frame_index": f, "objects": [{"x": 1.0, "y": 2.0, **o} for o in hit]} for f in range(0, 130, 5)]
+    collisions = [{"frame": 5, "objects": hit}, {"frame": 9, "objects": hit}]
+    prediction = {"what_if": -1, "trajectory": sample, "collisions": collisions}
+    document = {"objects": [{"id": i, **o} for i, o in enumerate(hit)], "predictions": [prediction]}
+    (tmp_path / "sim_00003.json").write_text(json.dumps(document))
+    questions = root / "questions" / "train.json"
+    paper = evaluate_file(questions, "predictions", tmp_path, programs="gold")
+    official = evaluate_file(questions, "predictions", tmp_path, programs="gold", semantics="official")
+    assert paper["results"][0]["answer"] == "1"
+    assert official["results"][0]["answer"] == "2"
+    assert official["results"][0]["correct"] is False
+
+
+def test_what_fails_counts_as_wrong_and_is_listed(root, capsys) -> None:
+    (root / "annotations" / "train" / "annotation_00003.json").write_text("{}")
+    arguments = ["--questions", str(root / "questions" / "train.json"), "--programs", "gold"]
+    arguments += ["--source", "annotations", "--data", str(root / "annotations" / "train")]
+    assert main(["evaluate", *arguments, "-o", str(root / "out.json"), "--submission", str(root / "sub.json")]) == 0
+    report = json.loads((root / "out.json").read_text())
+    assert report["descriptive"]["accuracy"] == 0.0
+    assert "missing key 'scene_index'" in report["results"][0]["error"]
+    assert read_submission(root / "sub.json")[0]["questions"] == [{"question_id": 0, "answer": "error"}]
+    assert "1 questions failed" in capsys.readouterr().out
+
+
+def test_types_can_be_chosen_and_must_be_known(root, example_scene) -> None:
+    scenes = read_questions(QUESTIONS)
+    report = evaluate([(scenes[0], Executor(example_scene))], types=["predictive"])
+    assert report["predictive"]["per_question"] == 1.0
+    assert report["descriptive"]["n"] == 0
+    questions = root / "questions" / "train.json"
+    with pytest.raises(DataError, match="unknown question type 'riddle'"):
+        evaluate_file(questions, "annotations", root, types=["riddle"])
+    with pytest.raises(DataError, match="runs on predictions"):
+        evaluate_file(questions, "annotations", root, semantics="official")
+    with pytest.raises(DataError, match="no such file or folder"):
+        evaluate_file(questions, "annotations", root / "nowhere")
