@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -310,3 +311,32 @@ def test_steps_know_what_they_rest_on(executor: Executor) -> None:
     trace = executor.answer("events objects filter_collision count").trace
     assert trace[-1].events == (Event("collision", 20, (0, 1)), Event("collision", 40, (1, 2)))
     assert trace[1].objects == (0, 1, 2, 3)
+
+
+@given(scenes())
+@settings(deadline=None)
+def test_belonging_agrees_with_membership(scene: Scene) -> None:
+    executor = Executor(scene)
+    members = executor.run("events objects filter_collision")
+    for i, j in combinations(range(len(scene.objects)), 2):
+        a, b = (f"objects {o.color} filter_color {o.material} filter_material {o.shape} filter_shape unique" for o in
+                (scene.objects[i], scene.objects[j]))  # fmt: skip
+        answer = judged(executor, "events objects filter_collision belong_to", possible(a, b))
+        assert (answer == "correct") == any(e.objects == (i, j) for e in members)
+
+
+@given(scenes(), st.data())
+@settings(deadline=None)
+def test_removing_an_unrelated_object_changes_no_ancestor(scene: Scene, data: st.DataObject) -> None:
+    """An object that takes part in nothing that led to an event may go: the event's ancestors stay."""
+    ancestors = ancestor_sets(scene.events)
+    for index, event in enumerate(scene.events):
+        before = {scene.events[i] for i in range(len(scene.events)) if ancestors[1 << index] >> i & 1}
+        involved = {o for e in [event, *before] for o in e.objects}
+        unrelated = [o.id for o in scene.objects if o.id not in involved]
+        if not unrelated:
+            continue
+        gone = data.draw(st.sampled_from(unrelated))
+        kept = [e for e in scene.events if gone not in e.objects]
+        after = ancestor_sets(kept)[1 << kept.index(event)]
+        assert {kept[i] for i in range(len(kept)) if after >> i & 1} == before

@@ -1,7 +1,13 @@
+from pathlib import Path
+
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from nsdr import Program, ProgramError
-from nsdr.symbolic import MODULES, Kind
+from nsdr.symbolic import MODULES, WORDS, Kind
+from nsdr.symbolic.modules import DISPATCH
+from nsdr.symbolic.reference import reference_page
 
 COUNT_MOVING = ["objects", "sphere", "filter_shape", "end", "get_frame", "filter_moving", "count"]
 TREE = 'Count(Filter_moving(Filter_shape(Objects, "sphere"), Get_frame(End)))'
@@ -72,3 +78,48 @@ def test_every_module_has_a_meaning_and_a_lower_case_name() -> None:
     for name, module in MODULES.items():
         assert name == name.lower()
         assert module.meaning
+
+
+def test_the_reference_page_is_up_to_date() -> None:
+    page = Path(__file__).parent.parent / "docs" / "modules.md"
+    assert page.read_text() == reference_page(), "run: python -m nsdr.symbolic.reference > docs/modules.md"
+
+
+@st.composite
+def programs(draw: st.DrawFn, kind: Kind = Kind.NUMBER, depth: int = 4) -> list[str]:
+    """Tokens of a random well-typed program with a result of a kind."""
+    words = [w for w, k in WORDS.items() if k == kind]
+    fitting = [
+        (m, kinds)
+        for (name, *kinds), (m, result) in DISPATCH.items()
+        if result == kind and (depth > 0 or not kinds) and name != "belong_to"
+    ]
+    if words and not draw(st.booleans()):
+        return [draw(st.sampled_from(words))]
+    if depth <= 0 and not fitting:
+        shortest = {
+            Kind.OBJECT: ["objects", "unique"],
+            Kind.NUMBER: ["objects", "count"],
+            Kind.BOOLEAN: ["objects", "exist"],
+            Kind.DIRECTION: ["objects", "unique", "null", "query_direction"],
+        }
+        return shortest.get(kind) or [words[0]]
+    module, kinds = draw(st.sampled_from(fitting))
+    parts = [draw(programs(Kind(k), depth - 1)) if k in KINDS_OF_RESULTS else [draw(_word(Kind(k)))] for k in kinds]
+    return [*(token for part in parts for token in part), module.name]
+
+
+KINDS_OF_RESULTS = (Kind.OBJECTS, Kind.EVENTS, Kind.OBJECT, Kind.EVENT, Kind.FRAME, Kind.NUMBER, Kind.BOOLEAN)
+
+
+def _word(kind: Kind) -> st.SearchStrategy[str]:
+    return st.sampled_from([w for w, k in WORDS.items() if k == kind])
+
+
+@given(st.sampled_from([Kind.NUMBER, Kind.BOOLEAN, Kind.OBJECT, Kind.EVENT]).flatmap(lambda k: programs(k)))
+@settings(deadline=None, max_examples=200, suppress_health_check=[HealthCheck.too_slow])
+def test_reading_and_printing_are_inverse(tokens: list[str]) -> None:
+    program = Program.parse(tokens)
+    assert program.tokens == tuple(tokens)
+    assert Program.parse(str(program)) == program
+    assert Program.parse(program.tree()) == program

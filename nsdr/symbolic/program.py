@@ -96,7 +96,7 @@ class Program:
         if isinstance(source, Program):
             return source
         if isinstance(source, str):
-            source = _tree_tokens(source) if re.search(r"[()]", source) else re.findall(r"[^\s,]+", source)
+            source = _tree_tokens(source) if re.search(r"[()]", source) else re.findall(r"[^\s,]+", source.lower())
         return _checked(tuple(source))
 
     @classmethod

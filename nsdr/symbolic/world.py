@@ -1,7 +1,7 @@
 """A scene prepared for execution: sets of objects and events as bits of integers.
 
-Event bits, from low to high: observed events in order of time, unseen events, the video's start and end, every
-possible event (for choices), and for each observed event a mark "takes part in the target" (see `World.ancestors`).
+Event bits, from low to high: every possible event (for choices), observed events in order of time, unseen events, the
+video's start and end, and for each observed event a mark "takes part in the target" (see `World.ancestors`).
 """
 
 from bisect import bisect_left, bisect_right
@@ -54,11 +54,41 @@ def _at(table: Sequence[int] | Mapping[int, int], frame: int) -> int:
         raise ExecutionError(f"motion at frame {frame} is not known") from None
 
 
+class _Index:
+    """Bit sets of events by kind, by object, and by kind and objects together. Bits are given in the order of adding."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.of_kind = {"in": 0, "out": 0, "collision": 0}
+        self.of_object: dict[int, int] = {}
+        self.same: dict[tuple[str, tuple[int, ...]], int] = {}
+
+    def copy(self) -> "_Index":
+        other = _Index.__new__(_Index)
+        other.events, other.of_kind = self.events.copy(), self.of_kind.copy()
+        other.of_object, other.same = self.of_object.copy(), self.same.copy()
+        return other
+
+    def add(self, event: Event) -> None:
+        bit = 1 << len(self.events)
+        self.events.append(event)
+        kind, objects = event.kind, event.objects
+        self.of_kind[kind] |= bit
+        for i in objects:
+            self.of_object[i] = self.of_object.get(i, 0) | bit
+        self.same[kind, objects] = self.same.get((kind, objects), 0) | bit
+
+
 @lru_cache(maxsize=16)
-def _possible_events(n: int) -> tuple[Event, ...]:
+def _possible_events(n: int) -> _Index:
     """Every event that could happen to n objects; they have no frame."""
-    pairs = [Event("collision", -1, pair) for pair in combinations(range(n), 2)]
-    return (*pairs, *(Event(kind, -1, (i,)) for kind in ("in", "out") for i in range(n)))
+    index = _Index()
+    for pair in combinations(range(n), 2):
+        index.add(Event("collision", -1, pair))
+    for kind in ("in", "out"):
+        for i in range(n):
+            index.add(Event(kind, -1, (i,)))
+    return index
 
 
 class World:
@@ -102,31 +132,25 @@ class World:
 
     def _index_events(self, end_frame: int) -> None:
         observed, unseen = self._observed_events, self._unseen_events or ()
-        possible = _possible_events(len(self.objects))
-        start, end = Event("in", 0, (0,)), Event("in", end_frame, (0,))  # only their frame is read
-        self.events = (*observed, *unseen, start, end, *possible)
-        self.frames = [e.frame for e in (*observed, *unseen)]
-        n_seen = len(self.frames)
-        self.observed = (1 << len(observed)) - 1
-        self._unseen = ((1 << n_seen) - 1) & ~self.observed
-        self.start, self.end = 1 << n_seen, 2 << n_seen
-        self.possible = ((1 << len(possible)) - 1) << (n_seen + 2)
+        index = _possible_events(len(self.objects)).copy()
+        self._first = len(index.events)
+        self.possible = (1 << self._first) - 1
+        for event in observed:
+            index.add(event)
+        for event in unseen:
+            index.add(event)
+        seen = len(index.events)
+        self.frames = [e.frame for e in index.events[self._first :]]
+        self.observed = ((1 << len(observed)) - 1) << self._first
+        self._unseen = ((1 << len(unseen)) - 1) << (self._first + len(observed))
+        self.start, self.end = 1 << seen, 2 << seen
+        # Only the frames of start and end are read; they match no filter.
+        index.events += [Event("in", 0, (0,)), Event("in", end_frame, (0,))]
+        self.events = index.events
         self._mark = len(self.events)
         self.members = (1 << self._mark) - 1
-
-        kinds = {"in": 0, "out": 0, "collision": 0}
-        self._of_object = [0] * len(self.objects)
-        self._same: dict[tuple[str, tuple[int, ...]], int] = {}
-        for index, event in enumerate(self.events):
-            if n_seen <= index < n_seen + 2:
-                continue
-            bit = 1 << index
-            kinds[event.kind] |= bit
-            for i in event.objects:
-                self._of_object[i] |= bit
-            key = (event.kind, event.objects)
-            self._same[key] = self._same.get(key, 0) | bit
-        self.entering, self.exiting, self.colliding = kinds["in"], kinds["out"], kinds["collision"]
+        self.entering, self.exiting, self.colliding = index.of_kind.values()
+        self._of_object, self._same = index.of_object, index.same
 
     def event(self, bit: int) -> Event:
         """The event of a one-bit set."""
@@ -154,18 +178,19 @@ class World:
 
     def before(self, frame: int) -> int:
         """Observed and unseen events before a frame."""
-        return (1 << bisect_left(self.frames, frame)) - 1
+        earlier = (1 << bisect_left(self.frames, frame)) - 1
+        return earlier << self._first
 
     def after(self, frame: int) -> int:
         """Observed and unseen events after a frame."""
-        return (self.observed | self._unseen) & -(1 << bisect_right(self.frames, frame))
+        return (self.observed | self._unseen) & -(1 << (self._first + bisect_right(self.frames, frame)))
 
     def involving(self, objects: int) -> int:
         """Events in which any of the objects takes part."""
         found = self._involving.get(objects)
         if found is None:
             found = 0
-            for i, events in enumerate(self._of_object):
+            for i, events in self._of_object.items():
                 if objects >> i & 1:
                     found |= events
             self._involving[objects] = found
@@ -195,7 +220,7 @@ class World:
 
     @cached_property
     def _ancestors(self) -> dict[int, int]:
-        return ancestor_sets(self._observed_events)
+        return {bit << self._first: bits << self._first for bit, bits in ancestor_sets(self._observed_events).items()}
 
     def need_unseen(self) -> int:
         """Events after the video."""
@@ -255,13 +280,9 @@ def world_of(scene: Scene) -> World:
 def _motion(scene: Scene) -> Motion:
     if scene.moving is None:
         raise ExecutionError("the scene does not know which objects move (it comes from events alone)")
-    moving = scene.visible & scene.moving
-    return Motion(
-        _bits_by_frame(scene.visible),
-        _bits_by_frame(moving),
-        _bits(np.asarray(scene.visible.any(1))),
-        _bits(np.asarray(moving.any(1))),
-    )
+    visible_at, visible_ever = _bits_by_frame(scene.visible)
+    moving_at, moving_ever = _bits_by_frame(scene.visible & scene.moving)
+    return Motion(visible_at, moving_at, visible_ever, moving_ever)
 
 
 class _Words(dict[str, int]):
@@ -271,13 +292,14 @@ class _Words(dict[str, int]):
         return 0
 
 
-def _bits_by_frame(flags: NDArray[np.bool_]) -> list[int]:
-    """(n, F) flags -> one bit set of objects for each frame."""
-    if len(flags) <= 8:
-        packed = np.packbits(flags, axis=0, bitorder="little")
-        return packed[0].tolist() if len(packed) else [0] * flags.shape[1]
-    return [_bits(column) for column in flags.T]
-
-
-def _bits(flags: NDArray[np.bool_]) -> int:
-    return sum(1 << i for i, on in enumerate(flags.tolist()) if on)
+def _bits_by_frame(flags: NDArray[np.bool_]) -> tuple[list[int], int]:
+    """(n, F) flags -> one bit set of objects for each frame, and their union."""
+    at = [0] * flags.shape[1]
+    ever = 0
+    for first in range(0, len(flags), 8):
+        packed = np.packbits(flags[first : first + 8], axis=0, bitorder="little")[0]
+        ever |= int(np.bitwise_or.reduce(packed)) << first
+        at = (
+            [bits | more << first for bits, more in zip(at, packed.tolist(), strict=True)] if first else packed.tolist()
+        )
+    return at, ever
