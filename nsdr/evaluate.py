@@ -10,7 +10,7 @@ from tqdm import tqdm
 from nsdr.clevrer.annotations import read_annotation
 from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions, read_questions
+from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions, read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
 from nsdr.errors import DataError, ExecutionError, NsdrError, QuestionError
 from nsdr.files import read_json
@@ -66,18 +66,28 @@ def _answered(executor: Executor, question: Question, parse: Parse | None) -> di
         answer = executor.answer(program).answer
         return {"answer": answer, "correct": answer == question.answer}
     program = parse(question.text, "multiple_choice") if parse else _gold(question.program)
+    try:
+        programs = [(c.text, parse(c.text, "choice") if parse else _gold(c.program)) for c in question.choices]
+        answers: list[Any] = [c.answer for c in executor.judge(program, programs).choices]
+    except (ExecutionError, QuestionError):
+        answers = [_judged_alone(executor, program, choice, parse) for choice in question.choices]
     choices = []
-    for choice in question.choices:
+    for choice, answer in zip(question.choices, answers, strict=True):
         row: dict[str, Any] = {"choice_id": choice.id}
-        try:
-            choice_program = parse(choice.text, "choice") if parse else _gold(choice.program)
-            answer = executor.judge(program, [(choice.text, choice_program)]).choices[0].answer
-        except (ExecutionError, QuestionError) as e:
+        if isinstance(answer, NsdrError):
             # The choice names something that is not in the scene: it cannot be right.
-            row["error"] = str(e)
+            row["error"] = str(answer)
             answer = "wrong"
         choices.append(row | {"answer": answer, "correct": answer == choice.answer})
     return {"choices": choices, "correct": all(c["correct"] for c in choices)}
+
+
+def _judged_alone(executor: Executor, program: Program, choice: Choice, parse: Parse | None) -> str | NsdrError:
+    try:
+        choice_program = parse(choice.text, "choice") if parse else _gold(choice.program)
+        return executor.judge(program, [(choice.text, choice_program)]).choices[0].answer
+    except (ExecutionError, QuestionError) as e:
+        return e
 
 
 def _gold(program: tuple[str, ...] | None) -> Program:

@@ -199,16 +199,21 @@ class Rollout:
         location_world: (n_objects, F, 2) float, NaN where an object is absent or unknown.
         visible: (n_objects, F) bool, in the picture.
         collisions: in order of time; pairs of object ids.
+        unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: how probable a collision of each pair after the
+            video seems; None where that is not known.
     """
 
     location_world: FloatArray
     visible: BoolArray
     collisions: tuple[Event, ...]
+    unseen_scores: FloatArray | None = None
 
     def __post_init__(self) -> None:
         _check_array(self, "location_world", (None, None, 2), "f")
         _check_array(self, "visible", self.location_world.shape[:2], "b")
         n = len(self.visible)
+        if self.unseen_scores is not None:
+            _check_array(self, "unseen_scores", (n, n), "f")
         for event in self.collisions:
             _check(
                 event.kind == "collision" and event.objects[1] < n, f"Rollout: {event} is no collision of {n} objects"
@@ -252,6 +257,7 @@ class Scene:
         events: observed events (enter, exit, collision), by frame.
         unseen: collisions after the video; None where they are not known.
         counterfactual: collisions by the id of the removed object; None where they are not known.
+        unseen_scores: (n_objects, n_objects) float as in `Rollout`; None for true scenes.
     """
 
     objects: tuple[SceneObject, ...]
@@ -261,6 +267,7 @@ class Scene:
     events: tuple[Event, ...]
     unseen: tuple[Event, ...] | None = None
     counterfactual: Mapping[int, tuple[Event, ...]] | None = None
+    unseen_scores: FloatArray | None = None
 
     def __post_init__(self) -> None:
         _check_objects("Scene", self.objects)
@@ -271,6 +278,8 @@ class Scene:
         _check_array(self, "visible", (n, self.n_frames), "b")
         if self.moving is not None:
             _check_array(self, "moving", (n, self.n_frames), "b")
+        if self.unseen_scores is not None:
+            _check_array(self, "unseen_scores", (n, n), "f")
         counterfactual = self.counterfactual or {}
         for event in [*self.events, *(self.unseen or ()), *(e for events in counterfactual.values() for e in events)]:
             _check(

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -340,3 +341,18 @@ def test_removing_an_unrelated_object_changes_no_ancestor(scene: Scene, data: st
         kept = [e for e in scene.events if gone not in e.objects]
         after = ancestor_sets(kept)[1 << kept.index(event)]
         assert {kept[i] for i in range(len(kept)) if after >> i & 1} == before
+
+
+def test_of_two_predictions_the_likelier_one_is_right(small_scene: Scene) -> None:
+    red_sphere = "objects red filter_color sphere filter_shape unique"
+    choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, red_sphere))]
+    question = "unseen_events belong_to"
+    assert [c.answer for c in Executor(small_scene).judge(question, choices).choices] == ["wrong", "wrong"]
+    scores = np.zeros((4, 4))
+    scores[0, 3] = scores[3, 0] = 0.3
+    scored = Executor(replace(small_scene, unseen_scores=scores))
+    assert [c.answer for c in scored.judge(question, choices).choices] == ["wrong", "correct"]
+    # Where the scene itself tells the options apart, and for other questions, scores do not matter.
+    happens = [("c", possible(GREEN, red_sphere)), ("b", possible(RED_CUBE, red_sphere))]
+    assert [c.answer for c in scored.judge(question, happens).choices] == ["correct", "wrong"]
+    assert [c.answer for c in scored.judge(question + " negate", choices).choices] == ["correct", "correct"]

@@ -111,7 +111,8 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
     events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
     unseen = tuple(e for e in collisions if n_frames <= e.frame)
     counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
-    return Scene(prediction.objects, n_frames, visible, moving, tuple(events), unseen, counterfactual)
+    scores = prediction.observed.unseen_scores
+    return Scene(prediction.objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, scores)
 
 
 def speed_world_per_s(step_world: NDArray[Any], frames: ArrayLike) -> NDArray[Any]:

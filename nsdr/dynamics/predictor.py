@@ -122,6 +122,7 @@ class DynamicsPredictor:
         met = [{e.objects for e in observed} if course == 0 else set() for course in range(courses)]
         collisions[0] = list(observed)
         pending = [list(observed) for _ in range(courses)]
+        scores = np.zeros((n, n))
         static = torch.from_numpy(object_features(states.objects)).expand(courses, -1, -1)
         for t in range(0, total - 1, stride) if n else ():
             for course in range(1, courses):
@@ -141,8 +142,10 @@ class DynamicsPredictor:
             for step in range(1, stride + 1):
                 between = location[:, :, t] + (following - location[:, :, t]) * step / stride
                 location[:, :, t + step] = np.where(free[..., None], between, location[:, :, t + step])
-            hits = (logits.sigmoid().numpy() > self.config.collision_threshold) & (here[:, :, None] & here[:, None])
-            hits &= free[:, :, None] | free[:, None]
+            possible = here[:, :, None] & here[:, None] & (free[:, :, None] | free[:, None])
+            probability = logits.sigmoid().numpy() * possible
+            np.maximum(scores, probability[0], out=scores)
+            hits = probability > self.config.collision_threshold
             for course, i, j in np.argwhere(np.triu(hits, 1)).tolist():
                 if (i, j) not in met[course] and t + 1 < total:
                     met[course].add((i, j))
@@ -159,8 +162,15 @@ class DynamicsPredictor:
             as_observed
         ]
         location[~exists] = np.nan
+        for event in observed:  # a pair collides once
+            scores[event.objects] = scores[event.objects[::-1]] = 0.0
         return [
-            Rollout(location[k, :, :total], visible[k], tuple(sorted(collisions[k], key=lambda e: e.frame)))
+            Rollout(
+                location[k, :, :total],
+                visible[k],
+                tuple(sorted(collisions[k], key=lambda e: e.frame)),
+                scores if k == 0 else None,
+            )
             for k in range(courses)
         ]
 

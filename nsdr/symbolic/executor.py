@@ -1,6 +1,7 @@
 """Runs programs on a scene (paper, section 4.4)."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from nsdr.errors import ExecutionError, ProgramError
@@ -12,6 +13,7 @@ from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
 __all__ = ["Executor"]
 
+PREDICTIVE = ("unseen_events", "belong_to")
 ProgramSource = str | Sequence[str] | Program
 
 
@@ -39,6 +41,7 @@ class Executor:
             expected = "the content of a prediction file" if semantics == "official" else "a Scene"
             raise ExecutionError(f"semantics {semantics!r} runs on {expected}, got a {type(scene).__name__}")
         self.world = world_of(scene) if isinstance(scene, Scene) else official_world(scene, collisions)
+        self.unseen_scores = scene.unseen_scores if isinstance(scene, Scene) else None
 
     def run(self, program: ProgramSource) -> Any:
         """The program's value: a word, number, truth value; objects' ids; or `Event`s.
@@ -117,6 +120,9 @@ class Executor:
     ) -> Answer:
         """Answer a multiple-choice question: every choice is run together with the question; yes means correct.
 
+        Of the two options of a predictive question exactly one is right (a rule of CLEVRER): where the scene has scores of
+        unseen collisions and the options come out alike, the likelier one is chosen.
+
         Args:
             question_program: ends in `belong_to` with its choice open.
             choices: (text, program) pairs.
@@ -135,7 +141,22 @@ class Executor:
             answers.append(
                 ChoiceAnswer(text, "correct" if values[-1] else "wrong", whole.tokens, self._trace(whole, values))
             )
+        if parsed.tokens == PREDICTIVE and len(answers) == 2 and answers[0].answer == answers[1].answer:
+            answers = self._likelier(answers)
         return Answer(question, parsed.tokens, None, (), tuple(answers))
+
+    def _likelier(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
+        """Two options of a predictive question, the one with the more probable collision made the correct one."""
+        table = self.unseen_scores
+        if table is None:
+            return list(answers)
+        # The step before `unseen_events belong_to` is the chosen event.
+        chosen = [a.trace[-3].value for a in answers]
+        if not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
+            return list(answers)
+        first, second = (table[e.objects] for e in chosen)
+        words = ("correct", "wrong") if first >= second else ("wrong", "correct")
+        return [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
 
     def _official_judge(
         self, source: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str
