@@ -160,13 +160,13 @@ def test_our_predictions_are_written_as_such_a_file(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.pop("objects"), "objects: expected a list, got NoneType"),
+        (lambda d: d.pop("objects"), "file: missing key 'objects'"),
         (lambda d: d["objects"][0].update(color="pink"), r"objects\[0\]\.color: 'pink'; expected one of gray"),
         (lambda d: d["predictions"][0].update(what_if=0), r"predictions\[0\]\.what_if: expected -1"),
-        (lambda d: d["predictions"][1].update(what_if=7), r"predictions\[1\]\.what_if: expected -1 to 2, got 7"),
+        (lambda d: d["predictions"][1].update(what_if=7), r"predictions\[1\]\.what_if: expected 0 to 2, got 7"),
         (
             lambda d: d["predictions"][0]["trajectory"][2]["objects"][0].pop("x"),
-            r"predictions\[0\]\.trajectory\[2\]\.objects\[0\]: expected numbers",
+            r"predictions\[0\]\.trajectory\[2\]\.objects\[0\]: missing key 'x'",
         ),
         (
             lambda d: d["predictions"][0]["collisions"][0]["objects"].pop(),

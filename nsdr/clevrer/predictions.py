@@ -19,10 +19,10 @@ from nsdr.clevrer.camera import (
     pixels_from_world,
 )
 from nsdr.clevrer.scenes import MOVING_SPEED_WORLD_PER_S, collisions_in_view, enter_exit_events, speed_world_per_s
-from nsdr.clevrer.vocab import ATTRIBUTES
+from nsdr.clevrer.schema import get, scene_object
 from nsdr.errors import DataError
 from nsdr.files import read_json
-from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
+from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
 
 __all__ = ["SAMPLE_FRAMES", "predictions_document", "read_predictions", "scene_from_predictions"]
 
@@ -52,46 +52,26 @@ def check_predictions(document: Any) -> None:
     Raises:
         DataError: names the place inside and what was expected there.
     """
-    objects = _list(document, "objects", "")
+    objects = get(document, "objects", list, "file")
     for i, o in enumerate(objects):
-        triple_of(o, f"objects[{i}]")
-    predictions = _list(document, "predictions", "")
-    if not predictions or predictions[0].get("what_if") != -1:
-        raise DataError("predictions[0].what_if: expected -1, the prediction with nothing removed")
-    for p, prediction in enumerate(predictions):
+        scene_object(o, i, f"objects[{i}]")
+    for p, prediction in enumerate(get(document, "predictions", list, "file")):
         where = f"predictions[{p}]"
-        if not isinstance(prediction.get("what_if"), int) or not -1 <= prediction["what_if"] < len(objects):
-            raise DataError(f"{where}.what_if: expected -1 to {len(objects) - 1}, got {prediction.get('what_if')!r}")
-        for s, sample in enumerate(_list(prediction, "trajectory", where)):
-            for i, o in enumerate(_list(sample, "objects", f"{where}.trajectory[{s}]")):
-                triple_of(o, f"{where}.trajectory[{s}].objects[{i}]")
-                if not all(isinstance(o.get(axis), int | float) for axis in "xy"):
-                    raise DataError(f"{where}.trajectory[{s}].objects[{i}]: expected numbers x and y")
-        for c, collision in enumerate(_list(prediction, "collisions", where)):
-            pair = _list(collision, "objects", f"{where}.collisions[{c}]")
+        what_if = get(prediction, "what_if", int, where)
+        if (p == 0) != (what_if == -1) or not -1 <= what_if < len(objects):
+            expected = "-1, nothing removed" if p == 0 else f"0 to {len(objects) - 1}"
+            raise DataError(f"{where}.what_if: expected {expected}, got {what_if}")
+        for s, sample in enumerate(get(prediction, "trajectory", list, where)):
+            for i, o in enumerate(get(sample, "objects", list, f"{where}.trajectory[{s}]")):
+                place = f"{where}.trajectory[{s}].objects[{i}]"
+                scene_object(o, i, place)
+                get(o, "x", (int, float), place), get(o, "y", (int, float), place)
+        for c, collision in enumerate(get(prediction, "collisions", list, where)):
+            pair = get(collision, "objects", list, f"{where}.collisions[{c}]")
             if len(pair) != 2:
                 raise DataError(f"{where}.collisions[{c}].objects: expected 2 objects, got {len(pair)}")
             for i, o in enumerate(pair):
-                triple_of(o, f"{where}.collisions[{c}].objects[{i}]")
-
-
-def _list(holder: Any, key: str, where: str) -> list[Any]:
-    value = holder.get(key) if isinstance(holder, Mapping) else None
-    if not isinstance(value, list):
-        raise DataError(f"{where}{'.' if where else ''}{key}: expected a list, got {type(value).__name__}")
-    return value
-
-
-def triple_of(o: Mapping[str, Any], where: str) -> Triple:
-    """(color, material, shape) of an object in the file.
-
-    Raises:
-        DataError: an unknown or missing word.
-    """
-    for name, words in ATTRIBUTES.items():
-        if o.get(name) not in words:
-            raise DataError(f"{where}.{name}: {o.get(name)!r}; expected one of {', '.join(words)}")
-    return o["color"], o["material"], o["shape"]
+                scene_object(o, i, f"{where}.collisions[{c}].objects[{i}]")
 
 
 def scene_from_predictions(document: Mapping[str, Any], n_frames: int = 128) -> Scene:
@@ -104,7 +84,7 @@ def scene_from_predictions(document: Mapping[str, Any], n_frames: int = 128) -> 
         DataError: a missing key or unknown attribute.
     """
     try:
-        objects = tuple(SceneObject(i, *triple_of(o, f"objects[{i}]")) for i, o in enumerate(document["objects"]))
+        objects = tuple(scene_object(o, i, f"objects[{i}]") for i, o in enumerate(document["objects"]))
         ids = {(o.color, o.material, o.shape): o.id for o in objects}
         observed, *others = document["predictions"]
         samples = observed["trajectory"]

@@ -2,6 +2,7 @@
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor, nn
 from torchvision.models.detection import MaskRCNN
@@ -105,12 +106,20 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
     Differs from the paper: ResNet-50 there, a slim ResNet trained from scratch here, so that a CPU suffices.
     """
     c = config or FrameParserConfig()
-    backbone = SlimBackbone(c.widths, c.blocks, c.fpn_channels)
     levels = ["0", "1"]
+    # Both stages read strides 4 and 8: objects are 25-110 px wide.
     box_pool = MultiScaleRoIAlign(levels, output_size=7, sampling_ratio=2, canonical_scale=64, canonical_level=2)
     mask_pool = MultiScaleRoIAlign(levels, output_size=14, sampling_ratio=2, canonical_scale=64, canonical_level=2)
+    heads: dict[str, Any] = {
+        "box_roi_pool": box_pool,
+        "box_head": TwoMLPHead(c.fpn_channels * 7 * 7, c.box_features),
+        "box_predictor": FastRCNNPredictor(c.box_features, num_classes=2),
+        "mask_roi_pool": mask_pool,
+        "mask_head": MaskRCNNHeads(c.fpn_channels, (c.mask_channels,) * c.mask_layers, dilation=1),
+        "mask_predictor": MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
+    }
     model = MaskRCNN(
-        backbone,
+        SlimBackbone(c.widths, c.blocks, c.fpn_channels),
         min_size=320,
         max_size=480,
         image_mean=list(c.image_mean),
@@ -122,19 +131,19 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
         rpn_pre_nms_top_n_test=200,
         rpn_post_nms_top_n_train=c.train_proposals,
         rpn_post_nms_top_n_test=c.proposals,
-        box_roi_pool=box_pool,
-        box_head=TwoMLPHead(c.fpn_channels * 7 * 7, c.box_features),
-        box_predictor=FastRCNNPredictor(c.box_features, num_classes=2),
-        box_score_thresh=0.5,
-        box_nms_thresh=0.5,
-        box_detections_per_img=20,
-        box_batch_size_per_image=64,
-        mask_roi_pool=mask_pool,
-        mask_head=MaskRCNNHeads(c.fpn_channels, (c.mask_channels,) * c.mask_layers, dilation=1),
-        mask_predictor=MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
         _skip_resize=True,
+        **heads,
     )
-    # Same fields, one more predictor: turning the built heads into ours keeps torchvision's construction.
-    model.roi_heads.__class__ = AttributeRoIHeads
-    model.roi_heads.attribute_predictor = AttributePredictor(c.box_features)
+    model.roi_heads = AttributeRoIHeads(
+        AttributePredictor(c.box_features),
+        fg_iou_thresh=0.5,
+        bg_iou_thresh=0.5,
+        batch_size_per_image=64,
+        positive_fraction=0.25,
+        bbox_reg_weights=None,
+        score_thresh=0.5,
+        nms_thresh=0.5,
+        detections_per_img=20,
+        **heads,
+    )
     return model

@@ -1,6 +1,6 @@
 """torchvision's RoI heads with three attribute classifiers beside the box predictor."""
 
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -40,9 +40,15 @@ class AttributeRoIHeads(RoIHeads):
     `masks` (N, 1, H, W) and for each attribute its probabilities (N, number of words).
 
     Differs from the paper: the paper predicts one label for each of the 48 combinations.
+
+    Args:
+        attribute_predictor: reads the box head's features.
+        options: arguments of torchvision's `RoIHeads`.
     """
 
-    attribute_predictor: AttributePredictor
+    def __init__(self, attribute_predictor: AttributePredictor, **options: Any) -> None:
+        super().__init__(**options)
+        self.attribute_predictor = attribute_predictor
 
     def forward(self, features, proposals, image_shapes, targets=None):  # type: ignore[no-untyped-def]
         if self.training:

@@ -159,10 +159,10 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
                 metrics = task.evaluate(accelerator.unwrap_model(model))
                 record |= metrics
                 log.info("step %d: %s", done, metrics)
-            if record and writer is not None:
+            if record and accelerator.is_main_process:
                 lines.write(json.dumps({"step": done, **record}) + "\n")
                 lines.flush()
-                for name, value in record.items():
+                for name, value in record.items() if writer is not None else ():
                     writer.add_scalar(name, value, done)
             if accelerator.is_main_process and (last or done % config.save_every == 0):
                 _save(run_dir, done, task.model, optimizer, metrics)
@@ -233,6 +233,9 @@ def _last_metrics(run_dir: Path) -> dict[str, float]:
 
 
 def _tensorboard(run_dir: Path) -> Any:
-    from torch.utils.tensorboard import SummaryWriter  # heavy; only where something is trained
-
+    try:
+        from torch.utils.tensorboard import SummaryWriter  # heavy; only where something is trained
+    except ImportError:
+        log.warning("TensorBoard is not installed (pip install 'nsdr[train]'); metrics.jsonl has the same numbers")
+        return None
     return SummaryWriter(str(run_dir))
