@@ -162,8 +162,9 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
             if record and accelerator.is_main_process:
                 lines.write(json.dumps({"step": done, **record}) + "\n")
                 lines.flush()
-                for name, value in record.items() if writer is not None else ():
-                    writer.add_scalar(name, value, done)
+                if writer is not None:
+                    for name, value in record.items():
+                        writer.add_scalar(name, value, done)
             if accelerator.is_main_process and (last or done % config.save_every == 0):
                 _save(run_dir, done, task.model, optimizer, metrics)
     if writer is not None:
