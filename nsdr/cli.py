@@ -184,8 +184,8 @@ def _parse_video(options: Any) -> int:
     from nsdr.symbolic.world import world_of
 
     world = world_of(scene)
-    for index, _ in enumerate(scene.events):
-        print(f"  {world.event_text(1 << index)}")
+    for text in world.event_text(world.observed).split("; ") if scene.events else ():
+        print(f"  {text}")
     return 0
 
 

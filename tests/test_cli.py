@@ -39,6 +39,7 @@ def test_parse_video_writes_scene_proposals_and_picture(capsys, tmp_path) -> Non
     code, out, _ = run(capsys, "parse-video", VIDEO, "-o", scene, "--proposals-out", proposals, "--picture", picture)
     assert code == 0
     assert "6 objects" in out
+    assert "purple metal cube enters (frame " in out
     assert len(load(Scene, scene).objects) == 6
     document = json.loads(proposals.read_text())
     assert document["video_index"] == 500002

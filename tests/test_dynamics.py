@@ -8,7 +8,7 @@ from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
 from nsdr.dynamics.predictor import UNSEEN_FRAMES, in_picture
 from nsdr.dynamics.propnet import PropNet
-from nsdr.dynamics.states import states_from_tracks, visible_frames
+from nsdr.dynamics.states import extended, states_from_tracks, visible_frames
 from nsdr.frame_parser.tracker import track
 from nsdr.types import VideoTracks
 
@@ -180,3 +180,11 @@ def test_rollout_errors_are_small_for_straight_motion() -> None:
     errors = rollout_errors(DynamicsPredictor(_Script(SMALL)), [states], starts=(40,))
     assert errors["rollout_error_10"] < 0.08
     assert np.isnan(errors["rollout_error_50"])
+
+
+def test_places_continue_in_straight_lines_beyond_the_video() -> None:
+    places = np.stack([np.arange(20.0), np.zeros(20)], 1)[None]
+    longer = extended(places, 3)
+    np.testing.assert_allclose(longer[0, :, 0], np.arange(-3.0, 23.0))
+    assert extended(places[:, :1], 2).shape == (1, 5, 2)
+    assert extended(places, 0).shape == places.shape

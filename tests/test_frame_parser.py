@@ -10,7 +10,7 @@ from nsdr.clevrer.camera import ground_from_pixels
 from nsdr.clevrer.proposals import proposals_from_rows
 from nsdr.clevrer.vocab import attribute_index
 from nsdr.frame_parser.data import AugmentConfig, FrameDataset
-from nsdr.frame_parser.ground import ground_location, outline
+from nsdr.frame_parser.ground import ground_location, hidden_sides, outline
 from nsdr.frame_parser.metrics import detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.frame_parser.parser import FrameParser
@@ -262,3 +262,42 @@ def test_broken_videos_are_named(tmp_path) -> None:
     write_video(tmp_path / "empty.mp4", frames=0)
     with pytest.raises(VideoError, match=r"empty\.mp4: (not a video|holds no frames)"):
         read_video(tmp_path / "empty.mp4")
+
+
+def test_masks_are_pasted_where_training_read_them() -> None:
+    """RoIAlign of a true mask, pasted back, gives the mask's centroid to a tenth of a pixel, wherever the box lies."""
+    from torchvision.ops import roi_align
+
+    from nsdr.frame_parser.parser import _pasted
+
+    picture = np.zeros((320, 480), np.uint8)
+    cv2.ellipse(picture, (200, 120), (31, 24), 20, 0, 360, 1, -1)
+    rows, columns = np.nonzero(picture)
+    for shift in (0.0, 0.3, 0.7):
+        box = torch.tensor([[0.0, 165 + shift, 90 - shift, 238 - shift, 152 + shift]])
+        small = roi_align(torch.from_numpy(picture)[None, None].float(), box, (28, 28), 1.0)[0, 0]
+        pasted = _pasted(small.numpy(), box[0, 1:].numpy())
+        found_rows, found_columns = np.nonzero(pasted)
+        assert abs(found_columns.mean() - columns.mean()) < 0.1
+        assert abs(found_rows.mean() - rows.mean()) < 0.1
+
+
+def test_a_partly_covered_object_is_placed_by_its_free_sides() -> None:
+    whole = np.array([outline("cylinder", -0.5, 0.1).min(0), outline("cylinder", -0.5, 0.1).max(0)]).ravel()
+    near = np.array([outline("cylinder", 0.3, 0.25).min(0), outline("cylinder", 0.3, 0.25).max(0)]).ravel()
+    seen = whole.copy()
+    seen[2] = near[0]  # the nearer one covers its right side
+    boxes = np.round(np.stack([seen, near])).astype(int)
+    hidden = hidden_sides(boxes)
+    assert hidden[0].tolist() == [False, False, True, False]
+    assert not hidden[1].any()
+    centroid = np.array([[(seen[0] + seen[2]) / 2, (seen[1] + seen[3]) / 2]])
+    blind = ground_location("cylinder", centroid, boxes[:1], np.zeros((1, 4), bool))[0]
+    placed = ground_location("cylinder", centroid, boxes[:1], hidden[:1])[0]
+    assert np.hypot(*(placed - [-0.5, 0.1])) < 0.03 < np.hypot(*(blind - [-0.5, 0.1]))
+
+
+def test_sides_at_the_border_are_hidden() -> None:
+    assert hidden_sides(np.array([[0, 50, 30, 90]]))[0].tolist() == [True, False, False, False]
+    assert hidden_sides(np.array([[440, 280, 480, 320]]))[0].tolist() == [False, False, True, True]
+    assert hidden_sides(np.zeros((0, 4), int)).shape == (0, 4)

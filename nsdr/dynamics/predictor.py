@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from nsdr.checkpoint import load_checkpoint
 from nsdr.clevrer.camera import HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX, pixels_from_world
 from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
-from nsdr.dynamics.states import MotionStates, object_features, reliable_location, states_from_tracks, visible_frames
+from nsdr.dynamics.states import (
+    MotionStates,
+    extended,
+    object_features,
+    reliable_location,
+    states_from_tracks,
+    visible_frames,
+)
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["UNSEEN_FRAMES", "DynamicsPredictor", "in_picture"]
@@ -114,6 +121,10 @@ class DynamicsPredictor:
         courses = n + 1 if counterfactual else 1
         location = np.full((courses, n, total + stride, 2), np.nan)
         location[:, :, :n_frames] = states.location_world
+        # Offsets from the first place to those before the video; index -k stands for frame -k.
+        reach = stride * past
+        continued = extended(states.location_world, reach)[:, :reach] - states.location_world[:, :1]
+        earlier = np.concatenate([np.zeros((n, 1, 2)), continued], 1)
         exists = np.ones((courses, n), bool)
         exists[np.arange(1, courses), np.arange(courses - 1)] = False
         first = states.present.argmax(1) if n else np.zeros(0, int)
@@ -131,12 +142,15 @@ class DynamicsPredictor:
             free = (free_from <= t) & exists
             if not free.any():
                 continue
-            index = np.clip(t - stride * np.arange(past - 1, -1, -1), 0, None)
+            times = t - stride * np.arange(past - 1, -1, -1)
+            index = np.maximum(times, 0)
             known = np.ones((courses, n, past), bool)
-            seen = index < n_frames
+            known[:, :, times < 0] = False
+            seen = (times >= 0) & (times < n_frames)
             known[:, :, seen] = states.reliable[:, index[seen]] | (free_from[:, :, None] <= index[seen])
             here = exists & (first <= t)
-            window = torch.from_numpy(np.nan_to_num(location[:, :, index]).astype(np.float32))
+            history = location[:, :, index] + earlier[:, np.minimum(times, 0)]
+            window = torch.from_numpy(np.nan_to_num(history).astype(np.float32))
             places, logits = self.model.predict(window, torch.from_numpy(known), static, torch.from_numpy(here))
             following = places.numpy().astype(float)
             for step in range(1, stride + 1):
@@ -194,10 +208,11 @@ class DynamicsPredictor:
 
 
 def windows(states: MotionStates, index: NDArray[Any]) -> tuple[torch.Tensor, torch.Tensor]:
-    """Places (T, n, K, 2) and reliability (T, n, K) at frame indices (T, K); frames outside the video are not reliable."""
+    """Places (T, n, K, 2) and reliability (T, n, K) at frame indices (T, K); frames outside the video continue
+    in straight lines and are not reliable."""
     frames = states.present.shape[1]
     inside = (index >= 0) & (index < frames)
-    clipped = np.clip(index, 0, frames - 1)
-    window = states.location_world[:, clipped].transpose(1, 0, 2, 3)
-    reliable = (states.reliable[:, clipped] & inside).transpose(1, 0, 2)
+    beyond = max(-int(index.min()), int(index.max()) - frames + 1, 0)
+    window = extended(states.location_world, beyond)[:, index + beyond].transpose(1, 0, 2, 3)
+    reliable = (states.reliable[:, np.clip(index, 0, frames - 1)] & inside).transpose(1, 0, 2)
     return torch.from_numpy(window.astype(np.float32)), torch.from_numpy(reliable)

@@ -10,7 +10,7 @@ from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.vocab import MATERIALS, SHAPES
 from nsdr.types import SceneObject, VideoTracks
 
-__all__ = ["MotionStates", "object_features", "reliable_location", "states_from_tracks", "visible_frames"]
+__all__ = ["MotionStates", "extended", "object_features", "reliable_location", "states_from_tracks", "visible_frames"]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
@@ -58,14 +58,12 @@ def states_from_tracks(video: VideoTracks) -> MotionStates:
         reliable[i] &= ~_overlapped(box, i)
     for i, t in enumerate(video.tracks):
         seen = t.frame_index
-        good = reliable[i, seen]
-        used = good if good.sum() >= 3 else np.ones(len(seen), bool)
-        frame_index, place = seen[used], t.location_world[used]
         for axis in range(2):
             location[i, :, axis] = np.interp(every, seen, t.location_world[:, axis])
-        before, after = every < frame_index[0], every > frame_index[-1]
-        location[i, before] = _line(frame_index[:FIT_SAMPLES], place[:FIT_SAMPLES], every[before])
-        location[i, after] = _line(frame_index[-FIT_SAMPLES:], place[-FIT_SAMPLES:], every[after])
+        first, last = _ends(seen, reliable[i, seen])
+        before, after = every < seen[0], every > seen[-1]
+        location[i, before] = _line(seen[first], t.location_world[first], every[before])
+        location[i, after] = _line(seen[last], t.location_world[last], every[after])
     return MotionStates(tuple(t.object for t in video.tracks), location, detected, reliable, present)
 
 
@@ -109,6 +107,26 @@ def _overlapped(box: FloatArray, i: int) -> BoolArray:
         height = np.minimum(box[i, :, 3], others[:, :, 3]) - np.maximum(box[i, :, 1], others[:, :, 1])
         nearer = others[:, :, 3] > box[i, :, 3]
         return np.asarray(((width > 1) & (height > 1) & nearer).any(0))
+
+
+def extended(location_world: FloatArray, frames: int) -> FloatArray:
+    """(..., F, 2) places continued in straight lines by a number of frames on both sides: (..., F + 2 frames, 2)."""
+    reach = min(FIT_SAMPLES, location_world.shape[-2] - 1)
+    if reach < 1:
+        return np.repeat(location_world, 2 * frames + 1, axis=-2)
+    ahead = np.arange(1, frames + 1)[:, None] / reach
+    first, last = location_world[..., :1, :], location_world[..., -1:, :]
+    before = first - (location_world[..., reach : reach + 1, :] - first) * ahead[::-1]
+    after = last + (last - location_world[..., -1 - reach : -reach, :]) * ahead
+    return np.concatenate([before, location_world, after], axis=-2)
+
+
+def _ends(seen: NDArray[Any], good: BoolArray) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Samples at a track's start and end to draw a straight line through; reliable ones where they are near the end."""
+    reliable, every = np.flatnonzero(good), np.arange(len(seen))
+    near_start = len(reliable) >= 3 and seen[reliable[2]] - seen[0] <= 2 * FIT_SAMPLES
+    near_end = len(reliable) >= 3 and seen[-1] - seen[reliable[-3]] <= 2 * FIT_SAMPLES
+    return (reliable if near_start else every)[:FIT_SAMPLES], (reliable if near_end else every)[-FIT_SAMPLES:]
 
 
 def _line(frame_index: NDArray[Any], place: FloatArray, wanted: NDArray[Any]) -> FloatArray:

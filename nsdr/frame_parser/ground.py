@@ -1,8 +1,8 @@
 """From what a mask shows to the object's place on the ground.
 
-The centroid of an object's outline is not the image of its centre, and an outline cut by the picture's border has a
-false centroid. Both corrections follow from the known camera and shapes: outlines are projected on a grid of places, and
-polynomials in the pixel are fitted to the offsets. No measured constants are needed.
+The centroid of an object's outline is not the image of its centre, and an outline cut by the picture's border or by a
+nearer object has a false centroid. Both corrections follow from the known camera and shapes: outlines are projected on a
+grid of places, and polynomials in the pixel are fitted to the offsets. No measured constants are needed.
 """
 
 from functools import lru_cache
@@ -21,11 +21,13 @@ from nsdr.clevrer.camera import (
 )
 from nsdr.clevrer.vocab import SHAPES
 
-__all__ = ["ground_location", "outline"]
+__all__ = ["ground_location", "hidden_sides", "outline"]
 
 FloatArray = NDArray[np.floating[Any]]
 CUT_MARGIN_PX = 2
 """An outline this close to the picture's border is taken as cut by it."""
+TOUCH_PX = 2
+"""Boxes this close touch each other."""
 
 
 def outline(shape: str, x: float, y: float, yaw: float = 0.0) -> FloatArray:
@@ -79,14 +81,50 @@ def _calibration() -> dict[str, tuple[FloatArray, FloatArray]]:
     return result
 
 
-def ground_location(shape: str, centroid_px: FloatArray, box_xyxy_px: NDArray[np.integer[Any]]) -> FloatArray:
+def hidden_sides(box_xyxy_px: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """Which sides of the outlines of one frame are not their own.
+
+    A side is hidden when it is at the picture's border, or lies inside the box of a nearer object (whose lower edge is lower).
+
+    Args:
+        box_xyxy_px: (N, 4) mask bounds of all objects of the frame.
+
+    Returns:
+        (N, 4) bool: left, top, right, bottom.
+    """
+    box = np.asarray(box_xyxy_px, float).reshape(-1, 4)
+    x0, y0, x1, y1 = box.T
+    mine, other = np.s_[:, None], np.s_[None, :]
+    width = np.minimum(x1[mine], x1[other]) - np.maximum(x0[mine], x0[other])
+    height = np.minimum(y1[mine], y1[other]) - np.maximum(y0[mine], y0[other])
+    nearer = y1[other] > y1[mine]
+    beside = nearer & (height > TOUCH_PX) & (width > -TOUCH_PX)
+    below = nearer & (width > TOUCH_PX) & (height > -TOUCH_PX)
+    covers = below & (width > 0.6 * (x1 - x0)[mine])
+    slack = TOUCH_PX
+    left = beside & (x0[other] <= x0[mine]) & (x0[mine] <= x1[other] + slack)
+    right = beside & (x0[other] - slack <= x1[mine]) & (x1[mine] <= x1[other])
+    bottom = below & (y0[other] - slack <= y1[mine])
+    top = covers & (y0[other] <= y0[mine])
+    hidden = np.stack([left.any(1), top.any(1), right.any(1), bottom.any(1)], 1)
+    border = np.stack([x0, y0, WIDTH_PX - x1, HEIGHT_PX - y1], 1) < CUT_MARGIN_PX
+    return np.asarray(hidden | border)
+
+
+def ground_location(
+    shape: str,
+    centroid_px: FloatArray,
+    box_xyxy_px: NDArray[np.integer[Any]],
+    hidden: NDArray[np.bool_] | None = None,
+) -> FloatArray:
     """Ground-plane positions of objects of one shape.
 
     Args:
         shape: "cube", "sphere" or "cylinder".
         centroid_px: (N, 2) mask centroids (column, row).
-        box_xyxy_px: (N, 4) mask bounds; where they touch the picture's border the opposite, free edge and the size that
-            the shape has at that place give the position.
+        box_xyxy_px: (N, 4) mask bounds.
+        hidden: (N, 4) bool from `hidden_sides`; None looks at the picture's border only. Where a side is hidden the
+            centroid is false: the free sides and the size that the shape has at that place give the position.
 
     Returns:
         (N, 2) world (x, y) of the object's centre.
@@ -96,12 +134,13 @@ def ground_location(shape: str, centroid_px: FloatArray, box_xyxy_px: NDArray[np
     box = np.asarray(box_xyxy_px, float).reshape(-1, 4)
     centre = centroid + _terms(centroid) @ to_centre
     size = np.array([WIDTH_PX, HEIGHT_PX])
-    low_cut, high_cut = box[:, :2] < CUT_MARGIN_PX, box[:, 2:] > size - CUT_MARGIN_PX
-    cut = (low_cut | high_cut).any(1)
+    if hidden is None:
+        hidden = np.concatenate([box[:, :2] < CUT_MARGIN_PX, box[:, 2:] > size - CUT_MARGIN_PX], 1)
+    cut = hidden.any(1)
+    low, high = hidden[cut, :2], hidden[cut, 2:]
     for _ in range(8 if cut.any() else 0):
         offset = _terms(np.clip(centre[cut], -40, size + 40)) @ to_edges
         from_high, from_low = box[cut, 2:] - offset[:, 2:], box[cut, :2] - offset[:, :2]
-        low, high = low_cut[cut], high_cut[cut]
-        both_free = np.where(low, from_high, np.where(high, from_low, (from_high + from_low) / 2))
-        centre[cut] = np.where(low & high, centre[cut], both_free)
+        by_edges = np.where(low, from_high, np.where(high, from_low, (from_high + from_low) / 2))
+        centre[cut] = np.where(low & high, centre[cut], by_edges)
     return ground_from_pixels(centre)

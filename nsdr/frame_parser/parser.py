@@ -5,6 +5,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from torch import nn
 from tqdm import tqdm
 
 from nsdr.checkpoint import load_checkpoint
+from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.proposals import proposals_from_rows
 from nsdr.clevrer.vocab import ATTRIBUTES, attribute_index
 from nsdr.frame_parser.data import image_tensor
@@ -20,6 +22,8 @@ from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.types import VideoProposals
 
 __all__ = ["FrameParser"]
+
+MASK_THRESHOLD = 0.5
 
 
 class FrameParser:
@@ -62,12 +66,22 @@ class FrameParser:
         count = 0
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
         for batch in _batches(frames, self.batch_size):
-            for detection in self.model([image_tensor(frame) for frame in batch]):
+            for detection in self._detections(batch):
                 rows += [(count, *found) for found in _found(detection)]
                 count += 1
                 bar.update()
         bar.close()
         return proposals_from_rows(count, rows)
+
+    def _detections(self, frames: list[NDArray[np.uint8]]) -> list[dict[str, Any]]:
+        """The network's stages one after the other, without torchvision's pasting of masks (see `_pasted`)."""
+        model: Any = self.model
+        device = next(model.parameters()).device
+        images, _ = model.transform([image_tensor(frame).to(device) for frame in frames])
+        features = model.backbone(images.tensors)
+        proposals, _ = model.rpn(images, features)
+        detections: list[dict[str, Any]] = model.roi_heads(features, proposals, images.image_sizes)[0]
+        return detections
 
 
 def _batches(frames: Iterable[NDArray[np.uint8]], size: int) -> Iterator[list[NDArray[np.uint8]]]:
@@ -78,8 +92,26 @@ def _batches(frames: Iterable[NDArray[np.uint8]], size: int) -> Iterator[list[ND
 
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:
     """(attribute index, score, COCO run-length string) of each detected object."""
-    masks = (detection["masks"][:, 0] > 0.5).byte().cpu().numpy()
+    boxes, masks = detection["boxes"].cpu().numpy(), detection["masks"][:, 0].float().cpu().numpy()
     words = {name: detection[name].argmax(1).tolist() for name in ATTRIBUTES}
     for i, score in enumerate(detection["scores"].tolist()):
         named = {name: ATTRIBUTES[name][words[name][i]] for name in ATTRIBUTES}
-        yield attribute_index(**named), score, rle.encode(np.asfortranarray(masks[i]))["counts"].decode()
+        yield attribute_index(**named), score, rle.encode(_pasted(masks[i], boxes[i]))["counts"].decode()
+
+
+def _pasted(mask: NDArray[np.float32], box_xyxy_px: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A box's mask probabilities (M, M) as a binary mask (320, 480) in Fortran order.
+
+    torchvision's own pasting cuts boxes to whole pixels, which shifts masks by half a pixel and makes them jitter by as much.
+    Its training targets (RoIAlign, not aligned) read the value of pixel i at the coordinate i: so does this.
+    """
+    picture = np.zeros((HEIGHT_PX, WIDTH_PX), np.uint8, order="F")
+    x0, y0, x1, y1 = box_xyxy_px.astype(float)
+    columns = np.arange(max(int(x0) - 1, 0), min(int(x1) + 2, WIDTH_PX))
+    rows = np.arange(max(int(y0) - 1, 0), min(int(y1) + 2, HEIGHT_PX))
+    u = ((columns - x0) / (x1 - x0) * mask.shape[1] - 0.5).astype(np.float32)
+    v = ((rows - y0) / (y1 - y0) * mask.shape[0] - 0.5).astype(np.float32)
+    map_u, map_v = np.meshgrid(u, v)
+    values = cv2.remap(mask, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = values > MASK_THRESHOLD
+    return picture

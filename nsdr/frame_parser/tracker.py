@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from nsdr.clevrer.vocab import attributes_of
-from nsdr.frame_parser.ground import ground_location
+from nsdr.clevrer.vocab import SHAPES, attributes_of
+from nsdr.frame_parser.ground import ground_location, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 
 __all__ = ["TrackerConfig", "track"]
@@ -74,7 +74,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     tracks = []
     for attribute, rows in by_identity.items():
         if len(rows) > c.min_frames:
-            tracks.append(_track(proposals, attribute, rows))
+            tracks.append(_track(proposals, attribute, rows, places))
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     renamed = [
         Track(SceneObject(i, *_words(t)), t.frame_index, t.location_world, t.centroid_px, t.box_xyxy_px, t.score)
@@ -87,19 +87,25 @@ def _words(t: Track) -> tuple[str, str, str]:
     return t.object.color, t.object.material, t.object.shape
 
 
-def _places(proposals: VideoProposals, kept: NDArray[Any]) -> dict[int, NDArray[Any]]:
-    places: dict[int, NDArray[Any]] = {}
-    shapes = np.array([attributes_of(int(a))[2] for a in proposals.attribute[kept]])
-    for shape in set(shapes.tolist()):
-        rows = kept[shapes == shape]
-        found = ground_location(shape, proposals.centroid_px[rows], proposals.box_xyxy_px[rows])
-        places.update(zip(rows.tolist(), found, strict=True))
+def _places(proposals: VideoProposals, kept: NDArray[Any]) -> NDArray[Any]:
+    """(N, 2) ground positions of the kept rows, NaN elsewhere."""
+    places = np.full((len(proposals), 2), np.nan)
+    if not len(kept):
+        return places
+    frames = proposals.frame_index[kept]
+    starts = np.flatnonzero(np.diff(frames, prepend=-1))
+    hidden = np.concatenate([hidden_sides(proposals.box_xyxy_px[rows]) for rows in np.split(kept, starts[1:])])
+    shapes = np.array([SHAPES.index(attributes_of(int(a))[2]) for a in proposals.attribute[kept]])
+    for index, shape in enumerate(SHAPES):
+        rows = kept[shapes == index]
+        found = ground_location(
+            shape, proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[shapes == index]
+        )
+        places[rows] = found
     return places
 
 
-def _link(
-    proposals: VideoProposals, kept: NDArray[Any], places: dict[int, NDArray[Any]], c: TrackerConfig
-) -> list[_Piece]:
+def _link(proposals: VideoProposals, kept: NDArray[Any], places: NDArray[Any], c: TrackerConfig) -> list[_Piece]:
     rows_by_frame = defaultdict(list)
     for row in kept.tolist():
         rows_by_frame[int(proposals.frame_index[row])].append(row)
@@ -146,14 +152,12 @@ def _identities(proposals: VideoProposals, pieces: list[_Piece]) -> dict[int, li
     return {identity: [rows[f] for f in sorted(rows)] for identity, rows in by_identity.items()}
 
 
-def _track(proposals: VideoProposals, attribute: int, rows: list[int]) -> Track:
-    words = attributes_of(attribute)
-    centroid, box = proposals.centroid_px[rows], proposals.box_xyxy_px[rows]
+def _track(proposals: VideoProposals, attribute: int, rows: list[int], places: NDArray[Any]) -> Track:
     return Track(
-        SceneObject(0, *words),
+        SceneObject(0, *attributes_of(attribute)),
         proposals.frame_index[rows],
-        ground_location(words[2], centroid, box),
-        centroid,
-        box,
+        places[rows],
+        proposals.centroid_px[rows],
+        proposals.box_xyxy_px[rows],
         proposals.score[rows],
     )

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.checkpoint import save_checkpoint
+from nsdr.checkpoint import load_checkpoint, save_checkpoint
 from nsdr.dynamics.data import MotionData, read_motion_data
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import LENGTH_WORLD, DynamicsConfig, DynamicsModel
 from nsdr.dynamics.predictor import DynamicsPredictor
+from nsdr.dynamics.states import extended
 from nsdr.training.configuration import parse_config, resolved
 from nsdr.training.loop import LoopConfig, train
 
@@ -30,6 +31,7 @@ class DynamicsTraining:
         truth: their ground-truth blocks (gzipped JSON).
         run_dir: where the run lives; an interrupted one goes on.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
+        initial: folder of a checkpoint to start from; "" starts from random weights.
         limit: use at most this many scenes; 0 for all.
         rollout_steps: predictions in a row that the forward network is trained on.
         noise_world: standard deviation of noise added to the observed places.
@@ -42,6 +44,7 @@ class DynamicsTraining:
     truth: str
     run_dir: str
     output: str = ""
+    initial: str = ""
     limit: int = 0
     rollout_steps: int = 5
     noise_world: float = 0.003
@@ -57,11 +60,15 @@ class DynamicsTask:
         torch.manual_seed(config.loop.seed)
         self.config = config
         self.network = DynamicsModel(config.model)
+        if config.initial:
+            self.network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
         self.model: nn.Module = self.network
         cache = f"{config.run_dir}/motion.npz"
         data = read_motion_data(config.proposals, config.truth, cache, config.limit or None)
         held_out = np.arange(len(data)) % 40 == 0
         self.data: MotionData = data.part(~held_out)
+        self.margin = max(config.model.past_steps, config.model.side_steps) * config.model.stride_frames
+        self.locations = extended(self.data.location_world, self.margin).astype(np.float32)
         self.held_out: MotionData = data.part(np.flatnonzero(held_out)[: config.evaluation_scenes])
         n = self.data.collision_frame.shape[1]
         upper = self.data.collision_frame * np.triu(np.ones((n, n), int), 1)
@@ -95,16 +102,17 @@ class DynamicsTask:
         inside = (index >= 0) & (index < 128)
         clipped = np.clip(index, 0, 127)
         rows = scenes[:, None]
-        location = data.location_world[rows, :, clipped].transpose(0, 2, 1, 3)  # (B, N, K, 2)
-        location = location + rng.normal(size=location.shape) * self.config.noise_world
+        shown = np.clip(index + self.margin, 0, self.locations.shape[2] - 1)
+        location = self.locations[rows, :, shown].transpose(0, 2, 1, 3)  # (B, N, K, 2)
+        noisy = location + rng.normal(size=location.shape) * self.config.noise_world
         angle = rng.uniform(0, 2 * np.pi, len(scenes))
         mirror = rng.choice([-1.0, 1.0], len(scenes))
         turn = np.stack([np.cos(angle), -np.sin(angle) * mirror, np.sin(angle), np.cos(angle) * mirror], 1)
-        location = np.einsum("bnki,bji->bnkj", location, turn.reshape(-1, 2, 2))
+        location = np.einsum("bnki,bji->bnkj", noisy, turn.reshape(-1, 2, 2)).astype(np.float32)
         reliable = data.reliable[rows, :, clipped].transpose(0, 2, 1) & inside[:, None]
         present = data.present[scenes, :, times]
         return {
-            "location": torch.from_numpy(location.astype(np.float32)),
+            "location": torch.from_numpy(location),
             "reliable": torch.from_numpy(reliable),
             "static": torch.from_numpy(data.static[scenes]),
             "exists": torch.from_numpy(data.exists[scenes] & present),
