@@ -38,6 +38,8 @@ def test_frame_parser_trains_and_its_checkpoint_loads(tiny_frames, tmp_path) -> 
     config = json.loads((tmp_path / "run" / "config.json").read_text())
     assert config["config"]["loop"]["steps"] == 2
     assert config["revision"]
+    card = json.loads((Path(output) / "frame_parser.json").read_text())
+    assert card["training"]["frames"] == "frames"  # no path of this machine
     assert list((tmp_path / "run").glob("events.out.tfevents*"))
 
 

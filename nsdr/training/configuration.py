@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, TypeVar
 
 import jsonargparse
 
-__all__ = ["parse_config", "resolved"]
+__all__ = ["described", "parse_config", "resolved"]
 
 T = TypeVar("T")
 
@@ -30,3 +31,8 @@ def resolved(config: Any) -> dict[str, Any]:
     values.pop("run_dir", None)
     values.pop("output", None)
     return values
+
+
+def described(config: Any) -> dict[str, Any]:
+    """The configuration for readers of a checkpoint: of every path only the last part, which says nothing of the machine."""
+    return {k: Path(v).name if isinstance(v, str) and "/" in v else v for k, v in resolved(config).items()}

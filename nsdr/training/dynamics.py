@@ -16,7 +16,7 @@ from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import LENGTH_WORLD, DynamicsConfig, DynamicsModel
 from nsdr.dynamics.predictor import DynamicsPredictor
 from nsdr.dynamics.states import extended
-from nsdr.training.configuration import parse_config, resolved
+from nsdr.training.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["DynamicsTraining", "main"]
@@ -168,6 +168,6 @@ def main(argv: Sequence[str] | None = None) -> str:
     task = DynamicsTask(config)
     metrics = train(task, config.loop, config.run_dir, resolved(config))
     output = config.output or f"{config.run_dir}/checkpoint"
-    details = {"metrics": metrics, "training": resolved(config)}
+    details = {"metrics": metrics, "training": described(config)}
     save_checkpoint(output, "dynamics", task.network.state_dict(), config.model, details, half=True)
     return output

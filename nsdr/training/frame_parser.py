@@ -13,7 +13,7 @@ from nsdr.errors import DataError
 from nsdr.frame_parser.data import AugmentConfig, FrameDataset
 from nsdr.frame_parser.metrics import detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
-from nsdr.training.configuration import parse_config, resolved
+from nsdr.training.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["FrameParserTraining", "main"]
@@ -76,6 +76,6 @@ def main(argv: Sequence[str] | None = None) -> str:
         raise DataError(f"{config.frames}: {len(task.training_frames)} training frames, fewer than one batch")
     metrics = train(task, config.loop, config.run_dir, resolved(config))
     output = config.output or f"{config.run_dir}/checkpoint"
-    details: dict[str, Any] = {"metrics": metrics, "training": resolved(config)}
+    details: dict[str, Any] = {"metrics": metrics, "training": described(config)}
     save_checkpoint(output, "frame_parser", task.model.state_dict(), config.model, details, half=True)
     return output

@@ -15,7 +15,7 @@ from nsdr.question_parser.grammar import TEXT_KINDS, sample
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.parser import build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
-from nsdr.training.configuration import parse_config, resolved
+from nsdr.training.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["QuestionParserTraining", "main"]
@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> str:
         "words": task.tokenizer.words,
         "program_tokens": PROGRAM_TOKENS,
         "metrics": metrics,
-        "training": resolved(config),
+        "training": described(config),
     }
     save_checkpoint(output, "question_parser", task.networks.state_dict(), config.model, details, half=True)
     return output
