@@ -55,6 +55,6 @@ class Tokenizer:
         unknown = [word for word in words if word not in self._index]
         if unknown:
             near = difflib.get_close_matches(unknown[0], self.words, n=3, cutoff=0.5)
-            hint = f"; did you mean {', '.join(near)}?" if near else "; see the question forms in the documentation"
+            hint = f"; did you mean {', '.join(near)}?" if near else "; docs/questions.md lists the known wordings"
             raise QuestionError(f"unknown word {unknown[0]!r} in {text!r}{hint}")
         return [self._index[word] for word in words]
