@@ -43,9 +43,6 @@ def annotated_picture(
         until = t.frame_index <= frame_index
         if until.any():
             _draw_trail(picture, t.centroid_px[until], _bright(t.object.color))
-    for number, event in enumerate((e for e in scene.events if e.kind == "collision"), 1):
-        if event.frame <= frame_index:
-            _draw_collision(picture, event.frame, [tracks.tracks[i] for i in event.objects], number)
     taken: list[Box] = []
     for t in sorted(tracks.tracks, key=lambda t: -int(t.box_xyxy_px[-1, 1])):  # nearer ones keep their place
         here = np.flatnonzero(t.frame_index == frame_index)
@@ -53,6 +50,9 @@ def annotated_picture(
             x0, y0 = (t.box_xyxy_px[here[0], :2] * SCALE).tolist()
             text = f"{t.object.id} {t.object.name}"
             _draw_text(picture, text, _free_place(picture, text, (x0, y0 - 6), taken), _bright(t.object.color))
+    for number, event in enumerate((e for e in scene.events if e.kind == "collision"), 1):
+        if event.frame <= frame_index:
+            _draw_collision(picture, event.frame, [tracks.tracks[i] for i in event.objects], number, taken)
     _draw_text(picture, f"frame {frame_index}", (8, HEIGHT_PX * SCALE - 10), (255, 255, 255))
     return picture  # type: ignore[return-value]
 
@@ -82,11 +82,12 @@ def _draw_trail(picture: NDArray[Any], centroids_px: NDArray[Any], color: tuple[
         cv2.circle(picture, point.tolist(), 3, color, -1, cv2.LINE_AA)
 
 
-def _draw_collision(picture: NDArray[Any], frame: int, pair: list[Any], number: int) -> None:
+def _draw_collision(picture: NDArray[Any], frame: int, pair: list[Any], number: int, taken: list[Box]) -> None:
     places = [t.centroid_px[int(np.abs(t.frame_index - frame).argmin())] for t in pair]
     centre = _scaled(np.mean(places, 0)).tolist()
     cv2.drawMarker(picture, centre, (255, 255, 255), cv2.MARKER_STAR, 22, 2, cv2.LINE_AA)
-    _draw_text(picture, f"{number}: hit at {frame}", (centre[0] + 12, centre[1] + 4), (255, 255, 255))
+    text = f"{number}: hit at {frame}"
+    _draw_text(picture, text, _free_place(picture, text, (centre[0] + 12, centre[1] + 4), taken), (255, 255, 255))
 
 
 def _draw_text(picture: NDArray[Any], text: str, place: tuple[int, int], color: tuple[int, int, int]) -> None:

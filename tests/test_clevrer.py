@@ -159,8 +159,13 @@ def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:
 
 def test_broken_proposals_name_the_place(tmp_path) -> None:
     path = tmp_path / "p.json"
-    path.write_text('{"frames": [{"objects": [{"color": "pink", "material": "metal", "shape": "cube"}]}]}')
+    path.write_text(
+        '{"frames": [{"frame_index": 0, "objects": [{"color": "pink", "material": "metal", "shape": "cube"}]}]}'
+    )
     with pytest.raises(DataError, match=r"p\.json: frames\[0\]\.objects\[0\]"):
+        read_proposals(path)
+    path.write_text('{"frames": [{"frame_index": 1, "objects": []}, {"frame_index": 1, "objects": []}]}')
+    with pytest.raises(DataError, match="frame_index must ascend"):
         read_proposals(path)
     path.write_text("[]")
     with pytest.raises(DataError, match=r"p\.json: expected an object, got list"):

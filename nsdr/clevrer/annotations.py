@@ -10,9 +10,8 @@ from nsdr.files import read_json, write_json
 __all__ = ["check_annotation", "check_ground_truth", "read_annotation", "write_annotation"]
 
 VIDEO_FRAMES = 128
-IRREGULAR_FRAMES = {7648: 104, 9777: 104}
-"""Released videos of other lengths; 10800 differs, too, by an amount that is not recorded, so it may have any."""
-ANY_LENGTH = (10800,)
+IRREGULAR_VIDEOS = (7648, 9777, 10800)
+"""Released videos of other lengths, which differ even between their video and proposal files: any length will do."""
 VECTORS = ("location", "orientation", "velocity", "angular_velocity")
 
 
@@ -84,9 +83,8 @@ def check_ground_truth(block: Any, where: str = "ground_truth") -> None:
 
 
 def _check_length(video: int, frames: int, where: str) -> None:
-    expected = IRREGULAR_FRAMES.get(video, VIDEO_FRAMES)
-    if frames not in (expected, VIDEO_FRAMES) and video not in ANY_LENGTH:
-        raise DataError(f"{where}: expected {expected} frames for video {video}, got {frames}")
+    if frames != VIDEO_FRAMES and video not in IRREGULAR_VIDEOS:
+        raise DataError(f"{where}: expected {VIDEO_FRAMES} frames for video {video}, got {frames}")
 
 
 def _check_index(index: int, n: int, where: str) -> None:

@@ -1,6 +1,7 @@
 """CLEVRER's mask proposals: official JSON files (plain or gzipped), and the same reduced to numbers in one NPZ file."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,8 @@ def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
     content = parse_json(_bytes(path), str(path))
     block = get(content, "ground_truth", dict, str(path))
     check_ground_truth(block, f"{path}: ground_truth")
-    return block, len(get(content, "frames", list, str(path)))
+    indices = _frame_indices(get(content, "frames", list, str(path)), str(path))
+    return block, max(indices, default=-1) + 1
 
 
 def _bytes(path: str | Path) -> bytes:
@@ -61,8 +63,9 @@ def parse_proposals(data: bytes, name: str) -> VideoProposals:
     """Proposals from a file's bytes; raises as `read_proposals`, with `name` for the file."""
     content = parse_json(data, name)
     frames = get(content, "frames", list, name)
+    indices = _frame_indices(frames, name)
     rows = []
-    for f, frame in enumerate(frames):
+    for f, frame in zip(indices, frames, strict=True):
         for i, o in enumerate(get(frame, "objects", list, f"{name}: frames[{f}]")):
             where = f"{name}: frames[{f}].objects[{i}]"
             found = scene_object(o, 0, where)
@@ -72,7 +75,15 @@ def parse_proposals(data: bytes, name: str) -> VideoProposals:
                 raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {size}")
             score = float(get(o, "score", (float, int), where))
             rows.append((f, attribute_index(found.color, found.material, found.shape), score, counts))
-    return proposals_from_rows(len(frames), rows)
+    return proposals_from_rows(max(indices, default=-1) + 1, rows)
+
+
+def _frame_indices(frames: Sequence[Any], name: str) -> list[int]:
+    """`frame_index` of every frame, ascending; the irregular video 7648 leaves some out."""
+    indices = [get(frame, "frame_index", int, f"{name}: frames[{f}]") for f, frame in enumerate(frames)]
+    if any(b <= a for a, b in pairwise(indices)):
+        raise DataError(f"{name}: frames: frame_index must ascend")
+    return indices
 
 
 def proposals_from_rows(n_frames: int, rows: Sequence[tuple[int, int, float, str]]) -> VideoProposals:
