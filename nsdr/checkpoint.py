@@ -1,6 +1,7 @@
 """Checkpoints: a folder with one safetensors file and one JSON file for each part. Nothing is ever unpickled."""
 
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +19,8 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     """The folder of a checkpoint.
 
     Looked for in this order: `path_or_id` as a path; below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of
-    the checkout; as a repository id of the Hugging Face hub (`user/name`).
+    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts `default`; as a repository
+    id of the Hugging Face hub (`user/name`).
 
     Raises:
         CheckpointError: found nowhere; says where it was looked for.
@@ -26,6 +28,7 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     name = str(path_or_id)
     roots = [Path(os.environ["NSDR_CHECKPOINTS"])] if os.environ.get("NSDR_CHECKPOINTS") else []
     roots.append(Path(__file__).resolve().parent.parent / "checkpoints")
+    roots.append(Path(sys.prefix) / "share" / "nsdr" / "checkpoints")
     for folder in [Path(name), *(root / name for root in roots)]:
         if folder.is_dir():
             return folder
