@@ -1,5 +1,6 @@
 """Decoding video files to the frames the frame parser was made for: 480x320, 25 frames a second."""
 
+import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,7 +35,8 @@ def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
     path = Path(path)
     if not path.is_file():
         raise VideoError(f"{path}: no such file")
-    # OpenCV prints its own complaints about broken files; ours follow.
+    # OpenCV and FFmpeg print their own complaints about broken files; ours follow.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel() if hasattr(cv2, "utils") else None
     if level is not None:
         cv2.utils.logging.setLogLevel(0)
