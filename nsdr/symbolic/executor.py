@@ -51,7 +51,10 @@ class Executor:
             ExecutionError: it does not fit the scene; names step, module and inputs.
         """
         parsed = _complete(Program.parse(program))
-        value = self._value(parsed, {})
+        try:
+            value = _evaluate(parsed.root, self.world, {})
+        except ExecutionError:
+            raise self._error(parsed) from None
         return value if parsed.answers else self._plain(parsed.result, value)
 
     def run_batch(self, programs: Iterable[ProgramSource]) -> list[Any]:
@@ -64,27 +67,27 @@ class Executor:
             ProgramError: a program is not well-formed.
         """
         shared: dict[Node, Any] = {}
+        world = self.world
         results: list[Any] = []
-        for program in programs:
-            parsed = _complete(Program.parse(program))
-            try:
-                value = self._value(parsed, shared)
-            except ExecutionError as e:
-                results.append(e)
-            else:
-                results.append(value if parsed.answers else self._plain(parsed.result, value))
+        for source in programs:
+            program = _complete(source if type(source) is Program else Program.parse(source))
+            value = shared.get(program.root)
+            if value is None:
+                try:
+                    value = _evaluate(program.root, world, shared)
+                except ExecutionError:
+                    results.append(self._error(program))
+                    continue
+            results.append(value if program.answers else self._plain(program.result, value))
         return results
 
-    def _value(self, program: Program, known: dict[Node, Any]) -> Any:
-        """Raw value of a program; `known` holds values of sub-programs and gets the new ones."""
-        value = known.get(program.root)
-        if value is not None:
-            return value
+    def _error(self, program: Program) -> ExecutionError:
+        """The error of a program that fails, with its step named (found by running it step by step)."""
         try:
-            return _evaluate(program.root, self.world, known)
-        except ExecutionError:
-            self._values(program)  # slower, but its error names the step
-            raise
+            self._values(program)
+        except ExecutionError as e:
+            return e
+        raise AssertionError(f"{program} fails only when sub-programs are shared")
 
     def answer(self, program: ProgramSource, question: str = "") -> Answer:
         """Answer a descriptive question: yes, no, a number or an attribute word, with the trace.
