@@ -29,6 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             if arguments[:1] == ["train"]:
                 return _train(arguments[1:])
+            if arguments[:1] == ["generate"]:
+                return _generate(arguments[1:])
             parser = _parser()
             options = parser.parse_args(arguments)
             if options.command is None:
@@ -124,6 +126,11 @@ def _parser() -> jsonargparse.ArgumentParser:
         "train",
         jsonargparse.ArgumentParser(description="see nsdr train frame-parser|dynamics|question-parser --help"),
         help="train frame-parser|dynamics|question-parser --config configs/….yaml [--field value]",
+    )
+    commands.add_subcommand(
+        "generate",
+        jsonargparse.ArgumentParser(description="see nsdr generate dataset|scene --help"),
+        help="generate dataset|scene [--config configs/generate/….yaml] -o OUTPUT [--field value]",
     )
     return parser
 
@@ -294,6 +301,13 @@ def _train(arguments: list[str]) -> int:
         )
     logging.getLogger("nsdr").setLevel(logging.INFO)
     print(import_module(parts[arguments[0]]).main(arguments[1:]))
+    return 0
+
+
+def _generate(arguments: list[str]) -> int:
+    from nsdr.generate.commands import main as generate
+
+    print(generate(arguments))
     return 0
 
 

@@ -13,6 +13,9 @@ from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
 from nsdr.dynamics.data import read_truth
 from nsdr.evaluate import evaluate, evaluate_file
 from nsdr.frame_parser.tracker import track
+from nsdr.generate.resimulate import resimulate
+from nsdr.generate.simulate import Simulator
+from nsdr.generate.view import View
 from nsdr.symbolic import Executor
 
 pytestmark = pytest.mark.real_data
@@ -146,3 +149,34 @@ def test_original_videos_go_through(shared, video: int) -> None:
     names, found = {o.name for o in true.objects}, {o.name for o in scene.objects}
     assert len(names & found) >= len(names) - 1
     assert len(found - names) <= 1
+
+
+def test_annotations_simulated_again_end_where_they_did(shared) -> None:
+    exact = near = pairs = 0
+    errors = []
+    with Simulator() as simulator:
+        for path in sorted((shared / "real" / "annotations").rglob("*.json")):
+            result = resimulate(read_annotation(path), simulator)
+            assert result.extra == ()
+            for expected, found in result.frames.values():
+                pairs += 1
+                exact += found is not None
+                near += found is not None and abs(found - expected) <= 1
+            errors += result.error_world[:, 127].tolist()
+    assert (exact, pairs) == (25, 25)
+    assert near >= 0.9 * pairs
+    assert np.median(errors) <= 0.08
+
+
+def test_visibility_is_the_releases(shared) -> None:
+    wrong = total = 0
+    for path in sorted((shared / "real" / "annotations").rglob("*.json")):
+        annotation = read_annotation(path)
+        for i, o in enumerate(annotation["object_property"]):
+            rows = [frame["objects"][i] for frame in annotation["motion_trajectory"]]
+            yaw = np.array([row["orientation"][2] for row in rows])
+            shown = View().shows(o["shape"], np.array([row["location"] for row in rows]), yaw)
+            wrong += (shown != [row["inside_camera_view"] for row in rows]).sum()
+            total += len(rows)
+    assert total == 6400
+    assert wrong <= 6

@@ -29,14 +29,18 @@ def read_annotation(path: str | Path) -> dict[str, Any]:
     return dict(annotation)
 
 
-def write_annotation(path: str | Path, annotation: dict[str, Any]) -> None:
-    """Check an annotation and write it, atomically; raises `DataError` as `read_annotation`."""
-    check_annotation(annotation)
+def write_annotation(path: str | Path, annotation: dict[str, Any], n_frames: int = VIDEO_FRAMES) -> None:
+    """Check an annotation and write it, atomically; raises `DataError` as `check_annotation`."""
+    check_annotation(annotation, n_frames)
     write_json(path, annotation)
 
 
-def check_annotation(annotation: Any) -> None:
+def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
     """Demand the form of an annotation.
+
+    Args:
+        annotation: the content of the file.
+        n_frames: length of the data set's videos; the release's irregular ones may have another.
 
     Raises:
         DataError: names the place inside and what was expected there.
@@ -45,7 +49,8 @@ def check_annotation(annotation: Any) -> None:
     get(annotation, "video_filename", str, "annotation")
     objects = check_objects(get(annotation, "object_property", list, "annotation"), "object_id", "object_property")
     frames = get(annotation, "motion_trajectory", list, "annotation")
-    _check_length(video, len(frames), "motion_trajectory")
+    if len(frames) != n_frames and video not in IRREGULAR_VIDEOS:
+        raise DataError(f"motion_trajectory: expected {n_frames} frames for video {video}, got {len(frames)}")
     for f, frame in enumerate(frames):
         where = f"motion_trajectory[{f}]"
         if get(frame, "frame_id", int, where) != f:
@@ -80,11 +85,6 @@ def check_ground_truth(block: Any, where: str = "ground_truth") -> None:
         place = f"{where}.collisions[{i}]"
         get(event, "frame", int, place)
         _check_pair(get(event, "object", list, place), len(objects), f"{place}.object")
-
-
-def _check_length(video: int, frames: int, where: str) -> None:
-    if frames != VIDEO_FRAMES and video not in IRREGULAR_VIDEOS:
-        raise DataError(f"{where}: expected {VIDEO_FRAMES} frames for video {video}, got {frames}")
 
 
 def _check_index(index: int, n: int, where: str) -> None:

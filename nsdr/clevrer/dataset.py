@@ -7,11 +7,12 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from nsdr.clevrer.annotations import check_annotation
+from nsdr.clevrer.annotations import VIDEO_FRAMES, check_annotation
 from nsdr.clevrer.proposals import parse_proposals
 from nsdr.clevrer.questions import SceneQuestions, iterate_questions
+from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
-from nsdr.files import parse_json
+from nsdr.files import parse_json, read_json
 from nsdr.types import VideoProposals
 
 __all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"]
@@ -46,9 +47,9 @@ class Inventory:
 class CLEVRER:
     """A folder with CLEVRER's files.
 
-    Looked for below `root`: `videos/{split}/`, `annotations/{split}/` (with or without the official sub-folders of 1,000, or as
-    the official zips, unopened), `questions/{split}.json` or `{split}.json`, and proposals in `derender_proposals/` or
-    `processed_proposals/`. Parts may be missing.
+    Looked for below `root`: `videos/{split}/`, `annotations/{split}/` (with or without the official sub-folders of 1,000, or
+    as the official zips, unopened), `questions/{split}.json` or `{split}.json`, and proposals in `derender_proposals/` or
+    `processed_proposals/`. Parts may be missing. Generated data sets say in `manifest.json` which videos they have.
 
     Args:
         root: the folder.
@@ -61,6 +62,8 @@ class CLEVRER:
         self.root = Path(root)
         if not self.root.is_dir():
             raise DataError(f"{root}: no such folder; `nsdr data download` makes one")
+        path = self.root / "manifest.json"
+        self.manifest = read_manifest(path) if path.is_file() else None
 
     def split(self, name: str) -> "Split":
         """One of the splits "train", "validation" and "test".
@@ -70,18 +73,41 @@ class CLEVRER:
         """
         if name not in SPLITS:
             raise DataError(f"split is {name!r}; expected one of {', '.join(SPLITS)}")
-        return Split(self.root, name)
+        if self.manifest is None:
+            return Split(self.root, name, SPLITS[name])
+        start, stop = self.manifest["splits"][name]
+        return Split(self.root, name, range(start, stop), tuple(self.manifest["kinds"]), self.manifest["n_frames"])
 
     def inventory(self) -> list[Inventory]:
         """What is there and what is missing, for every split and kind."""
         return [row for name in SPLITS for row in self.split(name).inventory()]
 
 
+def read_manifest(path: Path) -> dict[str, Any]:
+    """What a generated data set says of itself: `splits` (first and last index + 1), `kinds` of files and `n_frames`.
+
+    Raises:
+        DataError: not such a file.
+    """
+    manifest = read_json(path)
+    splits = get(manifest, "splits", dict, str(path))
+    for name in SPLITS:
+        ends = get(splits, name, list, f"{path}: splits")
+        if len(ends) != 2 or not all(isinstance(end, int) for end in ends):
+            raise DataError(f"{path}: splits.{name}: expected two numbers, got {ends}")
+    get(manifest, "kinds", list, str(path))
+    get(manifest, "n_frames", int, str(path))
+    return dict(manifest)
+
+
 class Split:
     """One split: access by video index. Made by `CLEVRER.split`."""
 
-    def __init__(self, root: Path, name: str) -> None:
-        self.root, self.name, self.indices = root, name, SPLITS[name]
+    def __init__(
+        self, root: Path, name: str, indices: range, kinds: tuple[str, ...] = KINDS, n_frames: int = VIDEO_FRAMES
+    ) -> None:
+        self.root, self.name, self.indices = root, name, indices
+        self.kinds, self.n_frames = kinds, n_frames
 
     @cached_property
     def _files(self) -> dict[str, dict[str, "Entry"]]:
@@ -133,7 +159,7 @@ class Split:
         entry = self._entry("annotations", index)
         annotation = parse_json(entry.read(), str(entry))
         try:
-            check_annotation(annotation)
+            check_annotation(annotation, self.n_frames)
         except DataError as e:
             raise DataError(f"{entry}: {e}") from e
         return dict(annotation)
@@ -150,7 +176,7 @@ class Split:
     def inventory(self) -> list[Inventory]:
         """What is there and what is missing of every kind."""
         rows = []
-        for kind in KINDS:
+        for kind in self.kinds:
             if kind == "questions":
                 there = self.question_file is not None
                 rows.append(Inventory(self.name, kind, int(there), 1, ()))

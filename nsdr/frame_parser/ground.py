@@ -21,7 +21,7 @@ from nsdr.clevrer.camera import (
 )
 from nsdr.clevrer.vocab import SHAPES
 
-__all__ = ["ground_location", "hidden_sides", "outline"]
+__all__ = ["ground_location", "hidden_sides", "outline", "surface_points"]
 
 FloatArray = NDArray[np.floating[Any]]
 CUT_MARGIN_PX = 2
@@ -30,23 +30,25 @@ TOUCH_PX = 2
 """Boxes this close touch each other."""
 
 
-def outline(shape: str, x: float, y: float, yaw: float = 0.0) -> FloatArray:
-    """Outline of an object at (x, y) on the ground as a convex polygon (N, 2) in pixels."""
+def surface_points(shape: str, yaw: float = 0.0) -> FloatArray:
+    """Points (N, 3) in world units around an object's centre, whose hull is the object."""
     r = OBJECT_RADIUS_WORLD
     if shape == "cube":
         c, s = r * np.cos(yaw), r * np.sin(yaw)
         corners = np.array([(c - s, s + c), (-c - s, -s + c), (-c + s, -s - c), (c + s, s - c)])
-        points = np.concatenate([np.c_[corners, np.full(4, z)] for z in (-r, r)])
-    else:
-        angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-        if shape == "cylinder":
-            points = np.concatenate([np.c_[r * np.cos(angle), r * np.sin(angle), np.full(48, z)] for z in (-r, r)])
-        else:
-            polar = np.linspace(0, np.pi, 24)[:, None]
-            x_, y_ = r * np.sin(polar) * np.cos(angle), r * np.sin(polar) * np.sin(angle)
-            points = np.stack([x_, y_, r * np.cos(polar) + 0 * angle], -1).reshape(-1, 3)
-    pixels = pixels_from_world(points + np.array([x, y, r])).astype(np.float32)
-    return cv2.convexHull(pixels)[:, 0].astype(float)
+        return np.concatenate([np.c_[corners, np.full(4, z)] for z in (-r, r)])
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    if shape == "cylinder":
+        return np.concatenate([np.c_[r * np.cos(angle), r * np.sin(angle), np.full(48, z)] for z in (-r, r)])
+    polar = np.linspace(0, np.pi, 24)[:, None]
+    x, y = r * np.sin(polar) * np.cos(angle), r * np.sin(polar) * np.sin(angle)
+    return np.stack([x, y, r * np.cos(polar) + 0 * angle], -1).reshape(-1, 3)
+
+
+def outline(shape: str, x: float, y: float, yaw: float = 0.0) -> FloatArray:
+    """Outline of an object at (x, y) on the ground as a convex polygon (N, 2) in pixels."""
+    points = surface_points(shape, yaw) + np.array([x, y, OBJECT_RADIUS_WORLD])
+    return cv2.convexHull(pixels_from_world(points).astype(np.float32))[:, 0].astype(float)
 
 
 def _centroid(polygon: FloatArray) -> FloatArray:

@@ -11,12 +11,12 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.checkpoint import load_checkpoint, save_checkpoint
+from nsdr.configuration import described, parse_config, resolved
 from nsdr.dynamics.data import MotionData, read_motion_data
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import LENGTH_WORLD, DynamicsConfig, DynamicsModel
 from nsdr.dynamics.predictor import DynamicsPredictor
 from nsdr.dynamics.states import extended
-from nsdr.training.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["DynamicsTraining", "main"]

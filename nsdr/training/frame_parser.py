@@ -9,11 +9,11 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.checkpoint import save_checkpoint
+from nsdr.configuration import described, parse_config, resolved
 from nsdr.errors import DataError
 from nsdr.frame_parser.data import AugmentConfig, FrameDataset
 from nsdr.frame_parser.metrics import detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
-from nsdr.training.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["FrameParserTraining", "main"]

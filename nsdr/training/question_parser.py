@@ -11,11 +11,11 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.checkpoint import save_checkpoint
+from nsdr.configuration import described, parse_config, resolved
 from nsdr.question_parser.grammar import TEXT_KINDS, sample
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.parser import build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
-from nsdr.training.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["QuestionParserTraining", "main"]

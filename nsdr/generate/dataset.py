@@ -1,0 +1,220 @@
+"""Complete data sets in CLEVRER's layout, with the truth that the release withholds beside it."""
+
+import logging
+import platform
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache, partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from nsdr.clevrer.annotations import write_annotation
+from nsdr.clevrer.dataset import SPLITS
+from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.errors import DataError
+from nsdr.files import read_json, write_json
+from nsdr.generate.encode import write_video
+from nsdr.generate.preview import render_preview
+from nsdr.generate.records import annotation_document, frame_masks, proposal_document, solids_at, truth_document
+from nsdr.generate.scene import SceneConfig, SimulatedScene, simulate_scene
+from nsdr.generate.statistics import count_scenes, write_statistics
+from nsdr.generate.view import RenderConfig, View, view_of
+from nsdr.parallel import run_tasks
+
+__all__ = ["DatasetConfig", "Files", "generate_dataset", "make_video"]
+
+RENDERERS = ("preview", "blender", "none")
+VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """A data set to generate.
+
+    Attributes:
+        output: its folder; an interrupted generation goes on there.
+        videos: how many, over all splits.
+        seed: added to a video's index, gives its scene's seed.
+        splits: share of the videos in each of train, validation and test.
+        renderer: "preview" (fast), "blender", or "none" for data sets without videos.
+        masks: also write exact masks as mask proposals (about 0.3 MB a video).
+        scene: what scenes look like.
+        render: how they are rendered.
+        engine: "processes" or "ray".
+        workers: processes, 0 for one a CPU core.
+    """
+
+    output: str
+    videos: int = 100
+    seed: int = 0
+    splits: Mapping[str, float] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
+    renderer: str = "preview"
+    masks: bool = True
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+    engine: str = "processes"
+    workers: int = 0
+
+    def __post_init__(self) -> None:
+        if self.renderer not in RENDERERS:
+            raise DataError(f"renderer is {self.renderer!r}; expected one of {', '.join(RENDERERS)}")
+        if set(self.splits) - set(SPLITS) or not sum(self.splits.values()) > 0:
+            raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
+        if self.videos < 1:
+            raise DataError(f"videos: expected at least 1, got {self.videos}")
+
+    def indices(self) -> dict[str, range]:
+        """Video indices of each split: the first ones of the official ranges."""
+        total = sum(self.splits.values())
+        ends = np.cumsum([self.splits.get(name, 0.0) for name in SPLITS]) / total * self.videos
+        counts = np.diff(np.rint(ends), prepend=0).astype(int)
+        result = {}
+        for (name, official), count in zip(SPLITS.items(), counts, strict=True):
+            if count > len(official):
+                raise DataError(f"videos: {count} are too many for {name}, which has indices for {len(official)}")
+            result[name] = range(official.start, official.start + int(count))
+        return result
+
+
+class Files:
+    """Where the files of one video lie."""
+
+    def __init__(self, root: str | Path, split: str, index: int) -> None:
+        root = Path(root)
+        low = index // 1000 * 1000
+        thousand = f"{low:05d}-{low + 1000:05d}"
+        self.video = root / "videos" / split / f"video_{thousand}" / f"video_{index:05d}.mp4"
+        self.annotation = root / "annotations" / split / f"annotation_{thousand}" / f"annotation_{index:05d}.json"
+        self.proposals = root / "derender_proposals" / f"proposal_{index:05d}.json"
+        self.truth = root / "truth" / split / f"truth_{index:05d}.json"
+        self.work = root / ".work" / f"{index:05d}"
+
+
+def generate_dataset(config: DatasetConfig) -> Path:
+    """Generate a data set; what is there already is kept. Returns its folder.
+
+    Writes `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `truth/`,
+    `manifest.json` and statistics beside the release's.
+
+    Raises:
+        DataError: the folder holds a data set of another configuration, or videos failed (the others are made).
+    """
+    root = Path(config.output)
+    manifest = _manifest(config)
+    path = root / "manifest.json"
+    if path.exists():
+        there = read_json(path)
+        changed = sorted(k for k in manifest["config"] if there.get("config", {}).get(k) != manifest["config"][k])
+        if changed:
+            raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
+    write_json(path, manifest, indent=1)
+    jobs = [(split, index) for split, indices in config.indices().items() for index in indices]
+    left = [job for job in jobs if not _is_done(config, *job)]
+    failed = []
+    outcomes = run_tasks(partial(_task, config), left, config.engine, config.workers)
+    with tqdm(outcomes, total=len(jobs), initial=len(jobs) - len(left), unit="video", desc="generating") as bar:
+        for outcome in bar:
+            if outcome.error:
+                failed.append(f"video {outcome.item[1]}: {outcome.error}")
+                log.warning(failed[-1])
+    if failed:
+        raise DataError(f"{root}: {len(failed)} of {len(jobs)} videos failed, run the command again; {failed[0]}")
+    truths = (read_json(Files(root, *job).truth) for job in jobs)
+    counts = count_scenes(scene_from_truth(t, t["n_frames"]) for t in truths)
+    write_statistics(root, counts, f"{len(jobs)} generated videos")
+    shutil.rmtree(root / ".work", ignore_errors=True)
+    return root
+
+
+def _manifest(config: DatasetConfig) -> dict[str, Any]:
+    values = asdict(config)
+    for name in ("output", "engine", "workers"):
+        values.pop(name)
+    values["render"]["assets"] = Path(config.render.assets).name
+    values["scene"]["objects"] = {str(k): v for k, v in values["scene"]["objects"].items()}
+    values = _as_json(values)
+    splits = {name: [r.start, r.stop] for name, r in config.indices().items()}
+    kinds = [k for k, wanted in (("videos", config.renderer != "none"), ("proposals", config.masks)) if wanted]
+    versions = {"python": platform.python_version()}
+    for name in VERSIONS_OF:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return {
+        "generator": "nsdr generate dataset",
+        "config": values,
+        "splits": splits,
+        "kinds": ["annotations", *kinds],
+        "n_frames": config.scene.n_frames,
+        "versions": versions,
+    }
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _as_json(v) for k, v in value.items()}
+    return [_as_json(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def _is_done(config: DatasetConfig, split: str, index: int) -> bool:
+    # The truth is written last.
+    return Files(config.output, split, index).truth.exists()
+
+
+def _task(config: DatasetConfig, job: tuple[str, int]) -> None:
+    make_video(config, *job)
+
+
+def make_video(config: DatasetConfig, split: str, index: int) -> None:
+    """Make all files of one video; those of the scene's truth come last, so that half a video never counts as made."""
+    scene = simulate_scene(config.seed + index, config.scene)
+    files = Files(config.output, split, index)
+    view = view_of(config.render, scene.seed)
+    # Files are in the release's pixels, whatever the video's are.
+    plain = View(view.eye_world)
+    if config.renderer != "none" and not files.video.exists():
+        frames = (
+            _preview_frames if config.renderer == "preview" else partial(_blender_frames, config.render, files.work)
+        )
+        write_video(files.video, frames(scene, view), config.render.fps, config.render.crf)
+        shutil.rmtree(files.work, ignore_errors=True)
+    if config.masks:
+        masks = [frame_masks(scene, f, plain) for f in range(scene.n_frames)]
+        write_json(files.proposals, proposal_document(scene, index, files.video.name, plain, masks))
+    if split != "test":
+        annotation = annotation_document(scene, index, files.video.name, plain)
+        write_annotation(files.annotation, annotation, scene.n_frames)
+    write_json(files.truth, truth_document(scene, index, plain))
+
+
+def _preview_frames(scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
+    for f in range(scene.n_frames):
+        yield render_preview(scene.objects, solids_at(scene, f), view)
+
+
+def _blender_frames(config: RenderConfig, work: Path, scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
+    """Frames rendered by Blender; those that an interrupted run left in the work folder are not rendered again."""
+    for f in range(scene.n_frames):
+        path = work / f"{f:03d}.png"
+        if not path.exists():
+            _blender(config).render(scene.objects, solids_at(scene, f), view, path)
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+        if picture is None:
+            raise DataError(f"{path}: Blender wrote no readable picture")
+        yield np.asarray(picture, np.uint8)
+
+
+@lru_cache(maxsize=1)
+def _blender(config: RenderConfig) -> Any:
+    from nsdr.generate.blender import Blender
+
+    return Blender(config)

@@ -1,0 +1,128 @@
+"""Statistics of scenes, beside those of the release: a Markdown table and a picture."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from nsdr.files import atomic_path, parse_json
+from nsdr.types import Scene
+
+__all__ = ["count_scenes", "released_statistics", "write_statistics"]
+
+FRAME_BIN = 10
+Counts = dict[str, dict[str, float]]
+
+TITLES = {
+    "objects": "objects in a video",
+    "collisions": "collisions in a video",
+    "enters": "objects entering a video",
+    "exits": "objects leaving a video",
+    "collision_frame": "frame of collisions",
+    "first_collision_frame": "frame of the first collision",
+    "enter_frame": "frame of entering",
+    "exit_frame": "frame of leaving",
+    "shape": "shapes",
+    "material": "materials",
+    "unseen": "collisions after the video",
+}
+
+
+def count_scenes(scenes: Iterable[Scene]) -> Counts:
+    """Shares of every value (they sum to 1) for each statistic of `TITLES`; frames by their tens ("30" = 30-39)."""
+    counters: dict[str, Counter[str]] = {name: Counter() for name in TITLES}
+
+    def frame_bin(frame: int) -> str:
+        return str(frame // FRAME_BIN * FRAME_BIN)
+
+    for scene in scenes:
+        by_kind = {kind: [e.frame for e in scene.events if e.kind == kind] for kind in ("collision", "in", "out")}
+        counters["objects"][str(len(scene.objects))] += 1
+        for name, kind in (("collisions", "collision"), ("enters", "in"), ("exits", "out")):
+            counters[name][str(len(by_kind[kind]))] += 1
+        for name, kind in (("collision_frame", "collision"), ("enter_frame", "in"), ("exit_frame", "out")):
+            counters[name].update(map(frame_bin, by_kind[kind]))
+        if by_kind["collision"]:
+            counters["first_collision_frame"][frame_bin(min(by_kind["collision"]))] += 1
+        for o in scene.objects:
+            counters["shape"][o.shape] += 1
+            counters["material"][o.material] += 1
+        if scene.unseen is not None:
+            counters["unseen"][str(len(scene.unseen))] += 1
+    return {name: _shares(counter) for name, counter in counters.items() if counter}
+
+
+def _shares(counter: Counter[str]) -> dict[str, float]:
+    total = sum(counter.values())
+    return {key: round(counter[key] / total, 5) for key in sorted(counter, key=lambda k: (len(k), k))}
+
+
+def released_statistics() -> Counts:
+    """`count_scenes` of 12,228 released train and validation videos, from the ground-truth blocks of their proposal files."""
+    content: Counts = parse_json(files("nsdr.generate").joinpath("released_statistics.json").read_bytes(), "statistics")
+    return content
+
+
+def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
+    """Write `statistics.md` and, where matplotlib is installed, `statistics.png`: `counts` beside the release's."""
+    folder, released = Path(folder), released_statistics()
+    with atomic_path(folder / "statistics.md") as temporary:
+        temporary.write_text(_markdown(counts, released, title))
+    _picture(folder / "statistics.png", counts, released)
+
+
+def _keys(*tables: Mapping[str, float]) -> list[str]:
+    return sorted({key for table in tables for key in table}, key=lambda k: (len(k), k))
+
+
+def _markdown(counts: Counts, released: Counts, title: str) -> str:
+    lines = [f"# {title}", "", "Shares in percent, this data set / the release (12,228 videos).", ""]
+    for name, text in TITLES.items():
+        if name not in counts:
+            continue
+        mine, theirs = counts[name], released.get(name, {})
+        keys = _keys(mine, theirs)
+        lines += [f"## {text.capitalize()}", "", f"| | {' | '.join(keys)} |", f"|---{'|---' * len(keys)}|"]
+        lines.append(f"| this | {' | '.join(f'{100 * mine.get(k, 0):.1f}' for k in keys)} |")
+        if theirs:
+            lines.append(f"| release | {' | '.join(f'{100 * theirs.get(k, 0):.1f}' for k in keys)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _picture(path: Path, counts: Counts, released: Counts) -> None:
+    bar_charts(
+        path,
+        [
+            (TITLES[name], {"this data set": counts[name], "release": released.get(name, {})})
+            for name in TITLES
+            if name in counts
+        ],
+    )
+
+
+def bar_charts(path: str | Path, charts: Sequence[tuple[str, Mapping[str, Mapping[str, float]]]]) -> None:
+    """Write a PNG of bar charts: (title, {series: {key: share}}). Does nothing where matplotlib is missing."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return
+    columns = 3
+    rows = -(-len(charts) // columns)
+    figure = Figure(figsize=(4.6 * columns, 2.9 * rows), layout="constrained")
+    for number, (title, series) in enumerate(charts, 1):
+        axes: Any = figure.add_subplot(rows, columns, number)
+        shown = {name: values for name, values in series.items() if values}
+        keys = _keys(*shown.values())
+        width = 0.8 / max(len(shown), 1)
+        for s, (name, values) in enumerate(shown.items()):
+            places = [k + (s - (len(shown) - 1) / 2) * width for k in range(len(keys))]
+            axes.bar(places, [100 * values.get(k, 0) for k in keys], width, label=name)
+        axes.set_xticks(range(len(keys)), keys, fontsize=7, rotation=60 if len(keys) > 8 else 0)
+        axes.set_title(title, fontsize=9)
+        axes.set_ylabel("%", fontsize=8)
+    if charts:
+        figure.axes[0].legend(fontsize=7)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=90)

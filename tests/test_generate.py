@@ -1,0 +1,372 @@
+"""Simulation, rendering and writing of data sets."""
+
+import json
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from nsdr import DataError
+from nsdr.clevrer.camera import pixels_from_world
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
+from nsdr.cli import main
+from nsdr.files import read_json
+from nsdr.frame_parser.ground import outline
+from nsdr.frame_parser.video import read_video
+from nsdr.generate import dataset
+from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
+from nsdr.generate.hulls import hull_vertices
+from nsdr.generate.preview import render_preview
+from nsdr.generate.raycast import Solid, instance_ids
+from nsdr.generate.records import truth_document
+from nsdr.generate.resimulate import resimulate
+from nsdr.generate.scene import SceneConfig, SimulatedScene, simulate_scene
+from nsdr.generate.simulate import Body, PhysicsConfig, Simulator
+from nsdr.generate.statistics import count_scenes, released_statistics
+from nsdr.generate.view import RenderConfig, View, drawn_rotation, view_of
+from nsdr.symbolic import Executor
+from nsdr.types import SceneObject
+
+
+def ball(x: float, y: float, vx: float = 0.0, vy: float = 0.0, mass: float = 1.0) -> Body:
+    return Body("sphere", (x, y, 0.2), (0.0, 0.0, 0.0), (vx, vy, 0.0), mass=mass)
+
+
+def cube(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> Body:
+    return Body("cube", (x, y, 0.2), (0.0, 0.0, 0.0), (vx, vy, 0.0))
+
+
+@pytest.fixture(scope="module")
+def scenes() -> list[SimulatedScene]:
+    with Simulator() as simulator:
+        return [simulate_scene(seed, None, simulator) for seed in range(500100, 500106)]
+
+
+@pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
+def test_hulls_have_the_objects_size(shape: str) -> None:
+    points = np.array(hull_vertices(shape))
+    np.testing.assert_allclose(points.max(0), 0.2, atol=5e-4)
+    np.testing.assert_allclose(points.min(0), -0.2, atol=5e-4)
+
+
+def test_sliding_follows_the_law_of_deceleration() -> None:
+    with Simulator() as simulator:
+        motion = simulator.run([ball(-2, 0, 2.8), cube(-2, 1, 2.8)], 60)
+    for body, friction in ((0, 0.0), (1, 0.03 * 9.81)):
+        speed = 2.8
+        for _ in range(59 * 7):
+            speed -= (0.04 * speed + 0.04 * speed**2 + friction) * 0.004
+        assert motion.velocity[body, -1, 0] == pytest.approx(speed, abs=0.01)
+
+
+def test_a_collision_keeps_momentum_and_is_reported_once() -> None:
+    with Simulator() as simulator:
+        motion = simulator.run([ball(-0.8, 0, 2.0, mass=1.2), ball(0, 0.1, mass=0.8)], 30)
+    (contact,) = motion.contacts
+    assert contact.bodies == (0, 1)
+    before, after = motion.velocity[:, contact.frame - 1], motion.velocity[:, contact.frame + 1]
+    change = (after - before)[:, :2] * np.array([[1.2], [0.8]])
+    np.testing.assert_allclose(change.sum(0), 0, atol=0.12)
+    assert np.linalg.norm(after[1]) > 0.5
+
+
+def test_a_run_can_be_stopped_at_a_contact() -> None:
+    with Simulator() as simulator:
+        motion = simulator.run([ball(-0.8, 0, 2.0), ball(0, 0)], 60, stop=lambda contacts: True)
+        assert not motion.complete
+        assert len(motion.contacts) == 1
+        assert simulator.run([ball(-0.8, 0, 2.0), ball(0, 0)], 60).complete
+
+
+def test_a_scene_is_given_by_its_seed_alone(scenes) -> None:
+    again = simulate_scene(scenes[3].seed)
+    assert again.objects == scenes[3].objects
+    np.testing.assert_array_equal(again.motion.location_world, scenes[3].motion.location_world)
+    assert again.counterfactual == scenes[3].counterfactual
+
+
+def test_scenes_follow_the_papers_construction(scenes) -> None:
+    for scene in scenes:
+        pairs = [c.bodies for c in scene.motion.contacts]
+        assert pairs[0] == (0, 1)
+        assert len(set(pairs)) == len(pairs)
+        assert len({o.name for o in scene.objects}) == len(scene.objects)
+        assert scene.motion.location_world.shape == (len(scene.objects), 179, 3)
+        assert scene.visible[:, :128].any(1).all()
+        touched = {i for pair in pairs for i in pair}
+        assert touched.isdisjoint(range(4, len(scene.objects)))  # bystanders
+        assert set(scene.counterfactual) == set(range(len(scene.objects)))
+
+
+def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) -> None:
+    found = 0
+    for simulated in scenes:
+        scene = scene_from_truth(truth_document(simulated, simulated.seed, View()))
+        executor = Executor(scene)
+
+        def one(i: int, scene=scene) -> list[str]:
+            o = scene.objects[i]
+            filters = [o.color, "filter_color", o.material, "filter_material", o.shape, "filter_shape"]
+            return ["objects", *filters, "unique"]
+
+        n = len(scene.objects)
+        for i in range(n):
+            for j in range(i + 1, n):
+                both = [*one(i), "filter_collision", *one(j), "filter_collision", "exist"]
+                unseen = any(e.objects == (i, j) for e in scene.unseen or ())
+                assert executor.run(["unseen_events", *both]) is unseen
+                for removed in set(range(n)) - {i, j}:
+                    happens = any(e.objects == (i, j) for e in scene.counterfactual[removed])
+                    program = ["all_events", *one(removed), "get_counterfact", *both]
+                    assert executor.run(program) is happens
+                    found += happens
+    assert found > 10
+
+
+def test_controls_are_kept() -> None:
+    config = SceneConfig(
+        objects={3: 1.0}, colors=("red", "blue"), held_out=("red cube", "metal"), speed=(2.0, 2.1), n_frames=60
+    )
+    scene = simulate_scene(500200, config)
+    assert len(scene.objects) == 3
+    assert all(o.material == "rubber" and (o.color, o.shape) != ("red", "cube") for o in scene.objects)
+    assert scene.motion.location_world.shape[1] == 84
+    speed = np.linalg.norm(scene.motion.velocity[0, 0])
+    assert 2.0 <= speed <= 2.1
+    wanted = simulate_scene(500201, replace(config, held_out=(), only=("red cube",)))
+    assert any((o.color, o.shape) == ("red", "cube") for o in wanted.objects)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"colors": ("pink",)}, "colors: expected some of gray"),
+        ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 objects or more"),
+        ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 kinds of objects for scenes of 6"),
+        ({"only": ("red",), "colors": ("blue",)}, "only: none of red is left"),
+        ({"n_frames": 5}, "n_frames: expected at least 10"),
+    ],
+)
+def test_impossible_controls_are_refused(values, message) -> None:
+    with pytest.raises(DataError, match=message):
+        SceneConfig(**values)
+
+
+def test_a_configuration_without_scenes_ends_with_an_error(monkeypatch) -> None:
+    monkeypatch.setattr("nsdr.generate.scene.RESTARTS", 2)
+    with pytest.raises(DataError, match="seed 1: no scene found in 2 tries"):
+        simulate_scene(1, SceneConfig(area=(5.0, 5.1, 5.0, 5.1)))
+
+
+def test_clevrers_view_is_its_camera() -> None:
+    points = np.random.default_rng(0).uniform(-2, 2, (50, 3))
+    np.testing.assert_allclose(View().pixels(points), pixels_from_world(points), atol=1e-3)
+    assert view_of(RenderConfig(), 7) == View()
+    jittered = RenderConfig(camera_jitter=0.2, light_jitter=0.5)
+    assert view_of(jittered, 7) == view_of(jittered, 7) != view_of(jittered, 8)
+    with pytest.raises(DataError, match="3:2"):
+        RenderConfig(width=320, height=320)
+
+
+def test_visibility_ends_where_the_outline_leaves_the_picture() -> None:
+    x = np.full(41, 0.0)
+    y = np.linspace(1.8, 2.8, 41)
+    shown = View().shows("sphere", np.stack([x, y, np.full(41, 0.2)], 1), np.zeros(41))
+    inside = [outline("sphere", 0.0, v)[:, 0].min() < 480 for v in y]
+    np.testing.assert_array_equal(shown, inside)
+    assert shown[0]
+    assert not shown[-1]
+
+
+@pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
+def test_masks_are_the_outlines(shape: str) -> None:
+    orientation = np.array([np.pi / 2 if shape == "cylinder" else 0.0, 0.0, 0.4])
+    place = np.array([0.3, -0.5, 0.2])
+    mask = instance_ids([Solid(shape, place, drawn_rotation(shape, orientation).as_matrix())], View()) == 0
+    drawn = np.zeros((320, 480), np.uint8)
+    polygon = outline(shape, place[0], place[1], 0.4)
+    cv2.fillPoly(drawn, [np.round((polygon - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    union = (mask | (drawn > 0)).sum()
+    assert (mask & (drawn > 0)).sum() / union > 0.95
+
+
+def test_nearer_objects_cover_farther_ones() -> None:
+    back, front = (Solid("sphere", np.array([x, 0.0, 0.2]), np.eye(3)) for x in (-0.4, 0.0))
+    alone = (instance_ids([back], View()) == 0).sum()
+    both = instance_ids([back, front], View())
+    assert 0 < (both == 0).sum() < alone
+    assert (both == 1).sum() == (instance_ids([front], View()) == 0).sum()
+
+
+def test_the_preview_looks_like_its_objects() -> None:
+    objects = (SceneObject(0, "red", "rubber", "cube"), SceneObject(1, "cyan", "metal", "sphere"))
+    solids = [Solid("cube", np.array([0.0, -0.8, 0.2]), np.eye(3)), Solid("sphere", np.array([0, 0.8, 0.2]), np.eye(3))]
+    picture = render_preview(objects, solids, View())
+    empty = render_preview((), (), View())
+    assert picture.shape == empty.shape == (320, 480, 3)
+    assert 115 < empty.mean() < 150  # the release's empty scene has 133
+    ids = instance_ids(solids, View())
+    red, cyan = picture[ids == 0].mean(0), picture[ids == 1].mean(0)
+    assert red[0] > 1.5 * red[1]
+    assert cyan[1] > 1.5 * cyan[0]
+    assert (empty[ids < 0].astype(int) - picture[ids < 0]).max() > 20  # shadows
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory) -> DatasetConfig:
+    scene = SceneConfig(objects={3: 1.0}, n_frames=40)
+    render = RenderConfig(width=120, height=80)
+    config = DatasetConfig(str(tmp_path_factory.mktemp("set")), 3, 500300, scene=scene, render=render, workers=1)
+    generate_dataset(config)
+    return config
+
+
+def test_a_generated_data_set_verifies_clean_and_reads(tiny, capsys) -> None:
+    assert main(["data", "verify", tiny.output]) == 0
+    assert "complete" in capsys.readouterr().out.splitlines()[-1]
+    split = CLEVRER(tiny.output).split("train")
+    assert split.indices == range(0, 2)
+    scene = scene_from_annotation(split.annotation(1))
+    assert scene.n_frames == 40
+    truth = scene_from_truth(read_json(Files(tiny.output, "train", 1).truth), 40)
+    assert truth.objects == scene.objects
+    assert truth.events == scene.events
+    assert truth.unseen is not None
+    proposals = split.proposals(1)
+    assert proposals.n_frames == 40
+    with pytest.warns(UserWarning, match=r"120x80 px|40 frames"):
+        assert read_video(split.video(1)).shape == (40, 320, 480, 3)
+    assert not (Path(tiny.output) / "annotations" / "test").exists()
+
+
+def test_the_manifest_and_statistics_tell_how_it_was_made(tiny) -> None:
+    manifest = read_json(Path(tiny.output) / "manifest.json")
+    assert manifest["config"]["seed"] == 500300
+    assert manifest["splits"] == {"train": [0, 2], "validation": [10000, 10000], "test": [15000, 15001]}
+    assert "pybullet" in manifest["versions"]
+    assert "/" not in json.dumps(manifest["config"])
+    text = (Path(tiny.output) / "statistics.md").read_text()
+    assert "## Collisions in a video" in text
+    assert "| release | 0.5 | 35.6 |" in text
+    assert (Path(tiny.output) / "statistics.png").stat().st_size > 1000
+
+
+def test_generation_goes_on_where_it_stopped(tiny) -> None:
+    kept = Files(tiny.output, "train", 0)
+    lost = Files(tiny.output, "train", 1)
+    before = kept.video.stat().st_mtime_ns, lost.truth.read_bytes(), lost.annotation.read_bytes()
+    lost.truth.unlink()
+    lost.annotation.unlink()
+    generate_dataset(tiny)
+    assert (kept.video.stat().st_mtime_ns, lost.truth.read_bytes(), lost.annotation.read_bytes()) == before
+    with pytest.raises(DataError, match="made with another seed; choose another folder"):
+        generate_dataset(replace(tiny, seed=1))
+
+
+def test_one_failing_video_does_not_stop_the_rest(tiny, tmp_path, monkeypatch) -> None:
+    make = dataset.make_video
+
+    def failing(config, split, index):
+        if index == 0:
+            raise OSError("disk is full")
+        make(config, split, index)
+
+    monkeypatch.setattr(dataset, "make_video", failing)
+    config = replace(tiny, output=str(tmp_path / "set"), renderer="none", masks=False)
+    with pytest.raises(DataError, match=r"1 of 3 videos failed.*video 0: OSError: disk is full"):
+        generate_dataset(config)
+    assert Files(config.output, "train", 1).truth.exists()
+
+
+def test_blender_frames_resume(tiny, tmp_path, monkeypatch, scenes) -> None:
+    rendered = []
+
+    class Drawing:
+        def render(self, objects, solids, view, path):
+            rendered.append(Path(path).name)
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(path), np.zeros((8, 12, 3), np.uint8))
+
+    monkeypatch.setattr(dataset, "_blender", lambda config: Drawing())
+    scene = replace(scenes[0], n_frames=3)
+    frames = partial(dataset._blender_frames, RenderConfig(), tmp_path / "w", scene, View())
+    assert len(list(frames())) == 3
+    (tmp_path / "w" / "001.png").unlink()
+    assert len(list(frames())) == 3
+    assert rendered == ["000.png", "001.png", "002.png", "001.png"]
+
+
+def test_missing_blender_is_told_with_its_remedy(monkeypatch) -> None:
+    import sys
+
+    from nsdr.generate.blender import Blender
+
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    with pytest.raises(DataError, match=r"pip install 'nsdr\[render\]'.*or choose renderer: preview"):
+        Blender(RenderConfig())
+
+
+def test_bad_data_set_options_are_refused(tmp_path, capsys) -> None:
+    for values, message in (
+        ({"renderer": "oil"}, "renderer is 'oil'; expected one of preview"),
+        ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
+        ({"videos": 0}, "videos: expected at least 1"),
+    ):
+        with pytest.raises(DataError, match=message):
+            DatasetConfig(str(tmp_path), **values)
+    with pytest.raises(DataError, match="25000 are too many for train"):
+        DatasetConfig(str(tmp_path), 50000).indices()
+    assert main(["generate", "film"]) == 2
+    assert "expected one of dataset" in capsys.readouterr().err
+
+
+def test_scene_command_writes_a_truth_file(tmp_path, capsys) -> None:
+    path = tmp_path / "truth.json"
+    assert main(["generate", "scene", "-o", str(path), "--seed", "500400", "--scene.objects", '{"3": 1}']) == 0
+    assert capsys.readouterr().out.endswith(f"{path}\n")
+    assert len(scene_from_truth(read_json(path)).objects) == 3
+
+
+def test_statistics_count_what_scenes_hold(small_scene) -> None:
+    counts = count_scenes([small_scene])
+    assert counts["collisions"] == {"2": 1.0}
+    assert counts["collision_frame"] == {"20": 0.5, "40": 0.5}
+    assert counts["unseen"] == {"1": 1.0}
+    assert set(released_statistics()) >= {"objects", "collisions", "enters", "exits", "collision_frame"}
+
+
+def test_physics_is_configurable() -> None:
+    def last_speed(config: PhysicsConfig) -> float:
+        with Simulator(config) as simulator:
+            return float(simulator.run([cube(-2, 0, 2.0)], 40).velocity[0, -1, 0])
+
+    assert last_speed(PhysicsConfig(friction=0.1)) < last_speed(PhysicsConfig()) - 0.3
+
+
+def test_resimulation_finds_masses(scenes) -> None:
+    annotation = {
+        "object_property": [{"shape": "sphere"}, {"shape": "sphere"}],
+        "collision": [],
+        "motion_trajectory": [],
+    }
+    bodies = [ball(-0.8, 0, 2.0, mass=1.0), ball(0, 0.05, mass=0.75)]
+    with Simulator() as simulator:
+        motion = simulator.run(bodies, 40)
+        annotation["collision"] = [{"object_ids": [0, 1], "frame_id": motion.contacts[0].frame}]
+        names = ("location", "orientation", "velocity", "angular_velocity")
+        values = (motion.location_world, motion.orientation, motion.velocity, motion.angular_velocity)
+        for f in range(40):
+            rows = [
+                {"object_id": i, **{n: v[i, f].tolist() for n, v in zip(names, values, strict=True)}} for i in range(2)
+            ]
+            annotation["motion_trajectory"].append({"objects": rows})
+        result = resimulate(annotation, simulator, evaluations=15)
+    assert result.mass[1] == pytest.approx(0.75, abs=0.04)
+    assert result.extra == ()
+    ((expected, found),) = result.frames.values()
+    assert expected == found
+    assert result.error_world[:, -1].max() < 0.05

@@ -1,0 +1,99 @@
+"""Task engines: failures, lost workers, a Ray cluster of two nodes."""
+
+import os
+import threading
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from nsdr import DataError
+from nsdr.parallel import run_tasks
+
+
+def double(number: int) -> int:
+    if number == 3:
+        raise ValueError("three")
+    return 2 * number
+
+
+def die_once(folder: str, number: int) -> int:
+    """Kills its process the first time that it is asked for 2."""
+    mark = Path(folder) / "died"
+    if number == 2 and not mark.exists():
+        mark.touch()
+        os._exit(1)
+    return number
+
+
+def die(number: int) -> int:
+    os._exit(1)
+
+
+def wait_for(folder: str, number: int) -> int:
+    """Says that it runs, and ends when it may."""
+    (Path(folder) / f"started-{number}-{time.monotonic_ns()}").touch()
+    while not (Path(folder) / "go").exists():
+        time.sleep(0.05)
+    return number
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_all_tasks_end_and_failures_are_told(workers: int) -> None:
+    outcomes = {o.item: o for o in run_tasks(double, range(5), workers=workers)}
+    assert {i: o.result for i, o in outcomes.items()} == {0: 0, 1: 2, 2: 4, 3: None, 4: 8}
+    assert outcomes[3].error == "ValueError: three"
+
+
+def test_a_lost_workers_tasks_are_done_again(tmp_path) -> None:
+    outcomes = list(run_tasks(partial(die_once, str(tmp_path)), range(5), workers=2))
+    assert sorted(o.result for o in outcomes) == [0, 1, 2, 3, 4]
+
+
+def test_a_task_that_kills_every_worker_fails() -> None:
+    outcomes = list(run_tasks(die, range(2), workers=2))
+    assert [o.error for o in outcomes] == ["its worker process died 3 times"] * 2
+
+
+def test_unknown_engines_are_refused() -> None:
+    with pytest.raises(DataError, match="engine is 'grid'; expected one of processes, ray"):
+        list(run_tasks(double, [1], engine="grid"))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_ray_does_a_lost_nodes_tasks_again(tmp_path) -> None:
+    import ray
+    from ray.cluster_utils import Cluster
+
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    try:
+        second = cluster.add_node(num_cpus=1)
+        ray.init(address=cluster.address, log_to_driver=False, runtime_env={"env_vars": {"PYTHONPATH": os.getcwd()}})
+        assert len([n for n in ray.nodes() if n["Alive"]]) == 2
+        removed = False
+        results = []
+        tasks = run_tasks(partial(wait_for, str(tmp_path)), range(4), engine="ray")
+
+        def lose_a_node() -> None:
+            nonlocal removed
+            while len({p.name.split("-")[1] for p in tmp_path.glob("started-*")}) < 2:
+                time.sleep(0.05)
+            cluster.remove_node(second, allow_graceful=False)
+            while len([n for n in ray.nodes() if n["Alive"]]) > 1:
+                time.sleep(0.05)
+            removed = True
+            time.sleep(3)  # its workers end when they miss it
+            (tmp_path / "go").touch()
+
+        thread = threading.Thread(target=lose_a_node)
+        thread.start()
+        results = [o.result for o in tasks]
+        thread.join()
+        assert removed
+        assert sorted(results) == [0, 1, 2, 3]
+        assert len(list(tmp_path.glob("started-*"))) >= 5  # one was begun again
+        assert [o.error for o in run_tasks(double, [3], engine="ray")] == ["ValueError: three"]
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
