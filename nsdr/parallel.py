@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
 from nsdr.errors import DataError
 
-__all__ = ["ENGINES", "Outcome", "run_tasks"]
+__all__ = ["ENGINES", "Outcome", "run_in_order", "run_tasks"]
 
 ENGINES = ("processes", "ray")
 ATTEMPTS = 3
@@ -55,6 +56,29 @@ def run_tasks(
             yield _attempt(function, item)
     else:
         yield from _with_processes(function, items, workers or os.cpu_count() or 1)
+
+
+def run_in_order(
+    function: Callable[[Item], Any], items: Sequence[Item], engine: str = "processes", workers: int = 0
+) -> Iterator[Any]:
+    """Results of `run_tasks` in the order of the items.
+
+    Raises:
+        DataError: a task failed.
+    """
+    waiting: dict[int, Any] = {}
+    following = 0
+    for outcome in run_tasks(partial(_numbered, function), list(enumerate(items)), engine, workers):
+        if outcome.error:
+            raise DataError(outcome.error)
+        waiting[outcome.item[0]] = outcome.result
+        while following in waiting:
+            yield waiting.pop(following)
+            following += 1
+
+
+def _numbered(function: Callable[[Item], Any], item: tuple[int, Item]) -> Any:
+    return function(item[1])
 
 
 def _attempt(function: Callable[[Item], Any], item: Item) -> Outcome[Item]:

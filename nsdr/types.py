@@ -7,7 +7,7 @@ picture, (column, row); world units are CLEVRER's ground plane (x towards the ca
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any
 
@@ -51,6 +51,14 @@ def _check_array(owner: object, name: str, shape: Sequence[int | None], kind: st
 def _check(condition: bool, message: str) -> None:
     if not condition:
         raise DataError(message)
+
+
+class _Picklable:
+    """Frozen mappings travel to other processes as dictionaries."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = (getattr(self, f.name) for f in fields(self))  # type: ignore[arg-type]
+        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
 
 
 @dataclass(frozen=True)
@@ -221,7 +229,7 @@ class Rollout:
 
 
 @dataclass(frozen=True)
-class DynamicsPrediction:
+class DynamicsPrediction(_Picklable):
     """The dynamics predictor's output for one video.
 
     Attributes:
@@ -246,7 +254,7 @@ class DynamicsPrediction:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(_Picklable):
     """The symbolic scene a program runs on.
 
     Attributes:

@@ -1,7 +1,7 @@
 """CLEVRER's question files (schema: `train.json`, `validation.json`, `test.json`)."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ __all__ = [
     "SceneQuestions",
     "iterate_questions",
     "read_questions",
+    "without_answers",
     "write_questions",
 ]
 
@@ -72,6 +73,15 @@ def read_questions(path: str | Path) -> list[SceneQuestions]:
 def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
     """Write a question file in the official schema, atomically; inverse of `read_questions`."""
     write_json(path, [_scene_row(scene) for scene in scenes])
+
+
+def without_answers(scene: SceneQuestions) -> SceneQuestions:
+    """The same questions as the test split has them: without answers and programs."""
+    questions = []
+    for q in scene.questions:
+        choices = tuple(replace(c, program=None, answer=None) for c in q.choices)
+        questions.append(replace(q, program=None, answer=None, choices=choices))
+    return replace(scene, questions=tuple(questions))
 
 
 def _scene_row(scene: SceneQuestions) -> dict[str, Any]:

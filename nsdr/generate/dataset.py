@@ -17,16 +17,19 @@ from tqdm import tqdm
 
 from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import SPLITS
+from nsdr.clevrer.questions import without_answers, write_questions
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.errors import DataError
 from nsdr.files import read_json, write_json
 from nsdr.generate.encode import write_video
 from nsdr.generate.preview import render_preview
+from nsdr.generate.question_statistics import write_question_statistics
+from nsdr.generate.questions import Candidates, QuestionConfig, find_candidates, select_questions
 from nsdr.generate.records import annotation_document, frame_masks, proposal_document, solids_at, truth_document
 from nsdr.generate.scene import SceneConfig, SimulatedScene, simulate_scene
 from nsdr.generate.statistics import count_scenes, write_statistics
 from nsdr.generate.view import RenderConfig, View, view_of
-from nsdr.parallel import run_tasks
+from nsdr.parallel import run_in_order, run_tasks
 
 __all__ = ["DatasetConfig", "Files", "generate_dataset", "make_video"]
 
@@ -45,6 +48,7 @@ class DatasetConfig:
         seed: added to a video's index, gives its scene's seed.
         splits: share of the videos in each of train, validation and test.
         renderer: "preview" (fast), "blender", or "none" for data sets without videos.
+        questions: balanced questions for each split; the test split's answers are in `truth/questions_test.json` only.
         masks: also write exact masks as mask proposals (about 0.3 MB a video).
         scene: what scenes look like.
         render: how they are rendered.
@@ -58,6 +62,7 @@ class DatasetConfig:
     splits: Mapping[str, float] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
     renderer: str = "preview"
     masks: bool = True
+    questions: QuestionConfig | None = field(default_factory=QuestionConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
     engine: str = "processes"
@@ -127,11 +132,36 @@ def generate_dataset(config: DatasetConfig) -> Path:
                 log.warning(failed[-1])
     if failed:
         raise DataError(f"{root}: {len(failed)} of {len(jobs)} videos failed, run the command again; {failed[0]}")
+    if config.questions is not None:
+        for split, indices in config.indices().items():
+            _write_split_questions(config, split, indices)
     truths = (read_json(Files(root, *job).truth) for job in jobs)
     counts = count_scenes(scene_from_truth(t, t["n_frames"]) for t in truths)
     write_statistics(root, counts, f"{len(jobs)} generated videos")
     shutil.rmtree(root / ".work", ignore_errors=True)
     return root
+
+
+def _write_split_questions(config: DatasetConfig, split: str, indices: range) -> None:
+    assert config.questions is not None
+    if not indices:
+        return
+    paths = [Files(config.output, split, i).truth for i in indices]
+    found = run_in_order(partial(_scene_candidates, config.questions.seed), paths, config.engine, config.workers)
+    scenes = list(select_questions(tqdm(found, total=len(paths), unit="scene", desc="questions"), config.questions))
+    root = Path(config.output)
+    if split == "test":
+        write_questions(root / "truth" / "questions_test.json", scenes)
+        scenes = [without_answers(scene) for scene in scenes]
+    else:
+        write_question_statistics(root / "questions" / split, scenes)
+    write_questions(root / "questions" / f"{split}.json", scenes)
+
+
+def _scene_candidates(seed: int, path: Path) -> Candidates:
+    truth = read_json(path)
+    index = truth["scene_index"]
+    return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth, truth["n_frames"])), seed)
 
 
 def _manifest(config: DatasetConfig) -> dict[str, Any]:
@@ -142,7 +172,11 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     values["scene"]["objects"] = {str(k): v for k, v in values["scene"]["objects"].items()}
     values = _as_json(values)
     splits = {name: [r.start, r.stop] for name, r in config.indices().items()}
-    kinds = [k for k, wanted in (("videos", config.renderer != "none"), ("proposals", config.masks)) if wanted]
+    wanted = {
+        "videos": config.renderer != "none",
+        "proposals": config.masks,
+        "questions": config.questions is not None,
+    }
     versions = {"python": platform.python_version()}
     for name in VERSIONS_OF:
         try:
@@ -153,7 +187,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
         "generator": "nsdr generate dataset",
         "config": values,
         "splits": splits,
-        "kinds": ["annotations", *kinds],
+        "kinds": ["annotations", *(kind for kind, is_wanted in wanted.items() if is_wanted)],
         "n_frames": config.scene.n_frames,
         "versions": versions,
     }

@@ -9,7 +9,7 @@ from typing import Any
 from nsdr.files import atomic_path, parse_json
 from nsdr.types import Scene
 
-__all__ = ["count_scenes", "released_statistics", "write_statistics"]
+__all__ = ["bar_charts", "count_scenes", "released_statistics", "write_statistics"]
 
 FRAME_BIN = 10
 Counts = dict[str, dict[str, float]]

@@ -1,196 +1,286 @@
-"""CLEVRER's question grammar: draws questions and choices with their programs.
+"""CLEVRER's question grammar: texts with their programs, at random or all that fit a scene.
 
-The wordings are those of the released questions; every text has exactly one program. Objects are described by random
-attribute words, so texts need not fit any scene: this trains the parser, not the executor.
+The wordings are those of the released questions; every text has exactly one program. Templates make two kinds of choices:
+of content (`pick`: another program) and of wording (`vary`: the same program). `sample` takes both at random, with objects
+described by random words: this trains the parser. `nsdr.generate.questions` goes through all content that a scene offers.
 """
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from typing import ClassVar, Protocol, TypeVar
 
 from nsdr.clevrer.vocab import COLORS, MATERIALS, SHAPES
 
-__all__ = ["TEXT_KINDS", "sample"]
+__all__ = ["TEXT_KINDS", "Chooser", "Grammar", "Pair", "Phrases", "described", "every", "sample"]
 
+T = TypeVar("T")
 Pair = tuple[str, list[str]]
 """A text (or a part of one) and its postfix tokens."""
 
 
-def _object(rng: random.Random, plural: bool = False, bare: float = 0.0) -> Pair:
-    """Such as "red metal cube" and its filters; "object" alone with chance `bare`."""
-    words: list[str] = []
-    tokens: list[str] = []
-    color, material, shape = rng.random() < 0.5, rng.random() < 0.5, rng.random() < 0.6
-    if rng.random() < bare:
-        color = material = shape = False
-    elif not (color or material or shape):
-        color = True
-    for used, name, choices in ((color, "color", COLORS), (material, "material", MATERIALS), (shape, "shape", SHAPES)):
-        if used:
-            word = rng.choice(choices)
-            words.append(word)
-            tokens += [word, f"filter_{name}"]
-    if not shape:
-        words.append("object")
-    return " ".join(words) + ("s" if plural else ""), tokens
+class Chooser(Protocol):
+    """Takes the templates' choices."""
+
+    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """One of several contents."""
+        ...
+
+    def vary(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """One of several wordings."""
+        ...
 
 
-def _one(rng: random.Random) -> Pair:
-    """ "the red cube" as a single object."""
-    text, tokens = _object(rng)
-    return f"the {text}", ["objects", *tokens, "unique"]
+class Phrases(Protocol):
+    """Finds words for objects, as attribute words in the order color, material, shape."""
+
+    def one(self, choose: Chooser) -> tuple[str, ...]:
+        """Words for a single object."""
+        ...
+
+    def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        """Words for a class of objects, perhaps none, and none of the attribute `without`.
+
+        `use`: "counted", "moves" (the one of them that moves or rests is meant) or "enters" (the one that enters or exits).
+        """
+        ...
 
 
-def _in_or_out(rng: random.Random) -> tuple[str, str]:
-    return rng.choice([("enter", "filter_in"), ("exit", "filter_out")])
+def described(words: Sequence[str], plural: bool = False) -> Pair:
+    """Such as "red metal cube" and its filters; without a shape word it ends in "object"."""
+    names = [("color" if w in COLORS else "material" if w in MATERIALS else "shape") for w in words]
+    tokens = [token for word, name in zip(words, names, strict=True) for token in (word, f"filter_{name}")]
+    noun = [] if "shape" in names else ["object"]
+    return " ".join([*words, *noun]) + ("s" if plural else ""), tokens
 
 
-def _time(rng: random.Random) -> Pair:
-    kind = rng.choice(["none", "video", "object"])
-    if kind == "none":
-        return "", ["null"]
-    if kind == "video":
-        verb, token = rng.choice([("begins", "start"), ("ends", "end")])
-        return f" when the video {verb}", [token, "get_frame"]
-    text, tokens = _one(rng)
-    verb, token = _in_or_out(rng)
-    return f" when {text} {verb}s the scene", ["events", *tokens, token, "unique", "get_frame"]
+class Grammar:
+    """The templates. Each method makes one text.
 
+    Args:
+        choose: takes the choices.
+        phrases: finds words for objects.
+    """
 
-def _before_after(rng: random.Random) -> Pair:
-    if rng.random() < 0.35:
-        return "", ["events"]
-    text, tokens = _one(rng)
-    verb, token = _in_or_out(rng)
-    side = rng.choice(["before", "after"])
-    return f" {side} {text} {verb}s the scene", ["events", "events", *tokens, token, "unique", f"filter_{side}"]
+    def __init__(self, choose: Chooser, phrases: Phrases) -> None:
+        self.choose, self.phrases = choose, phrases
 
+    def one(self) -> Pair:
+        """ "the red cube" as a single object."""
+        text, tokens = described(self.phrases.one(self.choose))
+        return f"the {text}", ["objects", *tokens, "unique"]
 
-def _motion(rng: random.Random) -> tuple[str, str]:
-    return rng.choice([("moving", "filter_moving"), ("stationary", "filter_stationary")])
+    def some(self, use: str, without: str = "") -> Pair:
+        """ "red cubes" or "red cube" as a class."""
+        return described(self.phrases.some(self.choose, use, without), plural=use == "counted")
 
+    def in_or_out(self) -> tuple[str, str]:
+        return self.choose.pick([("enter", "filter_in"), ("exit", "filter_out")])
 
-def _count_or_exist_events(rng: random.Random) -> Pair:
-    when, events = _before_after(rng)
-    if rng.random() < 0.25:
-        if rng.random() < 0.7:
-            return f"How many collisions happen{when}?", [*events, "objects", "filter_collision", "count"]
-        return f"Are there collisions{when}?", [*events, "objects", "filter_collision", "exist"]
-    text, tokens = _object(rng, plural=True, bare=0.4)
-    verb, token = _in_or_out(rng)
-    program = [*events, "objects", *tokens, token]
-    if rng.random() < 0.5:
-        return f"How many {text} {verb} the scene{when}?", [*program, "count"]
-    return f"Are there any {text} that {verb} the scene{when}?", [*program, "exist"]
+    def time(self) -> Pair:
+        kind = self.choose.pick(["none", "video", "object"])
+        if kind == "none":
+            return "", ["null"]
+        if kind == "video":
+            verb, token = self.choose.pick([("begins", "start"), ("ends", "end")])
+            return f" when the video {verb}", [token, "get_frame"]
+        text, tokens = self.one()
+        verb, token = self.in_or_out()
+        return f" when {text} {verb}s the scene", ["events", *tokens, token, "unique", "get_frame"]
 
+    def before_after(self) -> Pair:
+        if self.choose.pick([False, True], [0.65, 0.35]):
+            return "", ["events"]
+        text, tokens = self.one()
+        verb, token = self.in_or_out()
+        side = self.choose.pick(["before", "after"])
+        return f" {side} {text} {verb}s the scene", ["events", "events", *tokens, token, "unique", f"filter_{side}"]
 
-def _count_or_exist_motion(rng: random.Random) -> Pair:
-    when, frame = _time(rng)
-    text, tokens = _object(rng, plural=True, bare=0.4)
-    word, token = _motion(rng)
-    program = ["objects", *tokens, *frame, token]
-    form = rng.randrange(3)
-    if form == 0:
-        return f"How many {text} are {word}{when}?", [*program, "count"]
-    if form == 1:
-        return f"How many {word} {text} are there{when}?", [*program, "count"]
-    return f"Are there any {word} {text}{when}?", [*program, "exist"]
+    def motion(self) -> tuple[str, str]:
+        return self.choose.pick([("moving", "filter_moving"), ("stationary", "filter_stationary")])
 
+    def count_or_exist_events(self) -> Pair:
+        when, events = self.before_after()
+        last = self.choose.pick(["count", "exist"])
+        if self.choose.pick([False, True], [0.75, 0.25]):
+            start = "How many collisions happen" if last == "count" else "Are there collisions"
+            return f"{start}{when}?", [*events, "objects", "filter_collision", last]
+        text, tokens = self.some("counted")
+        verb, token = self.in_or_out()
+        program = [*events, "objects", *tokens, token, last]
+        if last == "count":
+            return f"How many {text} {verb} the scene{when}?", program
+        return f"Are there any {text} that {verb} the scene{when}?", program
 
-def _query(rng: random.Random) -> Pair:
-    name = rng.choice(["color", "material", "shape"])
-    text, tokens = rng.choice([_collision_partner, _enters_or_exits, _moves_or_rests])(rng)
-    start = rng.choice([f"What is the {name} of", f"What {name} is"])
-    return f"{start} the {text}?", [*tokens, f"query_{name}"]
+    def count_or_exist_motion(self) -> Pair:
+        when, frame = self.time()
+        text, tokens = self.some("counted")
+        word, token = self.motion()
+        last = self.choose.pick(["count", "exist"], [0.67, 0.33])
+        program = ["objects", *tokens, *frame, token, last]
+        if last == "exist":
+            return f"Are there any {word} {text}{when}?", program
+        wordings = [f"How many {text} are {word}{when}?", f"How many {word} {text} are there{when}?"]
+        return self.choose.vary(wordings), program
 
+    def query(self) -> Pair:
+        name = self.choose.pick(["color", "material", "shape"])
+        text, tokens = self.choose.pick([self.collision_partner, self.enters_or_exits, self.moves_or_rests])(name)
+        start = self.choose.vary([f"What is the {name} of", f"What {name} is"])
+        return f"{start} the {text}?", [*tokens, f"query_{name}"]
 
-def _ordered(rng: random.Random) -> Pair:
-    order = rng.choice(["", "first", "second", "last"])
-    return (f"{order} ", [order, "filter_order"]) if order else ("", ["unique"])
+    def ordered(self) -> Pair:
+        order = self.choose.pick(["", "first", "second", "last"])
+        return (f"{order} ", [order, "filter_order"]) if order else ("", ["unique"])
 
+    def collision_partner(self, _: str) -> Pair:
+        order, pick = self.ordered()
+        text, tokens = self.one()
+        program = ["events", *tokens, "filter_collision", *pick, *tokens, "get_col_partner"]
+        return f"{order}object to collide with {text}", program
 
-def _collision_partner(rng: random.Random) -> Pair:
-    order, pick = _ordered(rng)
-    text, tokens = _one(rng)
-    program = ["events", *tokens, "filter_collision", *pick, *tokens, "get_col_partner"]
-    return f"{order}object to collide with {text}", program
+    def enters_or_exits(self, asked: str) -> Pair:
+        order, pick = self.ordered()
+        verb, token = self.in_or_out()
+        text, tokens = self.some("enters", asked)
+        return f"{order}{text} that {verb}s the scene", ["events", "objects", *tokens, token, *pick, "get_object"]
 
+    def moves_or_rests(self, asked: str) -> Pair:
+        text, tokens = self.some("moves", asked)
+        when, frame = self.time()
+        word, token = self.motion()
+        phrase = self.choose.vary([f"{word} {text}{when}", f"{text} that is {word}{when}"])
+        return phrase, ["objects", *tokens, *frame, token, "unique"]
 
-def _enters_or_exits(rng: random.Random) -> Pair:
-    order, pick = _ordered(rng)
-    verb, token = _in_or_out(rng)
-    text, tokens = _object(rng, bare=0.8)
-    return f"{order}{text} that {verb}s the scene", ["events", "objects", *tokens, token, *pick, "get_object"]
-
-
-def _moves_or_rests(rng: random.Random) -> Pair:
-    text, tokens = _object(rng, bare=0.3)
-    when, frame = _time(rng)
-    word, token = _motion(rng)
-    phrase = f"{word} {text}{when}" if rng.random() < 0.5 else f"{text} that is {word}{when}"
-    return phrase, ["objects", *tokens, *frame, token, "unique"]
-
-
-def _event(rng: random.Random, kinds: str) -> Pair:
-    """An event as a noun phrase; `kinds` holds c (collision), i (in), o (out)."""
-    kind = rng.choice(kinds)
-    text, tokens = _one(rng)
-    if kind == "c":
-        other, other_tokens = _one(rng)
-        phrase = rng.choice([f"the collision between {text} and {other}", f"{text}'s colliding with {other}"])
+    def collision(self) -> Pair:
+        text, tokens = self.one()
+        other, other_tokens = self.one()
+        phrase = self.choose.vary([f"the collision between {text} and {other}", f"{text}'s colliding with {other}"])
         return phrase, ["events", *tokens, "filter_collision", *other_tokens, "filter_collision", "unique"]
-    if kind == "i":
-        phrase = rng.choice([f"{text}'s entrance", f"{text}'s entering the scene"])
+
+    def entrance(self) -> Pair:
+        text, tokens = self.one()
+        phrase = self.choose.vary([f"{text}'s entrance", f"{text}'s entering the scene"])
         return phrase, ["events", *tokens, "filter_in", "unique"]
-    phrase = rng.choice([f"{text}'s exit", f"{text}'s exiting the scene"])
-    return phrase, ["events", *tokens, "filter_out", "unique"]
 
+    def exit(self) -> Pair:
+        text, tokens = self.one()
+        phrase = self.choose.vary([f"{text}'s exit", f"{text}'s exiting the scene"])
+        return phrase, ["events", *tokens, "filter_out", "unique"]
 
-def _explanatory(rng: random.Random) -> Pair:
-    text, tokens = _event(rng, "cco")
-    negated = rng.random() < 0.5
-    program = ["events", *tokens, "filter_ancestor", "belong_to", *(["negate"] if negated else [])]
-    return f"Which of the following is {'not ' if negated else ''}responsible for {text}?", program
-
-
-def _predictive(rng: random.Random) -> Pair:
-    text = rng.choice(["What will happen next?", "Which event will happen next?"])
-    return text, ["unseen_events", "belong_to"]
-
-
-def _counterfactual(rng: random.Random) -> Pair:
-    text, tokens = _one(rng)
-    negated = rng.random() < 0.5
-    subject = rng.choice(["what", "which event", "which of the following"])
-    condition = rng.choice([f"if {text} is removed", f"without {text}"])
-    will = f"{subject} will {'not ' if negated else ''}happen"
-    sentence = rng.choice([f"{will} {condition}?", f"{condition}, {will}?"])
-    program = ["all_events", *tokens, "get_counterfact", "belong_to", *(["negate"] if negated else [])]
-    return sentence[0].upper() + sentence[1:], program
-
-
-def _choice(rng: random.Random) -> Pair:
-    kind = rng.choice(["presence", "event", "happens"])
-    if kind == "presence":
-        text, tokens = _one(rng)
+    def presence(self) -> Pair:
+        text, tokens = self.one()
         return f"the presence of {text}", tokens
-    if kind == "event":
-        return _event(rng, "ccio")
-    (first, tokens), (second, other_tokens) = _one(rng), _one(rng)
-    sentence = rng.choice([f"{first} collides with {second}", f"{first} and {second} collide"])
-    program = ["all_events", *tokens, "filter_collision", *other_tokens, "filter_collision", "unique"]
-    return sentence[0].upper() + sentence[1:], program
+
+    def happens(self) -> Pair:
+        (first, tokens), (second, other_tokens) = self.one(), self.one()
+        sentence = self.choose.vary([f"{first} collides with {second}", f"{first} and {second} collide"])
+        program = ["all_events", *tokens, "filter_collision", *other_tokens, "filter_collision", "unique"]
+        return sentence[0].upper() + sentence[1:], program
+
+    def explanatory(self) -> Pair:
+        text, tokens = self.choose.pick([self.collision, self.exit], [2, 1])()
+        negated = self.choose.pick([False, True])
+        program = ["events", *tokens, "filter_ancestor", "belong_to", *(["negate"] if negated else [])]
+        return f"Which of the following is {'not ' if negated else ''}responsible for {text}?", program
+
+    def predictive(self) -> Pair:
+        text = self.choose.vary(["What will happen next?", "Which event will happen next?"])
+        return text, ["unseen_events", "belong_to"]
+
+    def counterfactual(self) -> Pair:
+        text, tokens = self.one()
+        negated = self.choose.pick([False, True])
+        subject = self.choose.vary(["what", "which event", "which of the following"])
+        condition = self.choose.vary([f"if {text} is removed", f"without {text}"])
+        will = f"{subject} will {'not ' if negated else ''}happen"
+        sentence = self.choose.vary([f"{will} {condition}?", f"{condition}, {will}?"])
+        program = ["all_events", *tokens, "get_counterfact", "belong_to", *(["negate"] if negated else [])]
+        return sentence[0].upper() + sentence[1:], program
+
+    def descriptive(self) -> Pair:
+        families = [self.count_or_exist_events, self.count_or_exist_motion, self.query]
+        return self.choose.pick(families, [3, 3, 5])()
+
+    def multiple_choice(self) -> Pair:
+        families = [self.explanatory, self.counterfactual, self.predictive]
+        return self.choose.pick(families, [8, 8, 1])()
+
+    def choice(self) -> Pair:
+        families = [self.presence, self.collision, self.entrance, self.exit, self.happens]
+        return self.choose.pick(families, [4, 2, 1, 1, 4])()
 
 
-_FAMILIES: dict[str, tuple[list[Callable[[random.Random], Pair]], list[int]]] = {
-    "descriptive": ([_count_or_exist_events, _count_or_exist_motion, _query], [3, 3, 5]),
-    "multiple_choice": ([_explanatory, _counterfactual, _predictive], [8, 8, 1]),
-    "choice": ([_choice], [1]),
-}
-TEXT_KINDS = tuple(_FAMILIES)
-"""The three kinds of text, each with a network of its own (paper, section 4.3)."""
+TEXT_KINDS = ("descriptive", "multiple_choice", "choice")
+"""The three kinds of text, each with a network of its own (paper, section 4.3). They are `Grammar`'s start symbols."""
+
+
+class _AtRandom:
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
+
+    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        return self.rng.choices(options, weights)[0]
+
+    vary = pick
+
+
+class _RandomWords:
+    BARE: ClassVar = {"counted": 0.4, "moves": 0.3, "enters": 0.8}
+    """How often a class has no attribute words."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
+
+    def one(self, choose: Chooser) -> tuple[str, ...]:
+        rng = self.rng
+        color, material, shape = rng.random() < 0.5, rng.random() < 0.5, rng.random() < 0.6
+        used = {"color": color or not (material or shape), "material": material, "shape": shape}
+        words = {"color": COLORS, "material": MATERIALS, "shape": SHAPES}
+        return tuple(rng.choice(words[name]) for name, is_used in used.items() if is_used)
+
+    def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        return () if self.rng.random() < self.BARE[use] else self.one(choose)
 
 
 def sample(kind: str, rng: random.Random) -> Pair:
-    """A random text of a kind ("descriptive", "multiple_choice" or "choice") and its program's tokens."""
-    families, weights = _FAMILIES[kind]
-    return rng.choices(families, weights)[0](rng)
+    """A random text of a kind ("descriptive", "multiple_choice" or "choice") and its program's tokens.
+
+    Objects are described by random attribute words, so texts need not fit any scene.
+    """
+    text: Pair = getattr(Grammar(_AtRandom(rng), _RandomWords(rng)), kind)()
+    return text
+
+
+class _Replay:
+    """Follows a path of picks, then takes the first option of each further one; wordings are drawn at random."""
+
+    def __init__(self, path: list[tuple[int, int]], rng: random.Random) -> None:
+        self.path, self.depth, self.rng = path, 0, rng
+
+    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        if self.depth == len(self.path):
+            self.path.append((0, len(options)))
+        index = self.path[self.depth][0]
+        self.depth += 1
+        return options[index]
+
+    def vary(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        return self.rng.choices(options, weights)[0]
+
+
+def every(symbol: Callable[[Grammar], Pair], phrases: Phrases, rng: random.Random) -> Iterator[Pair]:
+    """All contents of a symbol such as `Grammar.query`, each in a random wording.
+
+    Args:
+        symbol: method of `Grammar`.
+        phrases: what words there are for objects; has to make its choices of content by `pick`.
+        rng: draws the wordings.
+    """
+    path: list[tuple[int, int]] = []
+    while True:
+        yield symbol(Grammar(_Replay(path, rng), phrases))
+        while path and path[-1][0] + 1 == path[-1][1]:
+            path.pop()
+        if not path:
+            return
+        path[-1] = (path[-1][0] + 1, path[-1][1])

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nsdr.checkpoint import save_checkpoint
+from nsdr.checkpoint import load_checkpoint, save_checkpoint
 from nsdr.configuration import described, parse_config, resolved
 from nsdr.errors import DataError
 from nsdr.frame_parser.data import AugmentConfig, FrameDataset
@@ -27,6 +27,7 @@ class FrameParserTraining:
         frames: folder with `annotations_*.jsonl` and `images/`; every 20th scene is kept for evaluation.
         run_dir: where the run lives; an interrupted one goes on.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
+        initial: folder of a checkpoint to start from; "" starts from random weights.
         evaluation_frames: at most this many frames are measured.
         model: the network.
         augmentation: changes to training pictures.
@@ -36,6 +37,7 @@ class FrameParserTraining:
     frames: str
     run_dir: str
     output: str = ""
+    initial: str = ""
     evaluation_frames: int = 150
     model: FrameParserConfig = field(default_factory=FrameParserConfig)
     augmentation: AugmentConfig = field(default_factory=AugmentConfig)
@@ -49,6 +51,8 @@ class FrameParserTask:
         torch.manual_seed(config.loop.seed)
         self.config = config
         self.model: nn.Module = build_frame_parser(config.model).to(memory_format=torch.channels_last)
+        if config.initial:
+            self.model.load_state_dict(load_checkpoint(config.initial, "frame_parser")[0])
         self.training_frames = FrameDataset(config.frames, "train", config.augmentation)
         self.evaluation_frames = FrameDataset(config.frames, "evaluation")
 

@@ -1,0 +1,80 @@
+"""The paper's Q-type baselines: answers from the question's type alone. They show what a question set gives away."""
+
+import random
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+
+__all__ = ["PUBLISHED_Q_TYPE", "q_type_baselines"]
+
+PUBLISHED_Q_TYPE = {
+    "random": {
+        "descriptive": 29.2,
+        "explanatory": (50.1, 8.1),
+        "predictive": (50.7, 25.5),
+        "counterfactual": (50.1, 10.3),
+    },
+    "frequent": {
+        "descriptive": 33.0,
+        "explanatory": (50.2, 16.5),
+        "predictive": (50.0, 0.0),
+        "counterfactual": (50.2, 1.0),
+    },
+}
+"""Test split, percent, from the paper's table of baselines; multiple choice per option and per question."""
+
+
+def q_type_baselines(
+    scenes: Sequence[SceneQuestions], seed: int = 0, training: Sequence[SceneQuestions] | None = None
+) -> dict[str, dict[str, Any]]:
+    """Accuracies (0-1) of "random" and "frequent" answers, as {baseline: {type: accuracy or (per option, per question)}}.
+
+    Random draws an answer as often as it occurs for the question's subtype, or for the options of its type; frequent
+    takes the most frequent one.
+
+    Args:
+        scenes: questions with answers.
+        seed: of the random answers.
+        training: what the frequencies are counted on; None takes `scenes`.
+    """
+    answers: dict[str, Counter[str]] = defaultdict(Counter)
+    for question in _questions(training if training is not None else scenes):
+        answers[_key(question)].update(_answers(question))
+    rng = random.Random(seed)
+    result: dict[str, dict[str, Any]] = {}
+    for baseline in ("random", "frequent"):
+        right: dict[str, list[list[bool]]] = {kind: [] for kind in QUESTION_TYPES}
+        for question in _questions(scenes):
+            counts = answers[_key(question)]
+            guesses = [_guess(counts, baseline, rng) for _ in _answers(question)]
+            right[question.type].append([g == a for g, a in zip(guesses, _answers(question), strict=True)])
+        result[baseline] = {kind: _accuracy(kind, rows) for kind, rows in right.items() if rows}
+    return result
+
+
+def _questions(scenes: Sequence[SceneQuestions]) -> list[Question]:
+    return [q for scene in scenes for q in scene.questions]
+
+
+def _key(question: Question) -> str:
+    return question.subtype or question.type
+
+
+def _answers(question: Question) -> list[str]:
+    return [str(c.answer) for c in question.choices] or [str(question.answer)]
+
+
+def _guess(counts: Counter[str], baseline: str, rng: random.Random) -> str:
+    if not counts:
+        return ""
+    if baseline == "random":
+        return rng.choices(list(counts), list(counts.values()))[0]
+    return max(sorted(counts), key=lambda answer: counts[answer])
+
+
+def _accuracy(kind: str, rows: list[list[bool]]) -> Any:
+    options = [right for row in rows for right in row]
+    per_option = sum(options) / len(options)
+    return per_option if kind == "descriptive" else (per_option, sum(map(all, rows)) / len(rows))
