@@ -87,7 +87,7 @@ def test_network_learns_a_tiny_batch() -> None:
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    rows, probabilities = net.greedy(words)
+    rows, probabilities = net.search(words)
     assert [[PROGRAM_TOKENS[t] for t in row] for row in rows] == [p for _, p in pairs]
     assert min(probabilities) > 0.5
 

@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
+from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.tokenizer import END, PAD, START
 
 __all__ = ["ParserNetwork", "QuestionParserConfig"]
@@ -82,22 +84,52 @@ class ParserNetwork(nn.Module):
         return self.decode(tokens, states, mask, state)[0]
 
     @torch.no_grad()
-    def greedy(self, words: Tensor) -> tuple[list[list[int]], list[float]]:
-        """Most probable token after token: for words (B, T) the token indices of each text and their probability."""
+    def search(self, words: Tensor, kind: str = "", beam: int = 1) -> tuple[list[list[int]], list[float]]:
+        """Most probable programs by beam search; a beam of 1 takes the most probable token after token.
+
+        Args:
+            words: (B, T) word indices.
+            kind: kind of text, for decoding well-typed programs only (see `constraint`); "" permits every token.
+            beam: hypotheses kept for each text.
+
+        Returns:
+            The token indices of each text's program, and its probability among all sequences (0-1), the same with and
+            without the constraint.
+        """
         self.eval()
-        states, state, mask = self.encode(words)
-        batch = len(words)
-        token = torch.full((batch, 1), START, device=words.device)
-        log_probability = torch.zeros(batch, device=words.device)
-        ended = torch.zeros(batch, dtype=torch.bool, device=words.device)
-        columns = []
-        for _ in range(self.config.max_tokens):
+        states, (h, c), mask = self.encode(words)
+        batch, device = len(words), words.device
+        states, mask = states.repeat_interleave(beam, 0), mask.repeat_interleave(beam, 0)
+        state = (h.repeat_interleave(beam, 1), c.repeat_interleave(beam, 1))
+        token = torch.full((batch * beam, 1), START, device=device)
+        score = torch.full((batch, beam), float("-inf"), device=device)
+        score[:, 0] = 0.0
+        ended = torch.zeros(batch, beam, dtype=torch.bool, device=device)
+        rows = torch.zeros((batch, beam, 0), dtype=torch.long, device=device)
+        stacks = [first_stack(kind)] * (batch * beam)
+        first = (torch.arange(batch, device=device) * beam)[:, None]
+        for step in range(self.config.max_tokens):
             logits, state = self.decode(token, states, mask, state)
-            best, token = logits.log_softmax(-1).max(-1)
-            log_probability += best[:, 0].masked_fill(ended, 0.0)
-            columns.append(token[:, 0].masked_fill(ended, PAD))
-            ended |= token[:, 0] == END
+            following_scores = logits[:, 0].log_softmax(-1)
+            if kind:
+                masks = np.stack([allowed(stack, kind, step == 0) for stack in stacks])
+                following_scores = following_scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
+            following_scores = following_scores.view(batch, beam, -1)
+            only_padding = torch.full_like(following_scores, float("-inf"))
+            only_padding[..., PAD] = 0.0
+            following_scores = torch.where(ended[..., None], only_padding, following_scores)
+            n_tokens = following_scores.shape[-1]
+            score, best = (score[..., None] + following_scores).flatten(1).topk(beam)
+            parent, new = best // n_tokens, best % n_tokens
+            rows = torch.cat([rows.gather(1, parent[..., None].expand(-1, -1, step)), new[..., None]], -1)
+            ended = ended.gather(1, parent) | (new == END)
+            chosen = (first + parent).flatten()
+            state = (state[0][:, chosen], state[1][:, chosen])
+            token = new.view(-1, 1)
             if bool(ended.all()):
                 break
-        rows = torch.stack(columns, 1).tolist()
-        return [[t for t in row if t not in (PAD, END)] for row in rows], log_probability.exp().tolist()
+            if kind:
+                numbers = zip(chosen.tolist(), token[:, 0].tolist(), ended.flatten().tolist(), strict=True)
+                stacks = [None if done or t == PAD else following(stacks[i], t) for i, t, done in numbers]
+        found = rows[:, 0].tolist()
+        return [[t for t in row if t not in (PAD, END)] for row in found], score[:, 0].exp().tolist()

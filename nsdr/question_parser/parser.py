@@ -18,6 +18,7 @@ __all__ = ["QuestionParser", "build_networks", "pad"]
 
 LEAST_PROBABILITY = 0.9
 """Measured with the default weights: 2,877 real texts have 0.98 or more, sentences without sense 0.8 or less."""
+MOST_TEXTS_AT_ONCE = 512
 REMEDY = 'word it as CLEVRER\'s questions are, such as "How many cubes enter the scene?"'
 
 
@@ -39,18 +40,32 @@ class QuestionParser:
         tokenizer: word vocabulary.
         networks: as `build_networks` makes them.
         least_probability: programs that are less probable are refused.
+        constrained: decode well-typed programs only.
+        beam: hypotheses of the search; 1 is greedy.
+        unknown: "error", or "ignore" to warn and go on without words that are not known.
     """
 
     def __init__(
-        self, tokenizer: Tokenizer, networks: nn.ModuleDict, least_probability: float = LEAST_PROBABILITY
+        self,
+        tokenizer: Tokenizer,
+        networks: nn.ModuleDict,
+        least_probability: float = LEAST_PROBABILITY,
+        constrained: bool = True,
+        beam: int = 1,
+        unknown: str = "error",
     ) -> None:
+        if unknown not in ("error", "ignore"):
+            raise QuestionError(f"unknown is {unknown!r}; expected error or ignore")
+        if beam < 1:
+            raise QuestionError(f"beam is {beam}; expected at least 1")
         self.tokenizer = tokenizer
         self.least_probability = least_probability
+        self.constrained, self.beam, self.unknown = constrained, beam, unknown
         self.networks = networks.eval()
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path) -> "QuestionParser":
-        """Load `question_parser.safetensors` and its JSON.
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "QuestionParser":
+        """Load `question_parser.safetensors` and its JSON; `options` are the constructor's.
 
         Raises:
             CheckpointError: missing, corrupt, or made for other program tokens.
@@ -61,7 +76,7 @@ class QuestionParser:
         tokenizer = Tokenizer(details["words"])
         networks = build_networks(len(tokenizer), QuestionParserConfig(**details["config"]))
         networks.load_state_dict(state)
-        return cls(tokenizer, networks)
+        return cls(tokenizer, networks, **options)
 
     def parse(self, text: str, kind: str = "descriptive") -> Program:
         """The program of one text; `parse_batch` for many.
@@ -77,17 +92,25 @@ class QuestionParser:
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program]:
         """Programs of many texts of one kind; raises as `parse`."""
+        found = self.candidates(texts, kind)
+        return [self._program(t, tokens, kind, p) for t, (tokens, p) in zip(texts, found, strict=True)]
+
+    def candidates(self, texts: Sequence[str], kind: str = "descriptive") -> list[tuple[list[str], float]]:
+        """The most probable tokens of many texts, and their probability (0-1), whether or not they make a program.
+
+        Raises:
+            QuestionError: an unknown kind, an empty text or an unknown word.
+        """
         if kind not in TEXT_KINDS:
             raise QuestionError(f"kind is {kind!r}; expected one of {', '.join(TEXT_KINDS)}")
-        if not texts:
-            return []
-        words = pad([self.tokenizer.encode(text) for text in texts])
         network: Any = self.networks[kind]
-        rows, probabilities = network.greedy(words)
-        return [
-            self._program(text, [PROGRAM_TOKENS[t] for t in row], kind, probability)
-            for text, row, probability in zip(texts, rows, probabilities, strict=True)
-        ]
+        found: list[tuple[list[str], float]] = []
+        for start in range(0, len(texts), MOST_TEXTS_AT_ONCE):
+            words = pad([self.tokenizer.encode(t, self.unknown) for t in texts[start : start + MOST_TEXTS_AT_ONCE]])
+            rows, probabilities = network.search(words, kind if self.constrained else "", self.beam)
+            tokens = [[PROGRAM_TOKENS[t] for t in row] for row in rows]
+            found += list(zip(tokens, probabilities, strict=True))
+        return found
 
     def _program(self, text: str, tokens: list[str], kind: str, probability: float) -> Program:
         if OTHER in tokens:

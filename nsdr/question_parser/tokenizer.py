@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 
 from nsdr.errors import QuestionError
@@ -43,8 +44,12 @@ class Tokenizer:
     def __len__(self) -> int:
         return len(self.words) + 1
 
-    def encode(self, text: str) -> list[int]:
+    def encode(self, text: str, unknown: str = "error") -> list[int]:
         """Word indices of a text.
+
+        Args:
+            text: in English.
+            unknown: "error", or "ignore" to warn and leave out words that are not known.
 
         Raises:
             QuestionError: an empty text, or a word that is not known; names it and the nearest known ones.
@@ -52,9 +57,12 @@ class Tokenizer:
         words = split_words(text)
         if not words:
             raise QuestionError(f"the text {text!r} is empty")
-        unknown = [word for word in words if word not in self._index]
-        if unknown:
-            near = difflib.get_close_matches(unknown[0], self.words, n=3, cutoff=0.5)
+        strange = [word for word in words if word not in self._index]
+        if strange:
+            near = difflib.get_close_matches(strange[0], self.words, n=3, cutoff=0.5)
             hint = f"; did you mean {', '.join(near)}?" if near else "; docs/questions.md lists the known wordings"
-            raise QuestionError(f"unknown word {unknown[0]!r} in {text!r}{hint}")
-        return [self._index[word] for word in words]
+            message = f"unknown word {strange[0]!r} in {text!r}{hint}"
+            if unknown == "error" or len(strange) == len(words):
+                raise QuestionError(message)
+            warnings.warn(f"{message} (ignored)", stacklevel=2)
+        return [self._index[word] for word in words if word in self._index]

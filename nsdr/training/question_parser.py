@@ -1,9 +1,9 @@
 """Train the question parser: `nsdr train question-parser --config configs/question_parser/default.yaml`."""
 
 import random
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import torch
@@ -11,25 +11,33 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.checkpoint import save_checkpoint
+from nsdr.clevrer.questions import iterate_questions
 from nsdr.configuration import described, parse_config, resolved
-from nsdr.question_parser.grammar import TEXT_KINDS, sample
+from nsdr.errors import DataError
+from nsdr.question_parser.grammar import TEXT_KINDS, Pair, sample
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.question_parser.parser import build_networks, pad
+from nsdr.question_parser.paraphrase import paraphrased, read_paraphrases
+from nsdr.question_parser.parser import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["QuestionParserTraining", "main"]
 
+SAMPLES_FOR = {"descriptive": 1, "multiple_choice": 1, "choice": 4}
+"""The paper's n, n and 4n."""
 _TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
 @dataclass(frozen=True)
 class QuestionParserTraining:
-    """Training of the question parser on pairs drawn from the grammar.
+    """Training of the question parser on pairs drawn from the grammar, or on a question file.
 
     Attributes:
         run_dir: where the run lives; an interrupted one goes on.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
+        questions: question file in CLEVRER's format to learn from; "" draws from the grammar.
+        samples: learn from so many programs only: n descriptive, n multiple-choice and 4n choices (paper); 0 for all.
+        paraphrase: probability that a training text is reworded.
         other: share of each batch that is text of another kind, to be told apart.
         evaluation_texts: texts of each kind that are measured (drawn from seeds that training does not use).
         model: the networks.
@@ -38,6 +46,9 @@ class QuestionParserTraining:
 
     run_dir: str
     output: str = ""
+    questions: str = ""
+    samples: int = 0
+    paraphrase: float = 0.0
     other: float = 0.08
     evaluation_texts: int = 1000
     model: QuestionParserConfig = field(default_factory=QuestionParserConfig)
@@ -52,18 +63,42 @@ class QuestionParserTask:
         self.config = config
         vocabulary_rng = random.Random(0)
         texts = [sample(kind, vocabulary_rng)[0] for kind in TEXT_KINDS for _ in range(4000)]
+        if config.paraphrase:
+            texts += [paraphrased(text, vocabulary_rng) for text in texts]
         self.tokenizer = Tokenizer.from_texts(texts)
+        self.pool = self._pool()
         self.networks = build_networks(len(self.tokenizer), config.model)
         self.model: nn.Module = self.networks
 
-    def _draw(self, kind: str, size: int, rng: random.Random, other: float) -> list[tuple[str, list[str]]]:
+    def _pool(self) -> dict[str, list[Pair]] | None:
+        """The pairs to learn from; None for all that the grammar draws."""
+        config = self.config
+        if not config.questions and not config.samples:
+            return None
+        rng = random.Random(f"{config.loop.seed} pool")
+        if config.questions:
+            pool = read_pairs(config.questions)
+            for pairs in pool.values():
+                rng.shuffle(pairs)
+        else:
+            pool = {k: [sample(k, rng) for _ in range(SAMPLES_FOR[k] * config.samples)] for k in TEXT_KINDS}
+        if config.samples:
+            pool = {k: pairs[: SAMPLES_FOR[k] * config.samples] for k, pairs in pool.items()}
+        empty = [kind for kind, pairs in pool.items() if not pairs]
+        if empty:
+            raise DataError(f"{config.questions}: holds no {' and no '.join(empty)} texts with programs")
+        return pool
+
+    def _draw(self, kind: str, size: int, rng: random.Random) -> list[Pair]:
+        """Training pairs; some are of another kind, some reworded."""
         pairs = []
         for _ in range(size):
-            if rng.random() < other:
-                wrong = rng.choice([k for k in TEXT_KINDS if k != kind])
-                pairs.append((sample(wrong, rng)[0], [OTHER]))
-            else:
-                pairs.append(sample(kind, rng))
+            wrong = rng.random() < self.config.other
+            of = rng.choice([k for k in TEXT_KINDS if k != kind]) if wrong else kind
+            text, program = sample(of, rng) if self.pool is None else rng.choice(self.pool[of])
+            if rng.random() < self.config.paraphrase:
+                text = paraphrased(text, rng)
+            pairs.append((text, [OTHER] if wrong else program))
         return pairs
 
     def batch(self, size: int, rng: np.random.Generator) -> dict[str, tuple[Tensor, Tensor]]:
@@ -71,7 +106,7 @@ class QuestionParserTask:
         draw = random.Random(int(rng.integers(2**62)))
         batch = {}
         for kind in TEXT_KINDS:
-            pairs = self._draw(kind, size, draw, self.config.other)
+            pairs = self._draw(kind, size, draw)
             words = pad([self.tokenizer.encode(text) for text, _ in pairs])
             tokens = pad([[START, *(_TOKEN_INDEX[t] for t in program), END] for _, program in pairs])
             batch[kind] = (words, tokens)
@@ -88,15 +123,34 @@ class QuestionParserTask:
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         rng = random.Random("evaluation")
-        device = next(model.parameters()).device
+        parser = QuestionParser(self.tokenizer, self.networks, constrained=True, unknown="ignore")
         scores = {}
         for kind in TEXT_KINDS:
-            pairs = self._draw(kind, self.config.evaluation_texts, rng, 0.0)
-            network: Any = self.networks[kind]
-            rows, _ = network.greedy(pad([self.tokenizer.encode(text) for text, _ in pairs]).to(device))
-            right = [[PROGRAM_TOKENS[t] for t in row] == program for row, (_, program) in zip(rows, pairs, strict=True)]
-            scores[f"{kind}_exact"] = float(np.mean(right))
+            pairs = [sample(kind, rng) for _ in range(self.config.evaluation_texts)]
+            scores[f"{kind}_exact"] = exact_share(parser, pairs, kind)
+            reworded = [(p["text"], p["program"].split()) for p in read_paraphrases() if p["kind"] == kind]
+            scores[f"{kind}_paraphrase_exact"] = exact_share(parser, reworded, kind)
         return scores
+
+
+def exact_share(parser: QuestionParser, pairs: Sequence[Pair], kind: str) -> float:
+    """Share of texts of a kind whose most probable program is the right one; unknown words are left out silently."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = parser.candidates([text for text, _ in pairs], kind)
+    return float(np.mean([tokens == program for (tokens, _), (_, program) in zip(found, pairs, strict=True)]))
+
+
+def read_pairs(path: str) -> dict[str, list[Pair]]:
+    """Distinct texts with programs of a question file, by kind of text."""
+    found: dict[str, dict[str, list[str]]] = {kind: {} for kind in TEXT_KINDS}
+    for scene in iterate_questions(path):
+        for q in scene.questions:
+            kind = "multiple_choice" if q.choices else "descriptive"
+            for of, text, program in ((kind, q.text, q.program), *(("choice", c.text, c.program) for c in q.choices)):
+                if program:
+                    found[of][text] = list(program)
+    return {kind: list(texts.items()) for kind, texts in found.items()}
 
 
 def main(argv: Sequence[str] | None = None) -> str:
