@@ -5,10 +5,12 @@ import torch
 
 from nsdr import CheckpointError, Program, QuestionError, QuestionParser
 from nsdr.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.grammar import TEXT_KINDS, sample
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
+from nsdr.question_parser.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.parser import build_networks, pad
-from nsdr.question_parser.tokenizer import PROGRAM_TOKENS, Tokenizer, split_words
+from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS, Tokenizer, split_words
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +116,78 @@ def test_a_checkpoint_with_other_tokens_is_refused(tmp_path) -> None:
         QuestionParser.from_checkpoint(tmp_path)
     state, _ = load_checkpoint(tmp_path, "question_parser")
     assert set(state) == set(networks.state_dict())
+
+
+def test_unknown_words_can_be_left_out(parser: QuestionParser) -> None:
+    lenient = QuestionParser(parser.tokenizer, parser.networks, unknown="ignore")
+    with pytest.warns(UserWarning, match=r"unknown word 'gleaming'.*ignored"):
+        program = lenient.parse("How many gleaming cubes enter the scene?")
+    assert program == parser.parse("How many cubes enter the scene?")
+    with pytest.raises(QuestionError, match="unknown is 'skip'; expected error or ignore"):
+        QuestionParser(parser.tokenizer, parser.networks, unknown="skip")
+    with pytest.raises(QuestionError, match="beam is 0"):
+        QuestionParser(parser.tokenizer, parser.networks, beam=0)
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_untrained_networks_decode_well_typed_programs_only(kind: str) -> None:
+    torch.manual_seed(1)
+    config = QuestionParserConfig(embedding=16, hidden=16, max_tokens=200)
+    rng = random.Random(1)
+    texts = [sample(kind, rng)[0] for _ in range(20)]
+    tokenizer = Tokenizer.from_texts(texts)
+    networks = build_networks(len(tokenizer), config)
+    tokens = [t for t, _ in QuestionParser(tokenizer, networks).candidates(texts, kind)]
+    ended = [t for t in tokens if len(t) < 200 and "<other>" not in t]
+    for program in ended:
+        assert Program.parse(program).needs_choice == (kind == "multiple_choice")
+    free = [t for t, _ in QuestionParser(tokenizer, networks, constrained=False).candidates(texts, kind)]
+    assert free != tokens
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_the_constraint_permits_every_program_of_the_grammar(kind: str) -> None:
+    rng = random.Random(2)
+    index = {t: i for i, t in enumerate(PROGRAM_TOKENS)}
+    for _ in range(300):
+        stack = first_stack(kind)
+        for step, token in enumerate([index[t] for t in sample(kind, rng)[1]]):
+            assert allowed(stack, kind, step == 0)[token]
+            stack = following(stack, token)
+        assert allowed(stack, kind, False)[END]
+
+
+def test_beam_search_finds_programs_at_least_as_probable(parser: QuestionParser) -> None:
+    rng = random.Random(3)
+    texts = [sample("descriptive", rng)[0] for _ in range(20)]
+    greedy = parser.candidates(texts)
+    beam = QuestionParser(parser.tokenizer, parser.networks, beam=4).candidates(texts)
+    assert [t for t, _ in beam] == [t for t, _ in greedy]
+    assert all(b >= g - 1e-5 for (_, b), (_, g) in zip(beam, greedy, strict=True))
+    torch.manual_seed(0)
+    networks = build_networks(len(parser.tokenizer), QuestionParserConfig(embedding=8, hidden=8, max_tokens=6))
+    small = [QuestionParser(parser.tokenizer, networks, constrained=False, beam=b).candidates(texts) for b in (1, 3)]
+    assert sum(p for _, p in small[1]) >= sum(p for _, p in small[0]) - 1e-6
+
+
+def test_paraphrases_are_well_typed_and_not_in_the_grammar(parser: QuestionParser) -> None:
+    rows = read_paraphrases()
+    assert len(rows) >= 200
+    assert len({row["text"] for row in rows}) == len(rows)
+    for row in rows:
+        assert Program.parse(row["program"]).needs_choice == (row["kind"] == "multiple_choice")
+    rng = random.Random(4)
+    grammar = {sample(kind, rng)[0] for kind in TEXT_KINDS for _ in range(5000)}
+    assert not grammar & {row["text"] for row in rows}
+
+
+def test_rewordings_change_texts_and_keep_their_objects() -> None:
+    rng = random.Random(5)
+    changed = 0
+    for _ in range(300):
+        text, _ = sample("multiple_choice", rng)
+        reworded = paraphrased(text, rng)
+        changed += reworded != text
+        for color in set(text.split()) & {"red", "blue", "green", "gray"}:
+            assert color in reworded.lower().split()
+    assert changed > 200

@@ -51,13 +51,50 @@ def allowed(stack: Stack, kind: str, at_start: bool) -> NDArray[np.bool_]:
     for i, name in enumerate(PROGRAM_TOKENS):
         if name == OTHER:
             mask[i] = at_start
-        elif name in WORDS:
-            # A word is an argument of the filter that follows.
-            mask[i] = bool(stack) and stack[-1] == (Kind.EVENTS if WORDS[name] == Kind.ORDER else Kind.OBJECTS)
-        elif name in ARITY and len(stack) >= ARITY[name]:
-            grows = ARITY[name] == 0
-            fits = (name, *stack[len(stack) - ARITY[name] :]) in DISPATCH
-            mask[i] = fits and not (grows and len(stack) >= MOST_VALUES)
-    if not mask.any():  # values that nothing takes: the program ends ill-typed, and is refused
-        mask[END] = True
+        elif _fits(stack, name):
+            after = following(stack, i)
+            assert after is not None
+            mask[i] = len(after) <= MOST_VALUES and _can_end(after, kind)
     return mask
+
+
+def _fits(stack: tuple[Kind, ...], name: str) -> bool:
+    if name in WORDS:  # an argument of the filter that follows
+        return bool(stack) and stack[-1] == (Kind.EVENTS if WORDS[name] == Kind.ORDER else Kind.OBJECTS)
+    return name in ARITY and len(stack) >= ARITY[name] and (name, *stack[len(stack) - ARITY[name] :]) in DISPATCH
+
+
+_RULES = [(key[1:], result) for key, (_, result) in DISPATCH.items() if key[0] in PROGRAM_TOKENS]
+"""(kinds of the arguments, kind of the result) of the data set's modules."""
+
+
+@lru_cache(maxsize=1)
+def _from_nothing() -> frozenset[Kind]:
+    """Kinds that some tokens leave on an empty stack."""
+    found: set[Kind] = set(WORDS.values())
+    while True:
+        more = {result for arguments, result in _RULES if set(arguments) <= found}
+        if more <= found:
+            return frozenset(found)
+        found |= more
+
+
+@lru_cache(maxsize=64)
+def _from_one(kind: Kind) -> frozenset[Kind]:
+    """Kinds that a single value can be turned into by further tokens, itself included."""
+    found, new = {kind}, _from_nothing()
+    while True:
+        more = {r for a, r in _RULES if a and a[0] in found and all(other in new for other in a[1:])}
+        if more <= found:
+            return frozenset(found)
+        found |= more
+
+
+@lru_cache(maxsize=4096)
+def _can_end(stack: tuple[Kind, ...], kind: str) -> bool:
+    """Whether further tokens can bring the values of a stack down to one answer."""
+    on_top = _from_one(stack[-1])
+    for below in stack[-2::-1]:
+        joined = {r for a, r in _RULES if len(a) == 2 and a[0] == below and a[1] in on_top}
+        on_top = frozenset().union(*map(_from_one, joined))
+    return bool(on_top & _RESULTS[kind])

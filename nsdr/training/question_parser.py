@@ -3,7 +3,7 @@
 import random
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.parser import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
+from nsdr.training.ablation import parse_sizes, run_ablation
 from nsdr.training.loop import LoopConfig, train
 
 __all__ = ["QuestionParserTraining", "main"]
@@ -40,6 +41,9 @@ class QuestionParserTraining:
         paraphrase: probability that a training text is reworded.
         other: share of each batch that is text of another kind, to be told apart.
         evaluation_texts: texts of each kind that are measured (drawn from seeds that training does not use).
+        ablation: numbers of programs such as "10,100,all": one run for each, and a table and picture of what they are worth.
+        evaluation_questions: for the ablation, a question file with programs and answers.
+        evaluation_scenes: for the ablation, the folder of its scenes' `truth_N.json`.
         model: the networks.
         loop: the optimisation.
     """
@@ -51,6 +55,9 @@ class QuestionParserTraining:
     paraphrase: float = 0.0
     other: float = 0.08
     evaluation_texts: int = 1000
+    ablation: str = ""
+    evaluation_questions: str = ""
+    evaluation_scenes: str = ""
     model: QuestionParserConfig = field(default_factory=QuestionParserConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
@@ -154,8 +161,17 @@ def read_pairs(path: str) -> dict[str, list[Pair]]:
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint."""
+    """Train from command-line arguments; returns the folder of the finished checkpoint.
+
+    With `--ablation 10,100,all` one run for each number of programs; returns the table's path.
+    """
     config = parse_config(QuestionParserTraining, argv, "nsdr train question-parser")
+    if config.ablation:
+        return run_ablation(replace(config, ablation=""), parse_sizes(config.ablation), _train)
+    return _train(config)
+
+
+def _train(config: QuestionParserTraining) -> str:
     task = QuestionParserTask(config)
     metrics = train(task, config.loop, config.run_dir, resolved(config))
     output = config.output or f"{config.run_dir}/checkpoint"

@@ -1,0 +1,230 @@
+"""The question generator: what it asks, that the answers hold, and that types give nothing away."""
+
+import json
+import random
+import re
+from collections import Counter
+
+import pytest
+
+from nsdr import DataError, Event, Executor, Scene, SceneObject
+from nsdr.baselines import PUBLISHED_Q_TYPE, q_type_baselines
+from nsdr.clevrer.questions import read_questions, without_answers
+from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.vocab import ATTRIBUTES, COLORS, MATERIALS, SHAPES
+from nsdr.cli import main
+from nsdr.generate.question_candidates import descriptive_questions, multiple_choice_questions
+from nsdr.generate.question_statistics import count_questions
+from nsdr.generate.questions import QuestionConfig, find_candidates, generate_questions
+from nsdr.generate.records import truth_document
+from nsdr.generate.scene import SceneConfig, simulate_scene
+from nsdr.generate.simulate import Simulator
+from nsdr.generate.view import View
+from nsdr.question_parser.grammar import Grammar, described, every
+
+
+@pytest.fixture(scope="module")
+def truths() -> list[dict]:
+    with Simulator() as simulator:
+        scenes = [simulate_scene(seed, SceneConfig(), simulator) for seed in range(500500, 500512)]
+    return [truth_document(scene, number, View()) for number, scene in enumerate(scenes)]
+
+
+@pytest.fixture(scope="module")
+def scenes(truths) -> list[tuple[int, str, Scene]]:
+    return [(t["scene_index"], f"video_{t['scene_index']:05d}.mp4", scene_from_truth(t)) for t in truths]
+
+
+@pytest.fixture(scope="module")
+def generated(scenes):
+    return list(generate_questions(scenes))
+
+
+def test_generated_answers_are_what_their_programs_give(scenes, generated) -> None:
+    for (_, _, scene), questions in zip(scenes, generated, strict=True):
+        executor = Executor(scene)
+        for q in questions.questions:
+            if q.type == "descriptive":
+                assert executor.answer(q.program).answer == q.answer
+            for c in q.choices:
+                assert executor.run([*c.program, *q.program]) is (c.answer == "correct")
+
+
+def test_questions_keep_the_releases_rules(scenes, generated) -> None:
+    for (_, _, scene), questions in zip(scenes, generated, strict=True):
+        assert [q.id for q in questions.questions] == list(range(len(questions.questions)))
+        kinds = [q.type == "descriptive" for q in questions.questions]
+        assert kinds == sorted(kinds, reverse=True)
+        assert len({q.program for q in questions.questions if not q.choices}) == sum(kinds)
+        for q in questions.questions:
+            if q.subtype and q.subtype.startswith("query"):
+                asked = ATTRIBUTES[q.subtype.removeprefix("query_")]
+                text = q.text.split(" when ")[0].split(" collide ")[0]
+                assert not set(re.findall(r"\w+", text)) & set(asked)
+            if q.type == "predictive":
+                assert sorted(c.answer for c in q.choices) == ["correct", "wrong"]
+            assert len(q.choices) <= 4
+            assert len({c.program for c in q.choices}) == len(q.choices)
+            if q.type == "explanatory":
+                executor = Executor(scene)
+                target = executor.run(q.program[1 : q.program.index("filter_ancestor")])
+                for c in (c for c in q.choices if c.text.startswith("the presence of")):
+                    assert executor.run(c.program) not in target.objects
+
+
+def test_generation_is_deterministic(scenes, generated) -> None:
+    assert list(generate_questions(scenes)) == generated
+    assert list(generate_questions(scenes, QuestionConfig(seed=1))) != generated
+
+
+def test_scenes_without_all_truth_get_fewer_types(small_scene) -> None:
+    partial = Scene(small_scene.objects, 128, small_scene.visible, None, small_scene.events)
+    types = {q.type for s in generate_questions([(0, "v", partial)] * 3) for q in s.questions}
+    assert types == {"descriptive", "explanatory"}
+    candidates = find_candidates((0, "v", partial))
+    assert not any("filter_moving" in d.program or "filter_stationary" in d.program for d in candidates.descriptive)
+
+
+def test_all_families_of_the_release_are_asked(scenes) -> None:
+    families = {d.family for _, _, s in scenes for d in descriptive_questions(s, random.Random(0))}
+    partner = "events objects unique filter_collision {} objects unique get_col_partner query_color"
+    for family in (
+        "events objects filter_collision count",
+        "events events objects unique filter_in unique filter_after objects filter_in exist",
+        "events events objects unique filter_in unique filter_before objects filter_collision count",
+        "objects null filter_moving count",
+        "objects end get_frame filter_stationary exist",
+        "objects events objects unique filter_in unique get_frame filter_moving count",
+        "objects start get_frame filter_stationary unique query_shape",
+        *(
+            partner.format(order)
+            for order in ("unique", "first filter_order", "second filter_order", "last filter_order")
+        ),
+        "events objects filter_in last filter_order get_object query_material",
+    ):
+        assert family in families, family
+    texts = [m for _, _, s in scenes for m in multiple_choice_questions(s, random.Random(0))]
+    assert {(m.type, m.negated) for m in texts} == {
+        ("explanatory", False),
+        ("explanatory", True),
+        ("predictive", False),
+        ("counterfactual", False),
+        ("counterfactual", True),
+    }
+    assert {o.kind for m in texts if m.type == "explanatory" for o in m.options} == {
+        "presence",
+        "collision",
+        "entrance",
+    }
+
+
+def test_descriptions_are_unique_and_vary(small_scene) -> None:
+    found = Counter(
+        len(d.program) for d in descriptive_questions(small_scene, random.Random(0)) if "get_col_partner" in d.program
+    )
+    assert len(found) > 2  # one, two or three words
+    counted = [d for d in descriptive_questions(small_scene, random.Random(0)) if d.subtype == "count"]
+    assert any(d.answer == "0" for d in counted)
+
+
+def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
+    """Cheap random scenes, all truth known."""
+    import numpy as np
+
+    rng = random.Random(5)
+    result = []
+    for number in range(n):
+        k = rng.choice([4, 5])
+        triples = rng.sample([(c, m, s) for c in COLORS for m in MATERIALS for s in SHAPES], k)
+        objects = tuple(SceneObject(i, *t) for i, t in enumerate(triples))
+        visible, moving = np.ones((k, 128), bool), np.zeros((k, 128), bool)
+        events = []
+        for i in range(k):
+            if rng.random() < 0.5:
+                frame = rng.randrange(5, 60)
+                visible[i, :frame] = False
+                events.append(Event("in", frame, (i,)))
+            if rng.random() < 0.6:
+                moving[i, : rng.randrange(60, 140)] = True
+        pairs = [(i, j) for i in range(k) for j in range(i + 1, k)]
+        rng.shuffle(pairs)
+        for pair in pairs[: rng.randrange(1, 4)]:
+            events.append(Event("collision", rng.randrange(60, 127), pair))
+        unseen = tuple(Event("collision", rng.randrange(128, 179), p) for p in pairs[3:5])
+        without = {
+            i: tuple(Event("collision", 100, p) for p in pairs if i not in p and rng.random() < 0.4) for i in range(k)
+        }
+        result.append((number, "v", Scene(objects, 128, visible, moving, tuple(events), unseen, without)))
+    return result
+
+
+def test_types_give_no_answers_away() -> None:
+    questions = list(generate_questions(many_scenes(60)))
+    counts = count_questions(questions)
+    assert abs(counts["answers, exist"]["yes"] - counts["answers, exist"]["no"]) <= 2
+    colors = counts["answers, query_color"].values()
+    assert len(colors) == 8
+    assert max(colors) - min(colors) <= 3
+    kinds = counts["questions by kind"]
+    assert kinds["count"] == 240
+    assert kinds["exist"] == 120
+    rows = q_type_baselines(questions)["frequent"]
+    published = PUBLISHED_Q_TYPE["frequent"]
+    assert 100 * rows["descriptive"] == pytest.approx(published["descriptive"], abs=4)
+    for kind in ("explanatory", "predictive", "counterfactual"):
+        assert 100 * rows[kind][0] == pytest.approx(published[kind][0], abs=4)
+    assert rows["predictive"] == (0.5, 0.0)
+
+
+def test_baselines_count_on_other_questions_when_given(generated) -> None:
+    rows = q_type_baselines(generated[:4], training=generated[4:])
+    assert set(rows) == {"random", "frequent"}
+    assert 0 <= rows["random"]["descriptive"] <= 1
+    blank = [without_answers(s) for s in generated]
+    assert all(q.program is None and q.answer is None for s in blank for q in s.questions)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"), ({"most_options": 1}, "at least 2")],
+)
+def test_bad_question_options_are_refused(values, message) -> None:
+    with pytest.raises(DataError, match=message):
+        QuestionConfig(**values)
+
+
+def test_question_command_writes_file_and_statistics(truths, tmp_path, capsys) -> None:
+    folder = tmp_path / "truth"
+    folder.mkdir()
+    for truth in truths[:3]:
+        (folder / f"truth_{truth['scene_index']:05d}.json").write_text(json.dumps(truth))
+    output = tmp_path / "questions.json"
+    assert main(["generate", "questions", "--scenes", str(folder), "-o", str(output), "--workers", "1"]) == 0
+    scenes = read_questions(output)
+    assert [s.scene_index for s in scenes] == [0, 1, 2]
+    text = (tmp_path / "questions.statistics.md").read_text()
+    assert "Q-type (frequent), as published | 33.0 | 50.2/16.5 |" in text
+    assert (tmp_path / "questions.statistics.png").stat().st_size > 1000
+    assert main(["generate", "questions", "--scenes", str(tmp_path / "no"), "-o", str(output)]) == 2
+    assert "no such file or folder" in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    assert main(["generate", "questions", "--scenes", str(tmp_path / "empty"), "-o", str(output)]) == 2
+    assert "holds no truth_*.json" in capsys.readouterr().err
+
+
+def test_the_grammar_enumerates_every_content_once() -> None:
+    class TwoWords:
+        def one(self, choose):
+            return choose.pick([("red",), ("blue", "cube")])
+
+        def some(self, choose, use, without):
+            return ()
+
+    texts = [text for text, _ in every(Grammar.presence, TwoWords(), random.Random(0))]
+    assert texts == ["the presence of the red object", "the presence of the blue cube"]
+    programs = [tuple(p) for _, p in every(Grammar.counterfactual, TwoWords(), random.Random(0))]
+    assert len(programs) == len(set(programs)) == 4
+    assert described(("metal", "sphere"), plural=True) == (
+        "metal spheres",
+        ["metal", "filter_material", "sphere", "filter_shape"],
+    )
