@@ -10,12 +10,12 @@ import time
 from functools import partial
 
 from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.view import View
 from nsdr.generate.preview import render_preview
 from nsdr.generate.records import solids_at, truth_document
 from nsdr.generate.scene import SimulatedScene, simulate_scene
 from nsdr.generate.simulate import Simulator
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.generate.view import View
 from nsdr.parallel import run_tasks
 
 FIRST_SEED = 510000

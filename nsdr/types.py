@@ -209,16 +209,20 @@ class Rollout:
         collisions: in order of time; pairs of object ids.
         unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: how probable a collision of each pair after the
             video seems; None where that is not known.
+        speed_world_per_s: (n_objects, F) float, NaN where it is not known; None where no speed is.
     """
 
     location_world: FloatArray
     visible: BoolArray
     collisions: tuple[Event, ...]
     unseen_scores: FloatArray | None = None
+    speed_world_per_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         _check_array(self, "location_world", (None, None, 2), "f")
         _check_array(self, "visible", self.location_world.shape[:2], "b")
+        if self.speed_world_per_s is not None:
+            _check_array(self, "speed_world_per_s", self.location_world.shape[:2], "f")
         n = len(self.visible)
         if self.unseen_scores is not None:
             _check_array(self, "unseen_scores", (n, n), "f")

@@ -13,6 +13,7 @@ from nsdr import DataError
 from nsdr.clevrer.camera import pixels_from_world
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.view import View, drawn_rotation
 from nsdr.cli import main
 from nsdr.files import read_json
 from nsdr.frame_parser.ground import outline
@@ -27,7 +28,7 @@ from nsdr.generate.resimulate import resimulate
 from nsdr.generate.scene import SceneConfig, SimulatedScene, simulate_scene
 from nsdr.generate.simulate import Body, PhysicsConfig, Simulator
 from nsdr.generate.statistics import count_scenes, released_statistics
-from nsdr.generate.view import RenderConfig, View, drawn_rotation, view_of
+from nsdr.generate.view import RenderConfig, view_of
 from nsdr.symbolic import Executor
 from nsdr.types import SceneObject
 

@@ -11,6 +11,7 @@ from nsdr import DataError, Event, Executor, Scene, SceneObject
 from nsdr.baselines import PUBLISHED_Q_TYPE, q_type_baselines
 from nsdr.clevrer.questions import read_questions, without_answers
 from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.view import View
 from nsdr.clevrer.vocab import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 from nsdr.cli import main
 from nsdr.generate.question_candidates import descriptive_questions, multiple_choice_questions
@@ -19,7 +20,6 @@ from nsdr.generate.questions import QuestionConfig, find_candidates, generate_qu
 from nsdr.generate.records import truth_document
 from nsdr.generate.scene import SceneConfig, simulate_scene
 from nsdr.generate.simulate import Simulator
-from nsdr.generate.view import View
 from nsdr.question_parser.grammar import Grammar, described, every
 
 

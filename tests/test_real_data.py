@@ -10,12 +10,12 @@ from nsdr.clevrer.annotations import check_ground_truth, read_annotation
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.questions import read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
+from nsdr.clevrer.view import View
 from nsdr.dynamics.data import read_truth
 from nsdr.evaluate import evaluate, evaluate_file
 from nsdr.frame_parser.tracker import track
 from nsdr.generate.resimulate import resimulate
 from nsdr.generate.simulate import Simulator
-from nsdr.generate.view import View
 from nsdr.symbolic import Executor
 
 pytestmark = pytest.mark.real_data

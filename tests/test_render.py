@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from nsdr import DataError
+from nsdr.clevrer.view import View
 from nsdr.generate.blender import Blender
 from nsdr.generate.raycast import Solid, instance_ids
-from nsdr.generate.view import RenderConfig, View
+from nsdr.generate.view import RenderConfig
 from nsdr.types import SceneObject
 
 pytestmark = pytest.mark.render

@@ -101,12 +101,16 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int = 128) -> Scene:
 def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
     """Scene of the dynamics predictor's output: observed, unseen and counterfactual events, and motion.
 
-    An object moves when it is faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the one asked
-    about and in those from it on: so it rests until it is hit, and rests as soon as it has stopped.
+    An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, it moves when it is
+    faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the one asked about and in those from it on: so
+    it rests until it is hit, and rests as soon as it has stopped.
     """
     n_frames = prediction.n_frames
     visible = prediction.observed.visible[:, :n_frames]
     moving = _speed(prediction.observed.location_world[:, :n_frames]) > PREDICTED_MOVING_SPEED_WORLD_PER_S
+    if prediction.observed.speed_world_per_s is not None:
+        speed = prediction.observed.speed_world_per_s[:, :n_frames]
+        moving = np.where(np.isnan(speed), moving, np.nan_to_num(speed) > MOVING_SPEED_WORLD_PER_S)
     collisions = prediction.observed.collisions
     events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
     unseen = tuple(e for e in collisions if n_frames <= e.frame)

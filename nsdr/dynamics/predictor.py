@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nsdr.checkpoint import load_checkpoint
 from nsdr.clevrer.camera import HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX, pixels_from_world
 from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
+from nsdr.dynamics.observed import observed_motion, with_observed_motion
 from nsdr.dynamics.states import (
     MotionStates,
     extended,
@@ -76,7 +77,8 @@ class DynamicsPredictor:
         observed = self.observed_collisions(states)
         rollouts = self._courses(states, observed, tracks.n_frames)
         counterfactual = dict(enumerate(rollouts[1:]))
-        return DynamicsPrediction(states.objects, tracks.n_frames, rollouts[0], counterfactual)
+        course = with_observed_motion(rollouts[0], observed_motion(states, observed))
+        return DynamicsPrediction(states.objects, tracks.n_frames, course, counterfactual)
 
     def continue_motion(self, states: MotionStates) -> Rollout:
         """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
@@ -169,9 +171,10 @@ class DynamicsPredictor:
         visible = np.zeros((courses, n, total), bool)
         visible[:, :, :n_frames] = visible_frames(states)
         free_frames = np.arange(total) >= np.maximum(free_from, first)[..., None]
+        free_frames[0, :, :n_frames] = False  # the video itself was observed to its last frame
         with np.errstate(invalid="ignore"):
             visible = np.where(free_frames, in_picture(location[:, :, :total]), visible) & exists[..., None]
-        as_observed = np.arange(n_frames) <= free_from[..., None]
+        as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
         location[:, :, :n_frames][as_observed] = np.broadcast_to(reliable_location(states), (courses, n, n_frames, 2))[
             as_observed
         ]

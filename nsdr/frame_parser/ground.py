@@ -19,30 +19,16 @@ from nsdr.clevrer.camera import (
     ground_from_pixels,
     pixels_from_world,
 )
+from nsdr.clevrer.view import surface_points
 from nsdr.clevrer.vocab import SHAPES
 
-__all__ = ["ground_location", "hidden_sides", "outline", "surface_points"]
+__all__ = ["ground_location", "hidden_sides", "outline"]
 
 FloatArray = NDArray[np.floating[Any]]
 CUT_MARGIN_PX = 2
 """An outline this close to the picture's border is taken as cut by it."""
 TOUCH_PX = 2
 """Boxes this close touch each other."""
-
-
-def surface_points(shape: str, yaw: float = 0.0) -> FloatArray:
-    """Points (N, 3) in world units around an object's centre, whose hull is the object."""
-    r = OBJECT_RADIUS_WORLD
-    if shape == "cube":
-        c, s = r * np.cos(yaw), r * np.sin(yaw)
-        corners = np.array([(c - s, s + c), (-c - s, -s + c), (-c + s, -s - c), (c + s, s - c)])
-        return np.concatenate([np.c_[corners, np.full(4, z)] for z in (-r, r)])
-    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-    if shape == "cylinder":
-        return np.concatenate([np.c_[r * np.cos(angle), r * np.sin(angle), np.full(48, z)] for z in (-r, r)])
-    polar = np.linspace(0, np.pi, 24)[:, None]
-    x, y = r * np.sin(polar) * np.cos(angle), r * np.sin(polar) * np.sin(angle)
-    return np.stack([x, y, r * np.cos(polar) + 0 * angle], -1).reshape(-1, 3)
 
 
 def outline(shape: str, x: float, y: float, yaw: float = 0.0) -> FloatArray:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.vocab import SHAPES, attributes_of
 from nsdr.frame_parser.ground import ground_location, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
@@ -22,18 +23,22 @@ class TrackerConfig:
     Attributes:
         score: proposals must exceed it (paper: 0.9).
         min_frames: an identity must be seen in more frames than this (paper: 10).
+        min_late_frames: enough for an identity that enters at the picture's border and is seen until the video's end.
         max_gap_frames: a piece of track waits this long for its next proposal.
         reach_world: largest distance from the expected place, and
         reach_world_per_frame: its growth for every frame in between (objects move up to 0.1 a frame).
+        border_px: outlines this close to the picture's border may be cut by it.
         mismatch_world: each differing attribute word counts as this much distance.
     """
 
     score: float = 0.9
     min_frames: int = 10
+    min_late_frames: int = 3
     max_gap_frames: int = 8
     reach_world: float = 0.25
     reach_world_per_frame: float = 0.1
     mismatch_world: float = 0.12
+    border_px: int = 6
 
 
 @dataclass
@@ -63,8 +68,8 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     Returns:
         Tracks in the order of first sight; none when nothing was detected often enough.
 
-    Differs from the paper: the paper matches by the attribute label alone; here wrong labels of single frames are
-    outvoted by the piece they belong to.
+    Differs from the paper: the paper matches by the attribute label alone and keeps identities of more than ten frames; here
+    wrong labels of single frames are outvoted by the piece they belong to, and objects that enter in the last frames are kept.
     """
     c = config or TrackerConfig()
     kept = np.flatnonzero(proposals.score > c.score)
@@ -73,7 +78,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     by_identity = _identities(proposals, pieces)
     tracks = []
     for attribute, rows in by_identity.items():
-        if len(rows) > c.min_frames:
+        if len(rows) > c.min_frames or _enters_late(proposals, rows, c):
             tracks.append(_track(proposals, attribute, rows, places))
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     renamed = [
@@ -81,6 +86,22 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
         for i, t in enumerate(tracks)
     ]
     return VideoTracks(proposals.n_frames, tuple(renamed))
+
+
+def _enters_late(proposals: VideoProposals, rows: list[int], c: TrackerConfig) -> bool:
+    """Whether rows are of an object that came into the picture too late to be seen often."""
+    frames = proposals.frame_index[rows]
+    left, top, right, bottom = (int(side) for side in proposals.box_xyxy_px[rows[0]])
+    margin = c.border_px
+    at_border = left < margin or top < margin or right > WIDTH_PX - margin or bottom > HEIGHT_PX - margin
+    since = proposals.n_frames - int(frames[0])
+    return (
+        at_border
+        and len(rows) >= c.min_late_frames
+        and int(frames[-1]) >= proposals.n_frames - 2
+        and since <= c.min_frames + c.max_gap_frames
+        and len(rows) >= 0.7 * since
+    )
 
 
 def _words(t: Track) -> tuple[str, str, str]:
@@ -145,7 +166,8 @@ def _identities(proposals: VideoProposals, pieces: list[_Piece]) -> dict[int, li
     for piece in sorted(pieces, key=lambda p: -len(p.rows)):
         votes: dict[int, float] = defaultdict(float)
         for row in piece.rows:
-            votes[int(proposals.attribute[row])] += float(proposals.score[row])
+            # Objects cut by the picture's border are often mislabelled; whole ones show more pixels.
+            votes[int(proposals.attribute[row])] += float(proposals.score[row]) * int(proposals.area_px[row])
         identity = max(votes, key=lambda a: votes[a])
         for row in piece.rows:
             by_identity[identity].setdefault(int(proposals.frame_index[row]), row)

@@ -11,12 +11,13 @@ from types import ModuleType
 from typing import Any
 
 from nsdr.clevrer.camera import OBJECT_RADIUS_WORLD
+from nsdr.clevrer.view import View
 from nsdr.clevrer.vocab import COLORS_RGB
 from nsdr.errors import DataError
 from nsdr.files import atomic_path
 from nsdr.generate.lamps import GROUND_REFLECTANCE, LAMPS, SUN_DIRECTION, SUN_STRENGTH
 from nsdr.generate.raycast import Solid
-from nsdr.generate.view import RenderConfig, View
+from nsdr.generate.view import RenderConfig
 from nsdr.types import SceneObject
 
 __all__ = ["Blender"]

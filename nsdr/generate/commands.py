@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from nsdr.clevrer.questions import write_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.view import View
 from nsdr.configuration import parse_config
 from nsdr.errors import DataError
 from nsdr.files import parse_json, write_json
@@ -17,7 +18,6 @@ from nsdr.generate.question_statistics import write_question_statistics
 from nsdr.generate.questions import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.records import truth_document
 from nsdr.generate.scene import SceneConfig, simulate_scene
-from nsdr.generate.view import View
 from nsdr.parallel import run_in_order
 from nsdr.types import Scene
 

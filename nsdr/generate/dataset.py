@@ -19,6 +19,7 @@ from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.questions import without_answers, write_questions
 from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.view import View
 from nsdr.errors import DataError
 from nsdr.files import read_json, write_json
 from nsdr.generate.encode import write_video
@@ -28,7 +29,7 @@ from nsdr.generate.questions import Candidates, QuestionConfig, find_candidates,
 from nsdr.generate.records import annotation_document, frame_masks, proposal_document, solids_at, truth_document
 from nsdr.generate.scene import SceneConfig, SimulatedScene, simulate_scene
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.generate.view import RenderConfig, View, view_of
+from nsdr.generate.view import RenderConfig, view_of
 from nsdr.parallel import run_in_order, run_tasks
 
 __all__ = ["DatasetConfig", "Files", "generate_dataset", "make_video"]

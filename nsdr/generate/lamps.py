@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nsdr.generate.view import View
+from nsdr.clevrer.view import View
 
 __all__ = ["GROUND_REFLECTANCE", "LAMPS", "SUN_DIRECTION", "SUN_STRENGTH", "Lamp", "lamps_of"]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.camera import OBJECT_RADIUS_WORLD
+from nsdr.clevrer.view import View
 from nsdr.clevrer.vocab import COLORS_RGB
 from nsdr.generate.lamps import GROUND_REFLECTANCE, SUN_DIRECTION, SUN_STRENGTH, Lamp, lamps_of
 from nsdr.generate.raycast import Solid, cast, picture_box
-from nsdr.generate.view import View
 from nsdr.types import SceneObject
 
 __all__ = ["render_preview"]

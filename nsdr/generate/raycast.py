@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.camera import OBJECT_RADIUS_WORLD
-from nsdr.generate.view import View
+from nsdr.clevrer.view import View
 
 __all__ = ["Solid", "cast", "instance_ids", "picture_box"]
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as rle
 
+from nsdr.clevrer.view import View, drawn_rotation
 from nsdr.generate.raycast import Solid, instance_ids
 from nsdr.generate.scene import SimulatedScene
 from nsdr.generate.simulate import Contact
-from nsdr.generate.view import View, drawn_rotation
 
 __all__ = ["annotation_document", "frame_masks", "proposal_document", "solids_at", "truth_document", "visible_frames"]
 

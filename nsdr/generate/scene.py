@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.camera import HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX, pixels_from_world
+from nsdr.clevrer.view import View
 from nsdr.clevrer.vocab import COLORS, MATERIALS, SHAPES
 from nsdr.errors import DataError
 from nsdr.generate.simulate import Body, Contact, Motion, PhysicsConfig, Simulator
-from nsdr.generate.view import View
 from nsdr.types import SceneObject
 
 __all__ = ["SceneConfig", "SimulatedScene", "simulate_scene"]

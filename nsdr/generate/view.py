@@ -1,24 +1,13 @@
-"""The camera that scenes are seen with: CLEVRER's, or one moved a little."""
+"""How scenes are rendered, and the camera and lamps of each."""
 
 import random
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-
-from nsdr.clevrer.camera import HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX
+from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.clevrer.view import EYE_WORLD, View
 from nsdr.errors import DataError
-from nsdr.frame_parser.ground import surface_points
 
-__all__ = ["RenderConfig", "View", "drawn_rotation", "view_of"]
-
-FloatArray = NDArray[np.floating[Any]]
-FOCAL_PER_WIDTH = 35 / 32
-"""35 mm lens on a 32 mm sensor."""
-EYE_WORLD = (4.330127, 0.0, 2.5)
+__all__ = ["RenderConfig", "view_of"]
 
 
 @dataclass(frozen=True)
@@ -53,72 +42,6 @@ class RenderConfig:
             raise DataError(f"width and height: expected the release's shape, 3:2, got {self.width}x{self.height}")
 
 
-@dataclass(frozen=True)
-class View:
-    """A camera that looks at the origin, and how far each lamp is shifted.
-
-    Attributes:
-        eye_world: where it stands.
-        width: of the picture in pixels.
-        height: of the picture in pixels.
-        lamp_shift_world: (3 lamps x 3) shifts.
-    """
-
-    eye_world: tuple[float, float, float] = EYE_WORLD
-    width: int = WIDTH_PX
-    height: int = HEIGHT_PX
-    lamp_shift_world: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * 3
-
-    @cached_property
-    def axes(self) -> FloatArray:
-        """(3, 3): rows are the camera's right, down and forward in the world."""
-        forward = -np.array(self.eye_world) / np.linalg.norm(self.eye_world)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        return np.stack([right, np.cross(forward, right), forward])
-
-    @property
-    def focal_px(self) -> float:
-        """Focal length."""
-        return self.width * FOCAL_PER_WIDTH
-
-    def pixels(self, location_world: FloatArray) -> FloatArray:
-        """World (..., 3) -> pixels (..., 2) as (column, row); NaN behind the camera."""
-        seen = (np.asarray(location_world, float) - np.array(self.eye_world)) @ self.axes.T
-        depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
-        return seen[..., :2] / depth * self.focal_px + np.array([self.width / 2, self.height / 2])
-
-    def rays(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
-        """Unit directions (..., 3) from the camera through pixels."""
-        across = (columns - self.width / 2) / self.focal_px
-        down = (rows - self.height / 2) / self.focal_px
-        directions = np.stack([across, down, np.ones_like(across)], -1) @ self.axes
-        return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-
-    def shows(self, shape: str, location_world: FloatArray, yaw: FloatArray) -> NDArray[np.bool_]:
-        """In which frames (F,) some of an object's outline lies in the picture: CLEVRER's `inside_camera_view`.
-
-        With CLEVRER's camera this agrees with 6,394 of 6,400 values in ten of the release's annotation files; the others
-        are one frame off.
-
-        Args:
-            shape: "cube", "sphere" or "cylinder".
-            location_world: (F, 3).
-            yaw: (F,) radians.
-        """
-        depth = (location_world - np.array(self.eye_world)) @ self.axes[2]
-        centre = self.pixels(location_world)
-        size = np.array([self.width, self.height])
-        with np.errstate(invalid="ignore"):
-            reach = 2 * OBJECT_RADIUS_WORLD / np.maximum(depth, 0.01)[:, None] * self.focal_px
-            near = ((centre > -reach) & (centre < size + reach)).all(1) & (depth > 3 * OBJECT_RADIUS_WORLD)
-            inside = ((centre > 0) & (centre < size)).all(1) & near
-        for f in np.flatnonzero(near & ~inside):
-            outline = self.pixels(surface_points(shape, float(yaw[f])) + location_world[f])
-            inside[f] = bool((outline.max(0) > 0).all() and (outline.min(0) < size).all())
-        return np.asarray(inside)
-
-
 def view_of(config: RenderConfig, seed: int) -> View:
     """The view of the scene with a seed: jittered where the configuration says so."""
     rng = random.Random(f"view {seed}")
@@ -130,9 +53,3 @@ def view_of(config: RenderConfig, seed: int) -> View:
     eye = shifted(EYE_WORLD, config.camera_jitter)
     lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(3))
     return View(eye, config.width, config.height, lamps)
-
-
-def drawn_rotation(shape: str, orientation: FloatArray) -> Rotation:
-    """Rotation of a drawn shape, whose axis is z, from annotated Euler angles (3,); annotated cylinders lie along local y."""
-    turn = Rotation.from_euler("xyz", orientation)
-    return turn * Rotation.from_euler("x", -np.pi / 2) if shape == "cylinder" else turn
