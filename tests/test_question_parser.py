@@ -57,14 +57,16 @@ def test_unknown_words_are_named_with_near_ones(parser: QuestionParser) -> None:
 
 @pytest.mark.parametrize("text", ["the the the", "What is red", "How many cubes collide with the sphere?"])
 def test_texts_without_sense_are_refused(parser: QuestionParser, text: str) -> None:
-    with pytest.raises(QuestionError, match=r"fits no program.*word it as CLEVRER's questions are"):
+    with pytest.raises(
+        QuestionError, match=r"(fits no program|is no descriptive text).*word it as CLEVRER's questions are"
+    ):
         parser.parse(text)
 
 
 def test_texts_of_another_kind_are_told_apart(parser: QuestionParser) -> None:
     with pytest.raises(QuestionError, match="give choices with it"):
         parser.parse("What will happen next?")
-    with pytest.raises(QuestionError, match="ask it without them"):
+    with pytest.raises(QuestionError, match="ask it without choices"):
         parser.parse("How many collisions happen?", "multiple_choice")
     with pytest.raises(QuestionError, match="is no choice text"):
         parser.parse("How many collisions happen?", "choice")

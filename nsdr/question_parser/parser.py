@@ -115,11 +115,11 @@ class QuestionParser:
     def _program(self, text: str, tokens: list[str], kind: str, probability: float) -> Program:
         if OTHER in tokens:
             remedy = {
-                "descriptive": "it seems to be a multiple-choice question or a choice: give choices with it",
-                "multiple_choice": "it seems to need no choices: ask it without them",
+                "descriptive": "give choices with it if it is a multiple-choice question",
+                "multiple_choice": "ask it without choices if it is a descriptive question",
                 "choice": 'a choice names an object or event, such as "the presence of the red cube"',
             }
-            raise QuestionError(f"{text!r} is no {kind.replace('_', '-')} text; {remedy[kind]}")
+            raise QuestionError(f"{text!r} is no {kind.replace('_', '-')} text; {remedy[kind]}, or {REMEDY}")
         try:
             program = Program.parse(tokens)
         except ProgramError as e:
