@@ -113,7 +113,7 @@ def _truth(folder):
         (["answer", TRUTH, "-q", "What will happen next?"], "give choices with it"),
         (
             ["answer", TRUTH, "-q", "How many collisions happen?", "-c", "the presence of the cube"],
-            "ask it without them",
+            "ask it without choices",
         ),
         (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
         (["execute", "--scene", QUESTIONS, "--program", "objects count"], "not a Scene"),
