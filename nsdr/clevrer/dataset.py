@@ -176,7 +176,7 @@ class Split:
     def inventory(self) -> list[Inventory]:
         """What is there and what is missing of every kind."""
         rows = []
-        for kind in self.kinds:
+        for kind in self.kinds if self.indices else ():
             if kind == "questions":
                 there = self.question_file is not None
                 rows.append(Inventory(self.name, kind, int(there), 1, ()))

@@ -16,6 +16,7 @@ from nsdr.clevrer.vocab import COLORS_RGB
 from nsdr.errors import DataError
 from nsdr.files import atomic_path
 from nsdr.generate.lamps import GROUND_REFLECTANCE, LAMPS, SUN_DIRECTION, SUN_STRENGTH
+from nsdr.generate.quiet import quiet
 from nsdr.generate.raycast import Solid
 from nsdr.generate.view import RenderConfig
 from nsdr.types import SceneObject
@@ -44,14 +45,10 @@ class Blender:
         self.bpy = _bpy()
         self.assets = Path(config.assets).resolve() if config.assets else None
         self._drawn: dict[tuple[str, str, str], Any] = {}
-        if self.assets is None:
-            self.bpy.ops.wm.read_factory_settings(use_empty=True)
-            self._plain_stage()
-        else:
+        if self.assets is not None:
             _check_assets(self.assets)
-            self.bpy.ops.wm.open_mainfile(filepath=str(self.assets / "base_scene.blend"))
-            for name in ASSET_MATERIALS.values():
-                self._append(self.assets / "materials" / f"{name}.blend", "NodeTree", name)
+        with quiet():
+            self._open_stage()
         self._lamp_places = {name: tuple(self.bpy.data.objects[name].location) for name in LAMP_OBJECTS}
         self._settings(threads)
 
@@ -78,7 +75,17 @@ class Blender:
             scene = self.bpy.context.scene
             scene.render.image_settings.file_format = "JPEG" if temporary.suffix == ".jpg" else "PNG"
             scene.render.filepath = str(temporary)
-            self.bpy.ops.render.render(write_still=True)
+            with quiet():
+                self.bpy.ops.render.render(write_still=True)
+
+    def _open_stage(self) -> None:
+        if self.assets is None:
+            self.bpy.ops.wm.read_factory_settings(use_empty=True)
+            self._plain_stage()
+            return
+        self.bpy.ops.wm.open_mainfile(filepath=str(self.assets / "base_scene.blend"))
+        for name in ASSET_MATERIALS.values():
+            self._append(self.assets / "materials" / f"{name}.blend", "NodeTree", name)
 
     def _settings(self, threads: int) -> None:
         scene = self.bpy.context.scene

@@ -5,9 +5,7 @@ with a little. Nothing but the start (places, velocities, turn of cubes, masses)
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stdout
 from dataclasses import dataclass, field
-from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from nsdr.clevrer.camera import OBJECT_RADIUS_WORLD
 from nsdr.errors import DataError
 from nsdr.generate.hulls import hull_vertices
+from nsdr.generate.quiet import quiet
 
 __all__ = ["Body", "Contact", "Motion", "PhysicsConfig", "Simulator"]
 
@@ -199,7 +198,7 @@ def _motion(states: FloatArray, contacts: list[Contact], complete: bool = True) 
 
 def _pybullet() -> Any:
     try:
-        with redirect_stdout(StringIO()):  # it prints its build time
+        with quiet():  # it prints its build time
             import pybullet
     except ImportError as e:
         raise DataError("the simulator needs PyBullet: pip install 'nsdr[generate]'") from e
