@@ -76,6 +76,13 @@ def _parser() -> jsonargparse.ArgumentParser:
     parse_video.add_argument("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
     parse_video.add_argument("--picture", default=None, help="also write an annotated picture of the last frame")
 
+    parse_videos = add("parse-videos", "turn a folder of videos into scenes and proposals; goes on where it stopped")
+    parse_videos.add_argument("videos", help="folder with *.mp4")
+    parse_videos.add_argument("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
+    parse_videos.add_argument("--stride", type=int, default=1, help="look at every so-manieth frame")
+    parse_videos.add_argument("--workers", type=int, default=0, help="processes; 0 for one a CPU core")
+    parse_videos.add_argument("--engine", default="processes", choices=["processes", "ray"], help="where to work")
+
     parse_question = add("parse-question", "turn a question or choice into a program")
     parse_question.add_argument("text", help="in CLEVRER's English")
     parse_question.add_argument(
@@ -110,9 +117,14 @@ def _parser() -> jsonargparse.ArgumentParser:
     evaluate.add_argument("-o", "--output", default=None, help="write the table and every result as JSON")
     evaluate.add_argument("--submission", default=None, help="write the answers as an EvalAI submission")
 
-    data = add("data", "check or download CLEVRER's official files", checkpoint=False)
-    data.add_argument("action", choices=["verify", "download"], help="what to do")
-    data.add_argument("root", help="the data set's folder")
+    data = add(
+        "data", "check or download CLEVRER's official files, or make training frames of videos", checkpoint=False
+    )
+    data.add_argument("action", choices=["verify", "download", "frames"], help="what to do")
+    data.add_argument("root", help="the data set's folder; for frames: the videos' folder")
+    data.add_argument("--proposals", default=None, help="frames: folder of the videos' mask proposals")
+    data.add_argument("-o", "--output", default=None, help="frames: folder to write")
+    data.add_argument("--every", type=int, default=8, help="frames: take every so-manieth frame")
     data.add_argument("--split", default=None, choices=["train", "validation", "test"], help="which to download")
     data.add_argument(
         "--what", nargs="+", default=["videos", "annotations", "questions"], help="videos, annotations, questions"
@@ -213,6 +225,20 @@ def write_picture(path: str, video: str, perception: Any) -> None:
         raise DataError(f"{path}: cannot write a picture; expected a name ending in .png or .jpg")
 
 
+def _parse_videos(options: Any) -> int:
+    from nsdr.perceive import parse_videos
+
+    summary = parse_videos(
+        options.videos, options.output, options.checkpoint, options.stride, options.engine, options.workers
+    )
+    print(
+        f"{options.output}: {len(summary.done)} done, {len(summary.skipped)} done before, {len(summary.failed)} failed"
+    )
+    for name, error in summary.failed.items():
+        print(f"  {name}: {error}")
+    return 1 if summary.failed else 0
+
+
 def _parse_question(options: Any) -> int:
     from nsdr.checkpoint import find_checkpoint
     from nsdr.errors import QuestionError
@@ -273,6 +299,15 @@ def _data(options: Any) -> int:
         for path in download(options.root, options.split, options.what):
             print(path)
         return 0
+    if options.action == "frames":
+        from nsdr.frame_parser.frames import write_frames
+
+        if options.proposals is None or options.output is None:
+            raise DataError("nsdr data frames: --proposals or --output is missing")
+        print(
+            f"{options.output}: {write_frames(options.root, options.proposals, options.output, options.every)} frames"
+        )
+        return 0
     print(f"{'split':<12}{'kind':<14}{'found':>7}{'expected':>10}  first missing")
     complete = True
     for row in CLEVRER(options.root).inventory():
@@ -328,6 +363,7 @@ def _load_scene(path: str) -> Scene:
 _COMMANDS: dict[str, Callable[[Any], int]] = {
     "answer": _answer,
     "parse-video": _parse_video,
+    "parse-videos": _parse_videos,
     "parse-question": _parse_question,
     "execute": _execute,
     "evaluate": _evaluate,

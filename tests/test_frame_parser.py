@@ -1,4 +1,6 @@
+import json
 import warnings
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -7,15 +9,19 @@ import torch
 
 from nsdr import DataError, VideoError, VideoProposals
 from nsdr.clevrer.camera import ground_from_pixels
-from nsdr.clevrer.proposals import proposals_from_rows
+from nsdr.clevrer.proposals import proposals_document, proposals_from_rows
 from nsdr.clevrer.vocab import attribute_index
+from nsdr.files import write_json
 from nsdr.frame_parser.data import AugmentConfig, FrameDataset
+from nsdr.frame_parser.frames import write_frames
 from nsdr.frame_parser.ground import ground_location, hidden_sides, outline
-from nsdr.frame_parser.metrics import detection_scores
-from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.frame_parser.metrics import average_precision, detection_scores
+from nsdr.frame_parser.model import FrameParserConfig, TorchvisionBackbone, build_frame_parser
 from nsdr.frame_parser.parser import FrameParser
+from nsdr.frame_parser.roi_heads import AttributePredictor, JointAttributePredictor, attribute_probabilities
 from nsdr.frame_parser.tracker import TrackerConfig, track
 from nsdr.frame_parser.video import read_video
+from nsdr.generate import encode
 
 TINY = FrameParserConfig(
     widths=(16, 16, 16, 32), blocks=1, fpn_channels=16, box_features=32, mask_channels=16, mask_layers=1
@@ -31,6 +37,118 @@ def tiny_parser() -> FrameParser:
 def test_widths_that_crash_the_backend_are_refused() -> None:
     with pytest.raises(DataError, match=r"widths: expected multiples of 16, got \(8, 16, 16, 16\)"):
         FrameParserConfig(widths=(8, 16, 16, 16))
+
+
+@pytest.mark.parametrize("backbone", ["resnet18", "resnet50", "mobilenet_v3"])
+def test_torchvisions_backbones_give_the_slim_ones_levels(backbone: str) -> None:
+    network = TorchvisionBackbone(backbone, 16)
+    levels = network(torch.rand(1, 3, 64, 96))
+    assert {name: tuple(level.shape) for name, level in levels.items()} == {
+        "0": (1, 16, 16, 24),
+        "1": (1, 16, 8, 12),
+        "2": (1, 16, 4, 6),
+    }
+
+
+def test_unknown_backbones_and_heads_are_refused() -> None:
+    with pytest.raises(DataError, match="backbone: 'vgg'; expected one of slim, resnet18"):
+        FrameParserConfig(backbone="vgg")
+    with pytest.raises(DataError, match="attributes: 'two'; expected three or joint"):
+        FrameParserConfig(attributes="two")
+
+
+def test_both_kinds_of_heads_give_probabilities_that_agree() -> None:
+    torch.manual_seed(0)
+    features = torch.rand(5, 16)
+    for predictor in (AttributePredictor(16), JointAttributePredictor(16)):
+        found = attribute_probabilities(predictor(features))
+        assert {name: tuple(p.shape) for name, p in found.items()} == {
+            "color": (5, 8),
+            "material": (5, 2),
+            "shape": (5, 3),
+            "attribute": (5, 48),
+        }
+        for probability in found.values():
+            torch.testing.assert_close(probability.sum(1), torch.ones(5))
+        table = found["attribute"].view(5, 8, 2, 3)
+        torch.testing.assert_close(table.sum((1, 2)), found["shape"])
+
+
+def test_the_papers_joint_label_is_learned(tiny_frames) -> None:
+    torch.manual_seed(0)
+    model = build_frame_parser(replace(TINY, attributes="joint")).train()
+    image, target = FrameDataset(tiny_frames, "train")[0]
+    losses = model([image], [target])
+    assert "loss_attribute" in losses
+    assert "loss_color" not in losses
+    assert all(torch.isfinite(v) for v in losses.values())
+
+
+def test_a_stride_leaves_frames_out_but_not_the_last(tiny_parser: FrameParser) -> None:
+    seen = []
+    parser = FrameParser(tiny_parser.model, batch_size=2, stride=4)
+    parser._detections = lambda frames: seen.extend(frames) or [_nothing() for _ in frames]
+    frames = np.arange(11, dtype=np.uint8)[:, None, None, None] * np.ones((1, 320, 480, 3), np.uint8)
+    assert parser.parse(frames).n_frames == 11
+    assert [int(frame[0, 0, 0]) for frame in seen] == [0, 4, 8, 10]
+    with pytest.raises(DataError, match="stride 0: expected at least 1"):
+        FrameParser(tiny_parser.model, stride=0)
+
+
+def _nothing() -> dict[str, torch.Tensor]:
+    return {"boxes": torch.zeros(0, 4), "masks": torch.zeros(0, 1, 28, 28), "scores": torch.zeros(0)} | {
+        "attribute": torch.zeros(0, 48)
+    }
+
+
+def test_coco_files_are_read_like_json_lines(tiny_frames) -> None:
+    expected = FrameDataset(tiny_frames, "all")
+    images, annotations = [], []
+    names = {}
+    for number, record in enumerate(expected.records):
+        images.append(
+            {"id": number, "file_name": record["file_name"], "height": 320, "width": 480, "video_id": record["scene"]}
+        )
+        for o in record["objects"]:
+            name = f"{o['color']} {o['material']} {o['shape']}"
+            category = names.setdefault(name, len(names) + 1)
+            annotations.append({"image_id": number, "category_id": category, "segmentation": o["segmentation"]})
+    categories = [{"id": i, "name": name} for name, i in names.items()]
+    (tiny_frames / "annotations_0.jsonl").unlink()
+    path = tiny_frames / "coco.json"
+    path.write_text(json.dumps({"images": images, "annotations": annotations, "categories": categories}))
+    found = FrameDataset(tiny_frames, "all")
+    assert [r["scene"] for r in found.records] == [r["scene"] for r in expected.records]
+    assert torch.equal(found[2][1]["masks"], expected[2][1]["masks"])
+    assert torch.equal(found[2][1]["color"], expected[2][1]["color"])
+    path.write_text(json.dumps({"images": images, "annotations": [], "categories": [{"id": 1, "name": "person"}]}))
+    with pytest.raises(DataError, match="not a COCO file"):
+        FrameDataset(tiny_frames, "all")
+
+
+def test_videos_with_proposals_become_frames(tmp_path, tiny_frames) -> None:
+    record = FrameDataset(tiny_frames, "all").records[0]
+    picture = cv2.imread(str(tiny_frames / "images" / record["file_name"]), cv2.IMREAD_COLOR_RGB)
+    videos, proposals = tmp_path / "videos", tmp_path / "proposals"
+    encode.write_video(videos / "video_00007.mp4", [picture] * 20)
+    rows = [
+        (f, attribute_index(o["color"], o["material"], o["shape"]), 1.0, o["segmentation"]["counts"])
+        for f in range(20)
+        for o in record["objects"]
+    ]
+    write_json(
+        proposals / "proposal_00007.json", proposals_document(proposals_from_rows(20, rows), 7, "video_00007.mp4")
+    )
+    with pytest.warns(UserWarning, match="20 frames"):
+        assert write_frames(videos, proposals, tmp_path / "out", every=8) == 3
+    assert write_frames(videos, proposals, tmp_path / "out", every=8) == 3  # kept
+    frames = FrameDataset(tmp_path / "out", "all")
+    image, target = frames[1]
+    assert frames.records[1]["frame"] == 8
+    assert image.shape == (3, 320, 480)
+    assert len(target["boxes"]) == len(record["objects"])
+    with pytest.raises(DataError, match=r"holds no video_N\.mp4 with a proposal"):
+        write_frames(videos, tmp_path / "empty", tmp_path / "out2")
 
 
 def test_losses_are_finite_also_without_objects(tiny_frames) -> None:
@@ -117,9 +235,10 @@ class _Perfect(torch.nn.Module):
 
     def forward(self, images):
         target = next(self.targets)
-        one_hot = {n: torch.nn.functional.one_hot(target[n], 8).float() for n in ("color", "material", "shape")}
+        label = (target["color"] * 2 + target["material"]) * 3 + target["shape"]
+        found = {"attribute": torch.nn.functional.one_hot(label, 48).float(), "labels": target["labels"]}
         scores = torch.ones(len(target["boxes"]))
-        return [{"boxes": target["boxes"], "scores": scores, "masks": target["masks"][:, None].float(), **one_hot}]
+        return [{"boxes": target["boxes"], "scores": scores, "masks": target["masks"][:, None].float(), **found}]
 
 
 def test_scores_of_perfect_and_wrong_detections(tiny_frames) -> None:
@@ -127,6 +246,8 @@ def test_scores_of_perfect_and_wrong_detections(tiny_frames) -> None:
     items = [dataset[i] for i in range(len(dataset))]
     perfect = detection_scores(_Perfect([t for _, t in items]), items)
     assert perfect["f1"] == perfect["mask_iou"] == 1.0
+    precision = average_precision(_Perfect([t for _, t in items]), items)
+    assert precision == pytest.approx({"mask_ap": 1.0, "mask_ap50": 1.0, "box_ap": 1.0, "box_ap50": 1.0})
     wrong = [{**t, "color": (t["color"] + 1) % 8} for _, t in items]
     scores = detection_scores(_Perfect(wrong), items)
     assert scores["f1"] == 0.0
@@ -188,6 +309,17 @@ def test_a_wrong_label_in_single_frames_is_outvoted() -> None:
     video = track(as_proposals(rows))
     assert [t.object.color for t in video.tracks] == ["red"]
     assert len(video.tracks[0].frame_index) == 40
+
+
+def test_an_object_that_enters_in_the_last_frames_is_kept() -> None:
+    def at(frames, x: float):
+        return as_proposals(moving(frames, RED, x - 4 * frames[0], 4.0), 128)
+
+    (late,) = track(at(range(122, 128), 16)).tracks
+    assert late.frame_index.tolist() == list(range(122, 128))
+    assert track(at(range(126, 128), 16)).tracks == ()  # seen too little
+    assert track(at(range(100, 106), 16)).tracks == ()  # not until the end
+    assert track(at(range(122, 128), 200)).tracks == ()  # not from the border
 
 
 def test_rare_and_unsure_identities_are_dropped() -> None:

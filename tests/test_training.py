@@ -168,6 +168,31 @@ def test_a_loss_that_is_not_finite_names_the_term(tmp_path) -> None:
         train(_Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {})
 
 
+def test_the_averaged_weights_are_kept_and_resume(tmp_path, monkeypatch) -> None:
+    config = LoopConfig(steps=40, batch_size=8, learning_rate=0.05, ema=0.9, save_every=10, device="cpu")
+    task = _Line()
+    metrics = train(task, config, tmp_path / "whole", {})
+    assert metrics["weight"] == pytest.approx(task.model.weight.item())
+    plain = _Line()
+    train(plain, replace(config, ema=0.0), tmp_path / "plain", {})
+    assert plain.model.weight.item() != task.model.weight.item()
+    interrupted = _Line()
+    draw = interrupted.batch
+    calls = iter(range(100))
+
+    def killed(size, rng):
+        if next(calls) == 25:
+            raise KeyboardInterrupt
+        return draw(size, rng)
+
+    interrupted.batch = killed
+    with pytest.raises(KeyboardInterrupt):
+        train(interrupted, config, tmp_path / "killed", {})
+    resumed = _Line()
+    train(resumed, config, tmp_path / "killed", {})
+    assert resumed.model.weight.item() == task.model.weight.item()
+
+
 def test_learning_rate_schedules() -> None:
     config = LoopConfig(steps=100, learning_rate=1.0, warmup_steps=10)
     assert learning_rate_at(0, config) == pytest.approx(0.1)

@@ -16,6 +16,7 @@ from torch.utils.data import Dataset
 
 from nsdr.clevrer.vocab import ATTRIBUTES
 from nsdr.errors import DataError
+from nsdr.files import read_json
 
 __all__ = ["AugmentConfig", "FrameDataset", "augment", "image_tensor"]
 
@@ -64,13 +65,15 @@ def image_tensor(image: NDArray[np.uint8]) -> Tensor:
 
 
 class FrameDataset(Dataset[tuple[Tensor, Target]]):
-    """Pictures listed in `annotations_*.jsonl` beside a folder `images`, one line a frame.
+    """Pictures beside their masks and attributes.
 
-    A line holds `file_name`, `scene`, `objects: [{color, material, shape, segmentation (COCO RLE)}]`. Items are an
-    image tensor (3, H, W) and a target (see `AttributeRoIHeads`). The split is by scene, so that no scene is in both.
+    Either `annotations_*.jsonl` beside a folder `images`, one line a frame (`nsdr data frames` makes them of videos with mask
+    proposals, the release's or generated ones), or COCO's `*.json` whose categories are named like "red metal cube". A line
+    holds `file_name`, `scene`, `objects: [{color, material, shape, segmentation (COCO RLE)}]`. Items are an image tensor
+    (3, H, W) and a target (see `AttributeRoIHeads`). The split is by scene, so that no scene is in both.
 
     Args:
-        folder: where the JSON lines are.
+        folder: where the annotations are.
         part: "train", "evaluation" (every 20th scene) or "all".
         augmentation: what to change, or None to leave the pictures as they are.
 
@@ -84,10 +87,12 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         if part not in ("train", "evaluation", "all"):
             raise DataError(f"part is {part!r}; expected train, evaluation or all")
         self.records = [
-            r for r in _records(self.folder) if part == "all" or (r["scene"] % 20 == 0) != (part == "train")
+            r for r in _all_records(self.folder) if part == "all" or (r["scene"] % 20 == 0) != (part == "train")
         ]
         if not self.records:
-            raise DataError(f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl and images/")
+            raise DataError(
+                f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl or COCO *.json, and images/"
+            )
 
     def __len__(self) -> int:
         return len(self.records)
@@ -109,6 +114,40 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         if self.augmentation is not None:
             image, masks = augment(image, masks, self.augmentation, rng)  # type: ignore[arg-type]
         return image_tensor(image), _target(objects, masks)  # type: ignore[arg-type]
+
+
+def _all_records(folder: Path) -> Iterator[dict[str, Any]]:
+    lines = sorted(folder.glob("annotations_*.jsonl"))
+    return _records(folder) if lines else (r for path in sorted(folder.glob("*.json")) for r in _coco_records(path))
+
+
+def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
+    """Frame records of a COCO file; a picture's `scene` is its `video_id` where it has one, else its own `id`."""
+    content = read_json(path)
+    try:
+        words = {c["id"]: dict(zip(ATTRIBUTES, c["name"].split(), strict=True)) for c in content["categories"]}
+        for number, named in words.items():
+            if any(named[name] not in known for name, known in ATTRIBUTES.items()):
+                raise DataError(f'{path}: category {number}: expected a name like "red metal cube", got {named}')
+        found: dict[Any, list[dict[str, Any]]] = {image["id"]: [] for image in content["images"]}
+        sizes = {image["id"]: (image["height"], image["width"]) for image in content["images"]}
+        for a in content["annotations"]:
+            mask = _coco_mask(a["segmentation"], *sizes[a["image_id"]])
+            found[a["image_id"]].append({**words[a["category_id"]], "segmentation": mask})
+        for image in content["images"]:
+            scene = image.get("video_id", image["id"])
+            yield {"file_name": image["file_name"], "scene": scene, "objects": found[image["id"]]}
+    except (KeyError, TypeError, ValueError) as e:
+        raise e if isinstance(e, DataError) else DataError(f"{path}: not a COCO file ({e!r})") from e
+
+
+def _coco_mask(segmentation: Any, height: int, width: int) -> dict[str, Any]:
+    """A compressed run-length mask from any of COCO's three forms."""
+    if isinstance(segmentation, list):
+        return dict(rle.merge(rle.frPyObjects(segmentation, height, width)))
+    if isinstance(segmentation["counts"], list):
+        return dict(rle.frPyObjects(segmentation, height, width))
+    return dict(segmentation)
 
 
 def _records(folder: Path) -> Iterator[dict[str, Any]]:

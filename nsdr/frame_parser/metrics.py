@@ -1,14 +1,15 @@
 """How well detections agree with the true objects of frames."""
 
+import warnings
 from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
 from torchvision.ops import box_iou
 
-from nsdr.clevrer.vocab import ATTRIBUTES
+from nsdr.clevrer.vocab import ATTRIBUTES, attributes_of
 
-__all__ = ["detection_scores"]
+__all__ = ["average_precision", "detection_scores"]
 
 
 @torch.no_grad()
@@ -46,7 +47,9 @@ def detection_scores(
                 continue
             found += 1
             matched += 1
-            same = {n: int(detection[n][kept][i].argmax()) == int(target[n][best]) for n in ATTRIBUTES}
+            words = attributes_of(int(detection["attribute"][kept][i].argmax()))
+            true_words = [ATTRIBUTES[n][int(target[n][best])] for n in ATTRIBUTES]
+            same = dict(zip(ATTRIBUTES, (a == b for a, b in zip(words, true_words, strict=True)), strict=True))
             exact += all(same.values())
             for name, value in same.items():
                 right[name] += value
@@ -57,3 +60,32 @@ def detection_scores(
     scores = {"precision": precision, "recall": recall, "f1": 2 * exact / max(found + demanded, 1)}
     scores |= {f"{name}_accuracy": value / max(matched, 1) for name, value in right.items()}
     return scores | {"mask_iou": mask_iou / max(matched, 1)}
+
+
+@torch.no_grad()
+def average_precision(model: nn.Module, frames: Iterable[tuple[Tensor, dict[str, Tensor]]]) -> dict[str, float]:
+    """COCO's average precision of masks and boxes, all objects one class: `mask_ap`, `mask_ap50`, `box_ap`, `box_ap50`.
+
+    Computed by torchmetrics (extra `train`); empty where that is missing. Arguments as of `detection_scores`.
+    """
+    try:
+        from torchmetrics.detection import MeanAveragePrecision
+    except ImportError:
+        return {}
+    model.eval()
+    device = next(model.parameters()).device
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its own dependencies'
+        metric = MeanAveragePrecision(iou_type=("bbox", "segm"))
+        for image, target in frames:
+            (found,) = model([image.to(device)])
+            masks = found["masks"][:, 0].cpu() > 0.5
+            guess = {"boxes": found["boxes"].cpu(), "scores": found["scores"].cpu(), "labels": found["labels"].cpu()}
+            true = {"boxes": target["boxes"], "labels": target["labels"], "masks": target["masks"].bool()}
+            metric.update([guess | {"masks": masks}], [true])
+        values = metric.compute()
+    return {
+        f"{name}_{measure}": float(values[f"{prefix}_map{suffix}"])
+        for name, prefix in (("mask", "segm"), ("box", "bbox"))
+        for measure, suffix in (("ap", ""), ("ap50", "_50"))
+    }

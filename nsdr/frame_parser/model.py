@@ -5,17 +5,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor, nn
+from torchvision import models
 from torchvision.models.detection import MaskRCNN
 from torchvision.models.detection.anchor_utils import AnchorGenerator
+from torchvision.models.detection.backbone_utils import BackboneWithFPN
 from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHead
 from torchvision.models.detection.mask_rcnn import MaskRCNNHeads, MaskRCNNPredictor
 from torchvision.models.resnet import BasicBlock
 from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
 
 from nsdr.errors import DataError
-from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads
+from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
 
-__all__ = ["FrameParserConfig", "SlimBackbone", "build_frame_parser"]
+__all__ = ["FrameParserConfig", "SlimBackbone", "TorchvisionBackbone", "build_frame_parser"]
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,10 @@ class FrameParserConfig:
     """Sizes of the frame parser.
 
     Attributes:
-        widths: channels of the four residual stages (strides 4, 8, 16, 32 px); multiples of 16.
-        blocks: residual blocks in each stage.
+        backbone: "slim", or torchvision's "resnet18", "resnet50" (the paper's) or "mobilenet_v3", from random weights.
+        attributes: "three" heads for colour, material and shape, or "joint": one label for the 48 combinations (the paper's).
+        widths: of the slim backbone: channels of the four residual stages (strides 4, 8, 16, 32 px); multiples of 16.
+        blocks: of the slim backbone: residual blocks in each stage.
         fpn_channels: channels of every pyramid level.
         anchor_sizes_px: anchor side on the levels of stride 4, 8 and 16; CLEVRER's objects are 25-110 px wide.
         box_features: width of the box head's two layers.
@@ -35,6 +39,8 @@ class FrameParserConfig:
         image_mean, image_std: RGB normalisation, measured on the rendered training frames (0-1).
     """
 
+    backbone: str = "slim"
+    attributes: str = "three"
     widths: tuple[int, int, int, int] = (32, 64, 128, 192)
     blocks: int = 2
     fpn_channels: int = 64
@@ -48,6 +54,12 @@ class FrameParserConfig:
     image_std: tuple[float, float, float] = (0.056, 0.056, 0.059)
 
     def __post_init__(self) -> None:
+        if self.backbone not in ("slim", *_BACKBONES):
+            raise DataError(
+                f"FrameParserConfig.backbone: {self.backbone!r}; expected one of slim, {', '.join(_BACKBONES)}"
+            )
+        if self.attributes not in ("three", "joint"):
+            raise DataError(f"FrameParserConfig.attributes: {self.attributes!r}; expected three or joint")
         # oneDNN's channels-last convolutions crash the process on other widths (seen with torch 2.15 on CPU).
         for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
             if any(v % 16 for v in value):
@@ -87,6 +99,32 @@ class SlimBackbone(nn.Module):
         return pyramid
 
 
+_BACKBONES: dict[str, tuple[dict[str, str], list[int]]] = {
+    "resnet18": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [64, 128, 256, 512]),
+    "resnet50": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [256, 512, 1024, 2048]),
+    "mobilenet_v3": ({"3": "0", "6": "1", "12": "2", "15": "3"}, [24, 40, 112, 160]),
+}
+"""torchvision's backbones: layers of stride 4, 8, 16 and 32 px, and their channels."""
+
+
+class TorchvisionBackbone(nn.Module):
+    """A torchvision network with a feature pyramid; levels as of `SlimBackbone`."""
+
+    def __init__(self, name: str, fpn_channels: int) -> None:
+        super().__init__()
+        layers, channels = _BACKBONES[name]
+        if name == "mobilenet_v3":
+            body: nn.Module = models.mobilenet_v3_large(weights=None).features
+        else:
+            body = getattr(models, name)(weights=None)
+        self.pyramid = BackboneWithFPN(body, layers, channels, fpn_channels)
+        self.out_channels = fpn_channels
+
+    def forward(self, images: Tensor) -> dict[str, Tensor]:
+        levels: dict[str, Tensor] = self.pyramid(images)
+        return {name: levels[name] for name in ("0", "1", "2")}
+
+
 def _stage(in_channels: int, channels: int, blocks: int, stride: int) -> nn.Sequential:
     shortcut = None
     if stride != 1 or in_channels != channels:
@@ -103,9 +141,15 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
     Training: `model(images, targets)` returns the losses by name. Evaluation: `model(images)` returns a list of
     detections (see `AttributeRoIHeads`). Images are (3, 320, 480) float RGB in 0-1.
 
-    Differs from the paper: ResNet-50 there, a slim ResNet trained from scratch here, so that a CPU suffices.
+    Differs from the paper: by default a slim ResNet and three attribute heads, trained from scratch, so that a CPU suffices;
+    `backbone="resnet50", attributes="joint"` is the paper's.
     """
     c = config or FrameParserConfig()
+    backbone: nn.Module = (
+        SlimBackbone(c.widths, c.blocks, c.fpn_channels)
+        if c.backbone == "slim"
+        else TorchvisionBackbone(c.backbone, c.fpn_channels)
+    )
     levels = ["0", "1"]
     # Both stages read strides 4 and 8: objects are 25-110 px wide.
     box_pool = MultiScaleRoIAlign(levels, output_size=7, sampling_ratio=2, canonical_scale=64, canonical_level=2)
@@ -119,7 +163,7 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
         "mask_predictor": MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
     }
     model = MaskRCNN(
-        SlimBackbone(c.widths, c.blocks, c.fpn_channels),
+        backbone,
         min_size=320,
         max_size=480,
         image_mean=list(c.image_mean),
@@ -135,7 +179,7 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
         **heads,
     )
     model.roi_heads = AttributeRoIHeads(
-        AttributePredictor(c.box_features),
+        AttributePredictor(c.box_features) if c.attributes == "three" else JointAttributePredictor(c.box_features),
         fg_iou_thresh=0.5,
         bg_iou_thresh=0.5,
         batch_size_per_image=64,

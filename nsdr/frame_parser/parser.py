@@ -1,6 +1,7 @@
 """Videos -> proposals, with a trained network."""
 
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from tqdm import tqdm
 from nsdr.checkpoint import load_checkpoint
 from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.proposals import proposals_from_rows
-from nsdr.clevrer.vocab import ATTRIBUTES, attribute_index
+from nsdr.errors import DataError
 from nsdr.frame_parser.data import image_tensor
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.types import VideoProposals
@@ -32,15 +33,18 @@ class FrameParser:
     Args:
         model: a trained network of `build_frame_parser`.
         batch_size: frames per forward pass.
+        stride: look at every so-manieth frame only, and at the last one; the tracker bridges the others.
     """
 
-    def __init__(self, model: nn.Module, batch_size: int = 8) -> None:
+    def __init__(self, model: nn.Module, batch_size: int = 8, stride: int = 1) -> None:
+        if batch_size < 1 or stride < 1:
+            raise DataError(f"batch_size {batch_size} and stride {stride}: expected at least 1")
         self.model = model.eval().to(memory_format=torch.channels_last)
-        self.batch_size = batch_size
+        self.batch_size, self.stride = batch_size, stride
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path) -> "FrameParser":
-        """Load `frame_parser.safetensors` and its JSON.
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "FrameParser":
+        """Load `frame_parser.safetensors` and its JSON; `options` are the constructor's.
 
         Raises:
             CheckpointError: missing or corrupt.
@@ -49,7 +53,7 @@ class FrameParser:
         config: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in details["config"].items()}
         model = build_frame_parser(FrameParserConfig(**config))
         model.load_state_dict(state)
-        return cls(model)
+        return cls(model, **options)
 
     @torch.no_grad()
     def parse(self, frames: Iterable[NDArray[np.uint8]], progress: bool = False) -> VideoProposals:
@@ -65,11 +69,16 @@ class FrameParser:
         rows: list[tuple[int, int, float, str]] = []
         count = 0
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
-        for batch in _batches(frames, self.batch_size):
-            for detection in self._detections(batch):
-                rows += [(count, *found) for found in _found(detection)]
-                count += 1
-                bar.update()
+        # Decoding runs ahead in a thread, so that the processor's time goes to the network.
+        with ThreadPoolExecutor(1) as pool:
+            batches = _batches(frames, self.batch_size, self.stride)
+            upcoming = pool.submit(next, batches, None)
+            while (batch := upcoming.result()) is not None:
+                upcoming = pool.submit(next, batches, None)
+                for (index, _), detection in zip(batch, self._detections([frame for _, frame in batch]), strict=True):
+                    rows += [(index, *found) for found in _found(detection)]
+                    bar.update(index + 1 - count)
+                    count = index + 1
         bar.close()
         return proposals_from_rows(count, rows)
 
@@ -84,8 +93,21 @@ class FrameParser:
         return detections
 
 
-def _batches(frames: Iterable[NDArray[np.uint8]], size: int) -> Iterator[list[NDArray[np.uint8]]]:
-    iterator = iter(frames)
+def _batches(
+    frames: Iterable[NDArray[np.uint8]], size: int, stride: int
+) -> Iterator[list[tuple[int, NDArray[np.uint8]]]]:
+    """Every `stride`-th frame and the last one, with their indices."""
+
+    def chosen() -> Iterator[tuple[int, NDArray[np.uint8]]]:
+        last = None
+        for index, frame in enumerate(frames):
+            last = (index, frame)
+            if index % stride == 0:
+                yield last
+        if last is not None and last[0] % stride:
+            yield last
+
+    iterator = chosen()
     while batch := list(islice(iterator, size)):
         yield batch
 
@@ -93,10 +115,9 @@ def _batches(frames: Iterable[NDArray[np.uint8]], size: int) -> Iterator[list[ND
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:
     """(attribute index, score, COCO run-length string) of each detected object."""
     boxes, masks = detection["boxes"].cpu().numpy(), detection["masks"][:, 0].float().cpu().numpy()
-    words = {name: detection[name].argmax(1).tolist() for name in ATTRIBUTES}
+    attributes = detection["attribute"].argmax(1).tolist()
     for i, score in enumerate(detection["scores"].tolist()):
-        named = {name: ATTRIBUTES[name][words[name][i]] for name in ATTRIBUTES}
-        yield attribute_index(**named), score, rle.encode(_pasted(masks[i], boxes[i]))["counts"].decode()
+        yield attributes[i], score, rle.encode(_pasted(masks[i], boxes[i]))["counts"].decode()
 
 
 def _pasted(mask: NDArray[np.float32], box_xyxy_px: NDArray[np.float32]) -> NDArray[np.uint8]:

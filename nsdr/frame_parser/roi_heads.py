@@ -13,9 +13,11 @@ from torchvision.models.detection.roi_heads import (
 )
 from torchvision.ops import boxes as box_ops
 
-from nsdr.clevrer.vocab import ATTRIBUTES
+from nsdr.clevrer.vocab import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
-__all__ = ["AttributePredictor", "AttributeRoIHeads"]
+__all__ = ["AttributePredictor", "AttributeRoIHeads", "JointAttributePredictor"]
+
+COMBINATIONS = len(COLORS) * len(MATERIALS) * len(SHAPES)
 
 
 class AttributePredictor(nn.Module):
@@ -32,21 +34,50 @@ class AttributePredictor(nn.Module):
         return {name: head(features) for name, head in self.heads.items()}
 
 
+class JointAttributePredictor(nn.Module):
+    """The paper's: one linear classifier of the 48 combinations.
+
+    `forward(features (N, C))` returns `{"attribute": (N, 48)}` logits, in the order of `attribute_index`.
+    """
+
+    def __init__(self, in_features: int) -> None:
+        super().__init__()
+        self.head = nn.Linear(in_features, COMBINATIONS)
+
+    def forward(self, features: Tensor) -> dict[str, Tensor]:
+        return {"attribute": self.head(features)}
+
+
+def attribute_probabilities(logits: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Probabilities from either predictor's logits: `attribute` (N, 48), and `color` (N, 8), `material` (N, 2), `shape` (N, 3).
+
+    With three heads the combinations' are the products; with joint labels the words' are sums.
+    """
+    if "attribute" in logits:
+        table = logits["attribute"].softmax(-1).unflatten(-1, tuple(len(words) for words in ATTRIBUTES.values()))
+        words = {"color": table.sum((-1, -2)), "material": table.sum((-1, -3)), "shape": table.sum((-2, -3))}
+    else:
+        words = {name: logit.softmax(-1) for name, logit in logits.items()}
+        table = words["color"][:, :, None, None] * words["material"][:, None, :, None] * words["shape"][:, None, None]
+    return words | {"attribute": table.flatten(1)}
+
+
 class AttributeRoIHeads(RoIHeads):
     """Second stage of Mask R-CNN for one class "object", with attributes.
 
     Targets carry `boxes` (N, 4) xyxy px, `labels` (N,) all 1, `masks` (N, H, W) uint8, and `color`, `material`,
     `shape` (N,) int64 indices in the order of `nsdr.clevrer.vocab`. Detections carry `boxes`, `scores` (N,),
-    `masks` (N, 1, H, W) and for each attribute its probabilities (N, number of words).
+    `masks` (N, 1, H, W), for each attribute its probabilities (N, number of words), and `attribute` (N, 48).
 
-    Differs from the paper: the paper predicts one label for each of the 48 combinations.
+    Differs from the paper: three heads by default; `JointAttributePredictor` is the paper's one label for each of the 48
+    combinations.
 
     Args:
-        attribute_predictor: reads the box head's features.
+        attribute_predictor: `AttributePredictor` or `JointAttributePredictor`; reads the box head's features.
         options: arguments of torchvision's `RoIHeads`.
     """
 
-    def __init__(self, attribute_predictor: AttributePredictor, **options: Any) -> None:
+    def __init__(self, attribute_predictor: nn.Module, **options: Any) -> None:
         super().__init__(**options)
         self.attribute_predictor = attribute_predictor
 
@@ -69,7 +100,7 @@ class AttributeRoIHeads(RoIHeads):
         logits = self.attribute_predictor(box_features[torch.cat(positive)])
         for name, logit in logits.items():
             # A frame without objects has no positives; `matched` then points at nothing.
-            words = torch.cat([t[name][m[p]] for t, m, p in zip(targets, matched, positive, strict=True)])
+            words = torch.cat([_labels(t, name)[m[p]] for t, m, p in zip(targets, matched, positive, strict=True)])
             losses[f"loss_{name}"] = F.cross_entropy(logit, words, reduction="sum") / max(len(words), 1)
 
         mask_proposals = [boxes[p] for boxes, p in zip(proposals, positive, strict=True)]
@@ -86,7 +117,7 @@ class AttributeRoIHeads(RoIHeads):
     def _detections(self, features, proposals, image_shapes) -> list[dict[str, Tensor]]:  # type: ignore[no-untyped-def]
         box_features = self._box_features(features, proposals, image_shapes)
         class_logits, box_regression = self.box_predictor(box_features)
-        attributes = {name: logit.softmax(-1) for name, logit in self.attribute_predictor(box_features).items()}
+        attributes = attribute_probabilities(self.attribute_predictor(box_features))
         counts = [len(boxes) for boxes in proposals]
         all_boxes = self.box_coder.decode(box_regression, proposals)[:, 1].split(counts)
         all_scores = class_logits.softmax(-1)[:, 1].split(counts)
@@ -106,3 +137,11 @@ class AttributeRoIHeads(RoIHeads):
         for result, masks in zip(results, maskrcnn_inference(mask_logits, [r["labels"] for r in results]), strict=True):
             result["masks"] = masks
         return results
+
+
+def _labels(target: dict[str, Tensor], name: str) -> Tensor:
+    """(N,) true indices of an attribute, or of the 48 combinations."""
+    if name != "attribute":
+        return target[name]
+    color, material, shape = (target[n] for n in ATTRIBUTES)
+    return (color * len(MATERIALS) + material) * len(SHAPES) + shape

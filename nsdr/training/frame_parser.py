@@ -12,7 +12,7 @@ from nsdr.checkpoint import load_checkpoint, save_checkpoint
 from nsdr.configuration import described, parse_config, resolved
 from nsdr.errors import DataError
 from nsdr.frame_parser.data import AugmentConfig, FrameDataset
-from nsdr.frame_parser.metrics import detection_scores
+from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.training.loop import LoopConfig, train
 
@@ -69,7 +69,8 @@ class FrameParserTask:
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         count = min(self.config.evaluation_frames, len(self.evaluation_frames))
         picked = np.linspace(0, len(self.evaluation_frames) - 1, count).astype(int)
-        return detection_scores(model, (self.evaluation_frames[int(i)] for i in picked))
+        frames = [self.evaluation_frames[int(i)] for i in picked]
+        return detection_scores(model, frames) | average_precision(model, frames)
 
 
 def main(argv: Sequence[str] | None = None) -> str:

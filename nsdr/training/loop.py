@@ -19,6 +19,7 @@ import torch
 from accelerate import Accelerator
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from nsdr.errors import DataError
@@ -45,6 +46,7 @@ class LoopConfig:
         step_size: steps between drops of the "step" schedule.
         step_factor: factor of each drop.
         clip_norm: largest gradient norm.
+        ema: decay of the weights' exponential moving average, which is evaluated and kept; 0 for none.
         precision: "no" (float32), "bf16" or "fp16".
         seed: of the weights, the batches and the augmentation.
         log_every: steps between lines of `metrics.jsonl`.
@@ -63,6 +65,7 @@ class LoopConfig:
     step_size: int = 1000
     step_factor: float = 0.3
     clip_norm: float = 5.0
+    ema: float = 0.0
     precision: str = "no"
     seed: int = 0
     log_every: int = 20
@@ -116,7 +119,12 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
     accelerator = Accelerator(mixed_precision=config.precision, cpu=config.device == "cpu")
     _check_same_run(run_dir, resolved, accelerator.is_main_process)
     model, optimizer = accelerator.prepare(task.model, _optimizer(task.model, config))
-    start = _restore(run_dir, task.model, optimizer)
+    average = (
+        AveragedModel(task.model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
+        if config.ema
+        else None
+    )
+    start = _restore(run_dir, task.model, optimizer, average)
     writer = _tensorboard(run_dir) if accelerator.is_main_process else None
 
     def draw(step: int) -> Any:
@@ -147,6 +155,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
             accelerator.clip_grad_norm_(model.parameters(), config.clip_norm)
             optimizer.step()
             optimizer.zero_grad()
+            if average is not None:
+                average.update_parameters(accelerator.unwrap_model(model))
 
             done = step + 1
             last = done == config.steps
@@ -156,7 +166,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
                 record |= {f"loss/{name}": term.item() for name, term in losses.items()}
                 bar.set_postfix(loss=f"{record['loss']:.4g}")
             if last or (config.evaluate_every and done % config.evaluate_every == 0):
-                metrics = task.evaluate(accelerator.unwrap_model(model))
+                measured = accelerator.unwrap_model(model) if average is None else average.module
+                metrics = task.evaluate(measured)
                 record |= metrics
                 log.info("step %d: %s", done, metrics)
             if record and accelerator.is_main_process:
@@ -166,7 +177,9 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
                     for name, value in record.items():
                         writer.add_scalar(name, value, done)
             if accelerator.is_main_process and (last or done % config.save_every == 0):
-                _save(run_dir, done, task.model, optimizer, metrics)
+                _save(run_dir, done, task.model, optimizer, average, metrics)
+    if average is not None:
+        task.model.load_state_dict(average.module.state_dict())
     if writer is not None:
         writer.close()
     return metrics or _last_metrics(run_dir)
@@ -199,7 +212,14 @@ def _newest(run_dir: Path) -> Path | None:
     return max(complete, default=None, key=lambda p: int(p.name.removeprefix("step_")))
 
 
-def _save(run_dir: Path, step: int, model: nn.Module, optimizer: Any, metrics: Mapping[str, float]) -> None:
+def _save(
+    run_dir: Path,
+    step: int,
+    model: nn.Module,
+    optimizer: Any,
+    average: AveragedModel | None,
+    metrics: Mapping[str, float],
+) -> None:
     """Write `step_N`; its `state.json` comes last and marks it complete, then older ones go."""
     folder = run_dir / f"step_{step:07d}"
     folder.mkdir(exist_ok=True)
@@ -207,17 +227,23 @@ def _save(run_dir: Path, step: int, model: nn.Module, optimizer: Any, metrics: M
     flat = {f"{i}.{name}": torch.as_tensor(value) for i, values in state.items() for name, value in values.items()}
     save_file({k: v.detach().cpu().contiguous() for k, v in model.state_dict().items()}, folder / "model.safetensors")
     save_file({k: v.detach().cpu().contiguous() for k, v in flat.items()}, folder / "optimizer.safetensors")
+    if average is not None:
+        # A copy: safetensors refuses weights that share memory.
+        averaged = {k: v.detach().cpu().clone() for k, v in average.state_dict().items()}
+        save_file(averaged, folder / "average.safetensors")
     write_json(folder / "state.json", {"step": step, "metrics": metrics})
     for old in run_dir.glob("step_*"):
         if old != folder:
             shutil.rmtree(old)
 
 
-def _restore(run_dir: Path, model: nn.Module, optimizer: Any) -> int:
+def _restore(run_dir: Path, model: nn.Module, optimizer: Any, average: AveragedModel | None) -> int:
     folder = _newest(run_dir)
     if folder is None:
         return 0
     model.load_state_dict(load_file(folder / "model.safetensors"))
+    if average is not None:
+        average.load_state_dict(load_file(folder / "average.safetensors"))
     state: dict[int, dict[str, Tensor]] = {}
     for key, value in load_file(folder / "optimizer.safetensors").items():
         index, name = key.split(".", 1)
