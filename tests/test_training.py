@@ -11,7 +11,7 @@ from safetensors.torch import load_file
 
 from nsdr import DataError, DynamicsPredictor, FrameParser, QuestionParser
 from nsdr.training import dynamics, frame_parser, question_parser
-from nsdr.training.loop import LoopConfig, learning_rate_at, train
+from nsdr.training.loop import LoopConfig, Task, learning_rate_at, train
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
 
@@ -137,7 +137,7 @@ def test_shipped_configurations_are_read(part, monkeypatch) -> None:
             part.main(["--config", str(path)])
 
 
-class _Line:
+class _Line(Task):
     """Fits y = w x; the loss can be made to explode."""
 
     def __init__(self, explode: bool = False) -> None:

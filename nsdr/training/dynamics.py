@@ -17,7 +17,7 @@ from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import LENGTH_WORLD, DynamicsConfig, DynamicsModel
 from nsdr.dynamics.predictor import DynamicsPredictor
 from nsdr.dynamics.states import extended
-from nsdr.training.loop import LoopConfig, train
+from nsdr.training.loop import LoopConfig, Task, train
 
 __all__ = ["DynamicsTraining", "main"]
 
@@ -53,7 +53,7 @@ class DynamicsTraining:
     loop: LoopConfig = field(default_factory=LoopConfig)
 
 
-class DynamicsTask:
+class DynamicsTask(Task):
     """Multi-step motion and collision losses of the forward network, collision loss of the observer."""
 
     def __init__(self, config: DynamicsTraining) -> None:

@@ -4,19 +4,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from nsdr.checkpoint import load_checkpoint, save_checkpoint
+from nsdr.clevrer.vocab import attributes_of
 from nsdr.configuration import described, parse_config, resolved
 from nsdr.errors import DataError
 from nsdr.frame_parser.data import AugmentConfig, FrameDataset
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
-from nsdr.training.loop import LoopConfig, train
+from nsdr.training.loop import LoopConfig, Task, train
 
 __all__ = ["FrameParserTraining", "main"]
+
+SHOWN_FRAMES, SHOWN_SCORE = 3, 0.5
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class FrameParserTraining:
     loop: LoopConfig = field(default_factory=LoopConfig)
 
 
-class FrameParserTask:
+class FrameParserTask(Task):
     """Mask R-CNN's losses on random training frames; attribute-exact F1 on held-out scenes."""
 
     def __init__(self, config: FrameParserTraining) -> None:
@@ -71,6 +76,24 @@ class FrameParserTask:
         picked = np.linspace(0, len(self.evaluation_frames) - 1, count).astype(int)
         frames = [self.evaluation_frames[int(i)] for i in picked]
         return detection_scores(model, frames) | average_precision(model, frames)
+
+    @torch.no_grad()
+    def pictures(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
+        """Held-out frames with what is found in them."""
+        model.eval()
+        device = next(model.parameters()).device
+        shown = {}
+        for number in range(min(SHOWN_FRAMES, len(self.evaluation_frames))):
+            image, _ = self.evaluation_frames[number * len(self.evaluation_frames) // SHOWN_FRAMES]
+            (found,) = model([image.to(device)])
+            picture = np.ascontiguousarray((image.permute(1, 2, 0).numpy() * 255).astype(np.uint8))
+            for i in torch.where(found["scores"] > SHOWN_SCORE)[0].tolist():
+                left, top, right, bottom = (int(side) for side in found["boxes"][i].tolist())
+                name = " ".join(attributes_of(int(found["attribute"][i].argmax())))
+                cv2.rectangle(picture, (left, top), (right, bottom), (255, 255, 0), 1)
+                cv2.putText(picture, name, (left, top - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (255, 255, 0), 1)
+            shown[f"evaluation/{number}"] = picture
+        return shown
 
 
 def main(argv: Sequence[str] | None = None) -> str:

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 from accelerate import Accelerator
+from numpy.typing import NDArray
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -87,6 +88,10 @@ class Task(Protocol):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Measures on held-out data."""
+
+    def pictures(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
+        """Pictures (H, W, 3) RGB for TensorBoard, by name; none where there is nothing to see."""
+        return {}
 
 
 def learning_rate_at(step: int, config: LoopConfig) -> float:
@@ -169,6 +174,9 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
                 measured = accelerator.unwrap_model(model) if average is None else average.module
                 metrics = task.evaluate(measured)
                 record |= metrics
+                if writer is not None:
+                    for name, picture in task.pictures(measured).items():
+                        writer.add_image(name, picture, done, dataformats="HWC")
                 log.info("step %d: %s", done, metrics)
             if record and accelerator.is_main_process:
                 lines.write(json.dumps({"step": done, **record}) + "\n")

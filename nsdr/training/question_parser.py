@@ -20,7 +20,7 @@ from nsdr.question_parser.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.parser import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
 from nsdr.training.ablation import parse_sizes, run_ablation
-from nsdr.training.loop import LoopConfig, train
+from nsdr.training.loop import LoopConfig, Task, train
 
 __all__ = ["QuestionParserTraining", "main"]
 
@@ -62,7 +62,7 @@ class QuestionParserTraining:
     loop: LoopConfig = field(default_factory=LoopConfig)
 
 
-class QuestionParserTask:
+class QuestionParserTask(Task):
     """Cross-entropy of the next token, summed over the three networks; share of exact programs."""
 
     def __init__(self, config: QuestionParserTraining) -> None:
