@@ -83,6 +83,15 @@ def _parser() -> jsonargparse.ArgumentParser:
     parse_videos.add_argument("--workers", type=int, default=0, help="processes; 0 for one a CPU core")
     parse_videos.add_argument("--engine", default="processes", choices=["processes", "ray"], help="where to work")
 
+    predict = add("predict-dynamics", "turn mask proposals into motion and collisions; goes on where it stopped")
+    predict.add_argument("proposals", help="folder of proposal files, or one compact NPZ")
+    predict.add_argument("-o", "--output", required=True, help="folder for the files")
+    predict.add_argument(
+        "--form", default="predictions", choices=["predictions", "scenes"], help="the research code's files, or ours"
+    )
+    predict.add_argument("--workers", type=int, default=0, help="processes; 0 for one a CPU core")
+    predict.add_argument("--engine", default="processes", choices=["processes", "ray"], help="where to work")
+
     parse_question = add("parse-question", "turn a question or choice into a program")
     parse_question.add_argument("text", help="in CLEVRER's English")
     parse_question.add_argument(
@@ -231,12 +240,24 @@ def _parse_videos(options: Any) -> int:
     summary = parse_videos(
         options.videos, options.output, options.checkpoint, options.stride, options.engine, options.workers
     )
-    print(
-        f"{options.output}: {len(summary.done)} done, {len(summary.skipped)} done before, {len(summary.failed)} failed"
+    return _summarize(options.output, summary)
+
+
+def _predict_dynamics(options: Any) -> int:
+    from nsdr.perceive import predict_dynamics
+
+    summary = predict_dynamics(
+        options.proposals, options.output, options.form, options.checkpoint, options.engine, options.workers
     )
+    return _summarize(options.output, summary)
+
+
+def _summarize(output: str, summary: Any) -> int:
+    done, skipped, failed = len(summary.done), len(summary.skipped), len(summary.failed)
+    print(f"{output}: {done} done, {skipped} done before, {failed} failed")
     for name, error in summary.failed.items():
         print(f"  {name}: {error}")
-    return 1 if summary.failed else 0
+    return 1 if failed else 0
 
 
 def _parse_question(options: Any) -> int:
@@ -364,6 +385,7 @@ _COMMANDS: dict[str, Callable[[Any], int]] = {
     "answer": _answer,
     "parse-video": _parse_video,
     "parse-videos": _parse_videos,
+    "predict-dynamics": _predict_dynamics,
     "parse-question": _parse_question,
     "execute": _execute,
     "evaluate": _evaluate,

@@ -1,28 +1,34 @@
-"""Whole folders of videos -> scenes: many processes, resumable, one failure does not stop the rest."""
+"""Whole folders of videos or proposals -> scenes: many processes, resumable, one failure does not stop the rest."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from nsdr import storage
-from nsdr.clevrer.proposals import proposals_document
+from nsdr.clevrer.predictions import predictions_document
+from nsdr.clevrer.proposals import proposals_document, read_compact_proposals, read_proposals
 from nsdr.errors import DataError
 from nsdr.files import write_json
 from nsdr.parallel import run_tasks
 from nsdr.pipeline import Pipeline
+from nsdr.types import VideoProposals
 
-__all__ = ["Summary", "parse_videos"]
+__all__ = ["Summary", "parse_videos", "predict_dynamics"]
+
+FORMATS = ("predictions", "scenes")
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What became of the videos: names done now, names done before, and the errors of those that failed."""
+    """What became of the inputs: names done now, names done before, and the errors of those that failed."""
 
     done: tuple[str, ...]
     skipped: tuple[str, ...]
-    failed: dict[str, str]
+    failed: Mapping[str, str]
 
 
 def parse_videos(
@@ -46,38 +52,98 @@ def parse_videos(
     Raises:
         DataError: the folder holds no videos.
     """
-    output = Path(output)
     paths = sorted(Path(videos).rglob("*.mp4"))
     if not paths:
         raise DataError(f"{videos}: holds no *.mp4")
-    skipped = [p for p in paths if _scene_path(output, p).exists()]
-    left = [p for p in paths if p not in set(skipped)]
+    jobs = {p.name: (p, Path(output) / f"scene_{_number(p)}.json") for p in paths}
+    return _each(partial(_parse_video, checkpoint, stride), jobs, Path(output), engine, workers)
+
+
+def predict_dynamics(
+    proposals: str | Path,
+    output: str | Path,
+    form: str = "predictions",
+    checkpoint: str = "default",
+    engine: str = "processes",
+    workers: int = 0,
+) -> Summary:
+    """Write the motion and collisions of every proposal file: observed, after the video, and with each object removed.
+
+    Args:
+        proposals: folder with `proposal_N.json` or `sim_N.json` (also gzipped), or a compact NPZ.
+        output: folder to write; what is there already is skipped, and `failures.json` names what failed and why.
+        form: "predictions" writes the research code's `sim_N.json`, which the released executor reads; "scenes" writes our
+            `scene_N.json`.
+        checkpoint, engine, workers: as of `parse_videos`.
+
+    Raises:
+        DataError: an unknown form, or there are no proposals.
+    """
+    if form not in FORMATS:
+        raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
+    stem = "sim" if form == "predictions" else "scene"
+    source = Path(proposals)
+    if source.is_file():
+        found: dict[str, Any] = {f"{video:05d}": (video, p) for video, p in read_compact_proposals(source)}
+    else:
+        names = ("proposal_*.json", "proposal_*.json.gz", "sim_*.json", "sim_*.json.gz")
+        found = {_number(p): p for name in names for p in sorted(source.rglob(name))}
+    if not found:
+        raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")
+    jobs = {number: (item, Path(output) / f"{stem}_{number}.json") for number, item in found.items()}
+    return _each(partial(_predict, checkpoint, form), jobs, Path(output), engine, workers)
+
+
+def _number(path: Path) -> str:
+    return path.name.split(".")[0].split("_")[-1]
+
+
+def _each(
+    function: Callable[[tuple[Any, Path]], None],
+    jobs: Mapping[str, tuple[Any, Path]],
+    output: Path,
+    engine: str,
+    workers: int,
+) -> Summary:
+    """Do `function((input, file to write))` for all jobs whose file is not there yet."""
+    skipped = [name for name, (_, path) in jobs.items() if path.exists()]
+    left: Sequence[tuple[Any, Path]] = [job for name, job in jobs.items() if name not in set(skipped)]
+    names = {path: name for name, (_, path) in jobs.items()}
     done, failed = [], {}
-    outcomes = run_tasks(partial(_parse_video, str(output), checkpoint, stride), left, engine, workers)
-    for outcome in tqdm(outcomes, total=len(paths), initial=len(skipped), unit="video", desc="videos"):
+    outcomes = run_tasks(function, left, engine, workers)
+    for outcome in tqdm(outcomes, total=len(jobs), initial=len(skipped), unit="video", desc="videos"):
+        name = names[outcome.item[1]]
         if outcome.error:
-            failed[outcome.item.name] = outcome.error
+            failed[name] = outcome.error
         else:
-            done.append(outcome.item.name)
+            done.append(name)
     write_json(output / "failures.json", dict(sorted(failed.items())), indent=1)
-    return Summary(tuple(sorted(done)), tuple(p.name for p in skipped), failed)
-
-
-def _scene_path(output: Path, video: Path) -> Path:
-    return output / f"scene_{video.stem.removeprefix('video_')}.json"
+    return Summary(tuple(sorted(done)), tuple(skipped), failed)
 
 
 @lru_cache(maxsize=1)
-def _pipeline(checkpoint: str, stride: int) -> Pipeline:
+def _pipeline(checkpoint: str, stride: int = 1) -> Pipeline:
     pipeline = Pipeline.from_pretrained(checkpoint)
     pipeline.frame_parser.stride = stride
     return pipeline
 
 
-def _parse_video(output: str, checkpoint: str, stride: int, video: Path) -> None:
+def _parse_video(checkpoint: str, stride: int, job: tuple[Path, Path]) -> None:
+    video, path = job
     perception = _pipeline(checkpoint, stride).perception(video)
-    number = "".join(c for c in video.stem if c.isdigit())
+    digits = "".join(c for c in video.stem if c.isdigit())
     assert perception.proposals is not None
-    document = proposals_document(perception.proposals, int(number or 0), video.name)
-    write_json(Path(output) / f"proposal_{video.stem.removeprefix('video_')}.json", document)
-    storage.save(perception.scene, _scene_path(Path(output), video))  # last: it marks the video as done
+    document = proposals_document(perception.proposals, int(digits or 0), video.name)
+    write_json(path.with_name(path.name.replace("scene_", "proposal_")), document)
+    storage.save(perception.scene, path)  # last: it marks the video as done
+
+
+def _predict(checkpoint: str, form: str, job: tuple[Path | tuple[int, VideoProposals], Path]) -> None:
+    source, path = job
+    proposals = read_proposals(source) if isinstance(source, Path) else source[1]
+    perception = _pipeline(checkpoint).perception(proposals=proposals)
+    if form == "scenes":
+        storage.save(perception.scene, path)
+    else:
+        assert perception.dynamics is not None
+        write_json(path, predictions_document(perception.dynamics))

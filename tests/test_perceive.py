@@ -4,11 +4,12 @@ import json
 
 import pytest
 
-from nsdr import DataError, Scene, load
+from nsdr import DataError, Executor, Scene, load
+from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.cli import main
 from nsdr.examples import VIDEO
 from nsdr.generate.encode import write_video
-from nsdr.perceive import parse_videos
+from nsdr.perceive import parse_videos, predict_dynamics
 
 
 @pytest.fixture
@@ -46,3 +47,27 @@ def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_pat
 def test_a_folder_without_videos_is_an_error(tmp_path) -> None:
     with pytest.raises(DataError, match=r"holds no \*\.mp4"):
         parse_videos(tmp_path, tmp_path / "out")
+
+
+def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion, tmp_path, capsys) -> None:
+    compact, _ = tiny_motion
+    output = tmp_path / "predictions"
+    assert main(["predict-dynamics", str(compact), "-o", str(output), "--workers", "1"]) == 0
+    assert "4 done, 0 done before, 0 failed" in capsys.readouterr().out
+    document = read_predictions(output / "sim_00000.json")
+    assert [p["what_if"] for p in document["predictions"]] == [-1, 0, 1]
+    assert len(scene_from_predictions(document).objects) == 2
+    assert Executor(document, "official").answer(["objects", "count"]).answer == "2"
+    first = (output / "sim_00002.json").read_bytes()
+    (output / "sim_00002.json").unlink()
+    assert predict_dynamics(compact, output, workers=1).done == ("00002",)
+    assert (output / "sim_00002.json").read_bytes() == first
+    scenes = predict_dynamics(compact, tmp_path / "scenes", "scenes", workers=1)
+    assert len(scenes.done) == 4
+    assert load(Scene, tmp_path / "scenes" / "scene_00001.json").n_frames == 128
+    with pytest.raises(DataError, match="form is 'csv'; expected one of predictions, scenes"):
+        predict_dynamics(compact, output, "csv")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(DataError, match=r"holds no proposal_N\.json"):
+        predict_dynamics(empty, output)
