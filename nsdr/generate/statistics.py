@@ -119,7 +119,8 @@ def bar_charts(path: str | Path, charts: Sequence[tuple[str, Mapping[str, Mappin
         for s, (name, values) in enumerate(shown.items()):
             places = [k + (s - (len(shown) - 1) / 2) * width for k in range(len(keys))]
             axes.bar(places, [100 * values.get(k, 0) for k in keys], width, label=name)
-        axes.set_xticks(range(len(keys)), keys, fontsize=7, rotation=60 if len(keys) > 8 else 0)
+        crowded = len(keys) > 8 or sum(map(len, keys)) > 50
+        axes.set_xticks(range(len(keys)), keys, fontsize=7, rotation=45 if crowded else 0)
         axes.set_title(title, fontsize=9)
         axes.set_ylabel("%", fontsize=8)
     if charts:
