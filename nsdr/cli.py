@@ -27,10 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         try:
-            if arguments[:1] == ["train"]:
-                return _train(arguments[1:])
-            if arguments[:1] == ["generate"]:
-                return _generate(arguments[1:])
+            of_its_own = {"train": _train, "generate": _generate}.get(arguments[0] if arguments else "")
+            if of_its_own and arguments[1:2] not in (["--help"], ["-h"]):
+                return of_its_own(arguments[1:])
             parser = _parser()
             options = parser.parse_args(arguments)
             if options.command is None:

@@ -3,14 +3,18 @@ import pytest
 import torch
 
 from nsdr import DataError, DynamicsPredictor, Event
+from nsdr.clevrer.camera import ground_from_pixels, pixels_from_world
+from nsdr.clevrer.view import View
 from nsdr.dynamics.data import read_motion_data, read_truth
+from nsdr.dynamics.flight import fit_flight, fly
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
+from nsdr.dynamics.observed import observed_motion
 from nsdr.dynamics.predictor import UNSEEN_FRAMES, in_picture
 from nsdr.dynamics.propnet import PropNet
-from nsdr.dynamics.states import extended, states_from_tracks, visible_frames
+from nsdr.dynamics.states import MotionStates, extended, states_from_tracks, visible_frames
 from nsdr.frame_parser.tracker import track
-from nsdr.types import VideoTracks
+from nsdr.types import SceneObject, Track, VideoTracks
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
 
@@ -188,3 +192,81 @@ def test_places_continue_in_straight_lines_beyond_the_video() -> None:
     np.testing.assert_allclose(longer[0, :, 0], np.arange(-3.0, 23.0))
     assert extended(places[:, :1], 2).shape == (1, 5, 2)
     assert extended(places, 0).shape == places.shape
+
+
+@pytest.mark.parametrize("shape", ["cube", "cylinder", "sphere"])
+def test_flights_follow_the_law_of_deceleration(shape: str) -> None:
+    friction = 0.0 if shape == "sphere" else 0.03 * 9.81
+    way, speed = 0.0, 1.2
+    for _ in range(7000):
+        speed = max(speed - (friction + 0.04 * speed + 0.04 * speed**2) * 2e-4, 0.0)
+        way += speed * 2e-4
+    flown, then = fly(shape, np.array(1.2), np.array(1.4))
+    assert float(flown) == pytest.approx(way, abs=2e-3)
+    assert float(then) == pytest.approx(speed, abs=2e-3)
+    back, before = fly(shape, then, np.array(-1.4))
+    assert float(before) == pytest.approx(1.2, abs=5e-3)
+    assert float(back) == pytest.approx(-way, abs=5e-3)
+
+
+def test_objects_with_friction_stop_and_stay() -> None:
+    way, speed = fly("cube", np.array(0.2), np.array([0.5, 2.0, 9.0]))
+    assert speed.tolist()[1:] == [0.0, 0.0]
+    assert way[1] == way[2]
+
+
+def test_a_flight_is_found_through_noise_and_wrong_places() -> None:
+    rng = np.random.default_rng(0)
+    frames = np.arange(40)
+    way, _ = fly("cylinder", np.array(2.0), frames * 0.028)
+    places = np.array([-1.0, 0.5]) + way[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
+    places[10:14] += 0.3
+    place, velocity, residual = fit_flight("cylinder", frames, places, np.ones(40), 0.0)
+    np.testing.assert_allclose(place, [-1.0, 0.5], atol=0.01)
+    np.testing.assert_allclose(velocity, [1.2, 1.6], atol=0.03)
+    assert residual < 0.02
+
+
+def states_of(shape: str, places: np.ndarray, seen: np.ndarray) -> MotionStates:
+    """One object at places (F, 2), detected in some frames."""
+    present = np.zeros(len(places), bool)
+    present[np.flatnonzero(seen)[0] : np.flatnonzero(seen)[-1] + 1] = True
+    o = SceneObject(0, "red", "metal", shape)
+    return MotionStates((o,), places[None].copy(), seen[None], seen[None], present[None])
+
+
+def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
+    rng = np.random.default_rng(1)
+    way, _ = fly("cube", np.array(0.5), np.maximum(np.arange(128) - 50, 0) * 0.028)
+    places = np.stack([way, 0 * way], 1) + rng.normal(size=(128, 2)) * 0.005
+    motion = observed_motion(states_of("cube", places, np.ones(128, bool)), [Event("collision", 50, (0, 1))])
+    moving = motion.speed_world_per_s[0] > 0.02
+    assert not moving[:50].any()
+    assert moving[52:95].all()
+    assert not moving[115:].any()  # it has slid to a stop
+    assert motion.visible.all()
+
+
+def test_entrances_and_exits_come_from_the_flight() -> None:
+    way, _ = fly("sphere", np.array(2.8), np.arange(128) * 0.028)
+    places = np.stack([0 * way, -3.2 + way], 1)  # from the left to the right
+    shown = View().shows("sphere", np.concatenate([places, np.full((128, 1), 0.2)], 1), np.zeros(128))
+    first, last = np.flatnonzero(shown)[[0, -1]]
+    seen = shown.copy()
+    seen[: first + 4] = seen[last - 3 :] = False  # detected late, lost early
+    motion = observed_motion(states_of("sphere", places, seen), [])
+    found = np.flatnonzero(motion.visible[0])
+    assert abs(int(found[0]) - int(first)) <= 1
+    assert abs(int(found[-1]) - int(last)) <= 1
+    assert first > 0
+
+
+def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: DynamicsPredictor) -> None:
+    (x, y) = ground_from_pixels([471.0, 150.0])
+    u, v = pixels_from_world([x, y, 0.2])
+    box = np.tile([int(u) - 17, int(v) - 17, 480, int(v) + 17], (128, 1))
+    centroid = np.tile([475.0, 150.0], (128, 1))
+    o = SceneObject(0, "red", "metal", "sphere")
+    track = Track(o, np.arange(128), np.tile([x, y], (128, 1)), centroid, box, np.ones(128))
+    prediction = predictor.predict(VideoTracks(128, (track,)))
+    assert prediction.observed.visible[0, :128].all()

@@ -3,9 +3,9 @@
 Between its collisions every object flies undisturbed, so each stretch of a track is fitted by the law of `flight`.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -61,7 +61,7 @@ def observed_motion(states: MotionStates, collisions: Sequence[Event]) -> Observ
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
         bounds = [0, *hits, frames]
-        for k, (start, end) in enumerate(itertools.pairwise(bounds)):
+        for k, (start, end) in enumerate(pairwise(bounds)):
             fitted = _stretch(states, i, start if k == 0 else start + COLLISION_MARGIN_FRAMES, end, at_first=k == 0)
             if fitted is not None:
                 location[i, start:end], speed[i, start:end] = (part[: end - start] for part in fitted(start, end))
