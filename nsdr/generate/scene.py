@@ -75,8 +75,8 @@ class SceneConfig:
     partner_weights: tuple[float, ...] = (1.0, 1.1, 0.5)
     first_meeting: tuple[float, float] = (30.0, 15.0)
     resting_delay: float = 36.0
-    late_fraction: tuple[float, ...] = (0.0, 0.0, 0.6, 0.95)
-    extra_fraction: float = 0.15
+    late_fraction: tuple[float, ...] = (0.0, 0.0, 0.55, 0.9)
+    extra_fraction: float = 0.3
     shapes: tuple[str, ...] = SHAPES
     colors: tuple[str, ...] = COLORS
     materials: tuple[str, ...] = MATERIALS
