@@ -193,7 +193,7 @@ def test_the_averaged_weights_are_kept_and_resume(tmp_path, monkeypatch) -> None
     assert resumed.model.weight.item() == task.model.weight.item()
 
 
-def test_learning_rate_schedules() -> None:
+def test_learning_rate_schedules(tmp_path) -> None:
     config = LoopConfig(steps=100, learning_rate=1.0, warmup_steps=10)
     assert learning_rate_at(0, config) == pytest.approx(0.1)
     assert learning_rate_at(10, config) == 1.0
@@ -203,4 +203,4 @@ def test_learning_rate_schedules() -> None:
     with pytest.raises(DataError, match="schedule is 'odd'"):
         learning_rate_at(0, replace(steps, schedule="odd"))
     with pytest.raises(DataError, match="optimizer is 'odd'"):
-        train(_Line(), LoopConfig(optimizer="odd", device="cpu"), "unused", {})
+        train(_Line(), LoopConfig(optimizer="odd", device="cpu"), tmp_path, {})
