@@ -107,8 +107,9 @@ def _with_processes(function: Callable[[Item], Any], items: Sequence[Item], work
         try:
             while left or flying:
                 while left and len(flying) < workers * IN_FLIGHT_PER_WORKER:
-                    number, item = left.pop()
+                    number, item = left[-1]
                     flying[pool.submit(_attempt, function, item)] = number
+                    left.pop()  # only now: a broken pool takes nothing more
                 for future in wait(flying, return_when=FIRST_COMPLETED).done:
                     outcome = future.result()
                     del flying[future]

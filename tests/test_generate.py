@@ -233,7 +233,8 @@ def test_a_generated_data_set_verifies_clean_and_reads(tiny, capsys) -> None:
     assert split.indices == range(0, 2)
     scene = scene_from_annotation(split.annotation(1))
     assert scene.n_frames == 40
-    truth = scene_from_truth(read_json(Files(tiny.output, "train", 1).truth), 40)
+    truth = scene_from_truth(read_json(Files(tiny.output, "train", 1).truth))
+    assert truth.n_frames == 40  # the file knows its video's length
     assert truth.objects == scene.objects
     assert truth.events == scene.events
     assert truth.unseen is not None

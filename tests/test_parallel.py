@@ -3,12 +3,13 @@
 import os
 import threading
 import time
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from nsdr import DataError
+from nsdr import DataError, parallel
 from nsdr.parallel import run_tasks
 
 
@@ -49,6 +50,20 @@ def test_all_tasks_end_and_failures_are_told(workers: int) -> None:
 def test_a_lost_workers_tasks_are_done_again(tmp_path) -> None:
     outcomes = list(run_tasks(partial(die_once, str(tmp_path)), range(5), workers=2))
     assert sorted(o.result for o in outcomes) == [0, 1, 2, 3, 4]
+
+
+def test_a_pool_that_breaks_while_tasks_are_handed_out_loses_none(monkeypatch) -> None:
+    class Breaking(parallel.ProcessPoolExecutor):
+        broken = False
+
+        def submit(self, *arguments):
+            if not Breaking.broken:
+                Breaking.broken = True
+                raise BrokenProcessPool
+            return super().submit(*arguments)
+
+    monkeypatch.setattr(parallel, "ProcessPoolExecutor", Breaking)
+    assert sorted(o.result for o in run_tasks(abs, range(3), workers=2)) == [0, 1, 2]
 
 
 def test_a_task_that_kills_every_worker_fails() -> None:

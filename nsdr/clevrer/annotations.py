@@ -1,4 +1,4 @@
-"""CLEVRER's annotation files (`annotation_XXXXX.json`), and the `ground_truth` block of the research code's proposal files."""
+"""CLEVRER's annotation files (`annotation_N.json`), and the `ground_truth` block of the research code's proposal files."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""The research code's dynamics prediction files (`sim_XXXXX.json`): its interchange between dynamics and executor.
+"""The research code's dynamics prediction files (`sim_N.json`): its interchange between dynamics and executor.
 
 `objects: [{id, color, material, shape}]`; `predictions[0]` has `what_if: -1`, each other one `what_if: k`, the removed object;
 a prediction has `trajectory: [{frame_index, objects: [{x, y, color, material, shape}]}]`, sampled every 5 frames, with x the

@@ -29,7 +29,7 @@ __all__ = [
 
 
 def read_proposals(path: str | Path) -> VideoProposals:
-    """Read `proposal_XXXXX.json` or the research code's `sim_XXXXX.json`, also gzipped.
+    """Read `proposal_N.json` or the research code's `sim_N.json`, also gzipped.
 
     Raises:
         DataError: not a proposal file; names the file, the place inside and what was expected.

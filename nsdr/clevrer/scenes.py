@@ -76,18 +76,19 @@ def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
     return Scene(objects, len(frames), visible, moving, tuple(events))
 
 
-def scene_from_truth(truth: Mapping[str, Any], n_frames: int = 128) -> Scene:
+def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> Scene:
     """Scene of a generator's `truth_S.json`: observed, unseen and counterfactual events, all known.
 
     Args:
         truth: `objects`, `frames` (all 7/5 of the video), `collisions` and `counterfactual`.
-        n_frames: how many of the frames the video shows.
+        n_frames: how many of the frames the video shows; None takes the file's own `n_frames`, or else 128.
 
     Raises:
         DataError: a missing key or unknown attribute.
     """
     try:
         objects = _objects(truth["objects"], "object_id")
+        n_frames = n_frames or truth.get("n_frames", 128)
         visible, moving = _visible_and_moving(truth["frames"][:n_frames], len(objects))
         collisions = _collisions(truth["collisions"])
         counterfactual = {int(removed): tuple(_collisions(rows)) for removed, rows in truth["counterfactual"].items()}

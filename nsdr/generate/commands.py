@@ -109,7 +109,7 @@ def _read_scenes(path: Path) -> Iterator[tuple[int, str, Scene]]:
             yield content["scene_index"], content["video_filename"], scene_from_annotation(content)
         else:
             index = content["scene_index"]
-            yield index, f"video_{index:05d}.mp4", scene_from_truth(content, content.get("n_frames", 128))
+            yield index, f"video_{index:05d}.mp4", scene_from_truth(content)
     except (DataError, KeyError, TypeError) as e:
         raise DataError(f"{path}: not a truth, annotation or ground-truth file ({e})") from e
 

@@ -137,7 +137,7 @@ def generate_dataset(config: DatasetConfig) -> Path:
         for split, indices in config.indices().items():
             _write_split_questions(config, split, indices)
     truths = (read_json(Files(root, *job).truth) for job in jobs)
-    counts = count_scenes(scene_from_truth(t, t["n_frames"]) for t in truths)
+    counts = count_scenes(scene_from_truth(t) for t in truths)
     write_statistics(root, counts, f"{len(jobs)} generated videos")
     shutil.rmtree(root / ".work", ignore_errors=True)
     return root
@@ -162,7 +162,7 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: range) ->
 def _scene_candidates(seed: int, path: Path) -> Candidates:
     truth = read_json(path)
     index = truth["scene_index"]
-    return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth, truth["n_frames"])), seed)
+    return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth)), seed)
 
 
 def _manifest(config: DatasetConfig) -> dict[str, Any]:

@@ -51,7 +51,7 @@ def frame_masks(scene: SimulatedScene, frame: int, view: View) -> dict[int, str]
 
 
 def annotation_document(scene: SimulatedScene, index: int, filename: str, view: View) -> dict[str, Any]:
-    """The content of `annotation_XXXXX.json`: objects, motion and collisions of the video's frames."""
+    """The content of `annotation_N.json`: objects, motion and collisions of the video's frames."""
     return {
         "scene_index": index,
         "video_filename": filename,
@@ -64,7 +64,7 @@ def annotation_document(scene: SimulatedScene, index: int, filename: str, view: 
 def proposal_document(
     scene: SimulatedScene, index: int, filename: str, view: View, masks: Sequence[dict[int, str]]
 ) -> dict[str, Any]:
-    """The content of `proposal_XXXXX.json`: exact masks with a score of 1. `masks`: as `frame_masks`, for each frame."""
+    """The content of `proposal_N.json`: exact masks with a score of 1. `masks`: as `frame_masks`, for each frame."""
     frames = []
     for f, row in enumerate(masks):
         objects = []

@@ -54,7 +54,7 @@ def official_world(document: Mapping[str, Any], collisions: str = "predicted") -
     """The world of a prediction file, by the released executor's rules.
 
     Args:
-        document: content of `sim_XXXXX.json` (see `nsdr.clevrer.predictions`).
+        document: content of `sim_N.json` (see `nsdr.clevrer.predictions`).
         collisions: "predicted", or "velocity" for the variant NE ("no events"), which finds them in the motion.
 
     Raises:
