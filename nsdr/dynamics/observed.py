@@ -39,12 +39,12 @@ class ObservedMotion:
 
     Attributes:
         location_world: (n, F, 2), the fitted places, also before and after an object was seen; NaN where nothing fits.
-        speed_world_per_s: (n, F), NaN where nothing fits.
+        velocity_world_per_s: (n, F, 2), NaN where nothing fits.
         visible: (n, F) bool, in the picture as CLEVRER's annotations count it.
     """
 
     location_world: FloatArray
-    speed_world_per_s: FloatArray
+    velocity_world_per_s: FloatArray
     visible: NDArray[np.bool_]
 
 
@@ -56,7 +56,7 @@ def observed_motion(states: MotionStates, collisions: Sequence[Event]) -> Observ
         collisions: during the video.
     """
     n, frames = states.present.shape
-    location, speed = np.full((n, frames, 2), np.nan), np.full((n, frames), np.nan)
+    location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
@@ -64,9 +64,9 @@ def observed_motion(states: MotionStates, collisions: Sequence[Event]) -> Observ
         for k, (start, end) in enumerate(pairwise(bounds)):
             fitted = _stretch(states, i, start if k == 0 else start + COLLISION_MARGIN_FRAMES, end, at_first=k == 0)
             if fitted is not None:
-                location[i, start:end], speed[i, start:end] = (part[: end - start] for part in fitted(start, end))
+                location[i, start:end], velocity[i, start:end] = fitted(start, end)
         visible[i] = _visible(o.shape, np.flatnonzero(states.present[i]), location[i])
-    return ObservedMotion(location, speed, visible)
+    return ObservedMotion(location, velocity, visible)
 
 
 def with_observed_motion(rollout: Rollout, motion: ObservedMotion) -> Rollout:
@@ -74,12 +74,12 @@ def with_observed_motion(rollout: Rollout, motion: ObservedMotion) -> Rollout:
     n_frames = motion.visible.shape[1]
     visible = np.concatenate([motion.visible, rollout.visible[:, n_frames:]], 1)
     speed = np.full(visible.shape, np.nan)
-    speed[:, :n_frames] = motion.speed_world_per_s
+    speed[:, :n_frames] = np.linalg.norm(motion.velocity_world_per_s, axis=-1)
     return replace(rollout, visible=visible, speed_world_per_s=speed)
 
 
 def _stretch(states: MotionStates, i: int, start: int, end: int, at_first: bool) -> Any:
-    """A function (start, end) -> places and speeds of the frames between, or None where there is no good fit."""
+    """A function (start, end) -> places and velocities of the frames between, or None where there is no good fit."""
     shape = states.objects[i].shape
     last = end if end == states.present.shape[1] else end - COLLISION_MARGIN_FRAMES
     detected = np.flatnonzero(states.detected[i, start:last]) + start
@@ -94,12 +94,12 @@ def _stretch(states: MotionStates, i: int, start: int, end: int, at_first: bool)
     speed = float(np.hypot(*velocity))
     if at_first and speed < LEAST_FIRST_SPEED:
         rest = np.average(places, axis=0, weights=weight)
-        return lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros(b - a))
+        return lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2)))
     direction = velocity / max(speed, 1e-9)
 
     def flown(a: int, b: int) -> tuple[FloatArray, FloatArray]:
         way, then = fly(shape, np.array(speed), (np.arange(a, b) - reference) * FRAME_SECONDS)
-        return place + way[:, None] * direction, then
+        return place + way[:, None] * direction, then[:, None] * direction
 
     return flown
 

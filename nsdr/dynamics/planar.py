@@ -1,0 +1,398 @@
+"""A fast planar simulator of CLEVRER's physics: rigid bodies on the ground plane with Bullet's contact rule, compiled by Numba.
+
+All objects stand upright at one height, so what Bullet does in space happens in the plane: they slide, lose speed, and cubes
+turn. Bullet steps 0.004 s at a time and lets bodies meet at a distance: once the gap is below a threshold, the speed after a
+contact is at most the rebound minus gap / step. So one and the same meeting rebounds with anything from nothing to 0.64 of the
+approach, by where in a step it falls. `rebound` replaces this rule for a pair by a given rebound at a given gap, so that motion
+is a smooth function of the start, as fits need it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from nsdr.clevrer.vocab import SHAPES
+from nsdr.generate.hulls import CUBE_EDGE, CUBE_POWER, CUBE_STEPS
+
+__all__ = ["NO_CONTACT", "PlanarBodies", "PlanarMotion", "Script", "outline_points", "planar_motion"]
+
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
+
+NO_CONTACT = -1
+STEPS_PER_FRAME, STEP = 7, 0.004
+CUBE, SPHERE = SHAPES.index("cube"), SHAPES.index("sphere")
+MARGIN = 0.001
+"""Bullet's margin around each hull."""
+HALF, FLAT = 0.2, 0.2 - CUBE_EDGE
+THRESHOLD = 0.02 * 0.348
+"""Bullet's contact threshold: a share of the hulls' angular motion disc."""
+RESTITUTION, SLOW = 0.64, 0.2
+"""Rebound, and the approach below which there is none."""
+ERP = 0.08
+DAMPING = 0.04
+FRICTION, SPINNING = 0.03 * 9.81, 0.01 * 9.81
+"""Deceleration by the ground, and torque per mass by its resistance to turning."""
+INERTIA = 2 * (2 * (HALF + MARGIN)) ** 2 / 12
+"""Per mass: Bullet takes the bounding box's."""
+FIT_GAP = 0.003
+"""Gap at which given rebounds happen: the mean one of Bullet's rule at usual speeds."""
+
+_ANGLES = np.pi / 2 * np.arange(CUBE_STEPS + 1) / CUBE_STEPS
+_ARC = FLAT + CUBE_EDGE * np.abs(np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)) ** (2 / CUBE_POWER)
+_VERTICES = np.concatenate([_ARC * s for s in ((1, 1), (1, -1), (-1, 1), (-1, -1))])
+
+
+@dataclass(frozen=True)
+class PlanarBodies:
+    """Objects at the start of a run.
+
+    Attributes:
+        shape: (n,) int, index into `nsdr.clevrer.vocab.SHAPES`.
+        place: (n, 2) world units.
+        velocity: (n, 2) world units per second.
+        yaw, spin: (n,) radians, radians per second.
+        mass: (n,) relative.
+    """
+
+    shape: IntArray
+    place: FloatArray
+    velocity: FloatArray
+    yaw: FloatArray
+    spin: FloatArray
+    mass: FloatArray
+
+
+@dataclass(frozen=True)
+class Script:
+    """Motion that objects keep until something that is not scripted meets them.
+
+    Attributes:
+        place, velocity: (n, F, 2) at every frame of a video.
+        yaw, spin: (n, F).
+        until: (n,) int, the frame from which each object is free; 0 for an object without script.
+        collisions: (E, 3) int, (i, j, frame) of scripted collisions in order of time. If either object is not there or free
+            when one comes up, the other is free from the frame before.
+    """
+
+    place: FloatArray
+    velocity: FloatArray
+    yaw: FloatArray
+    spin: FloatArray
+    until: IntArray
+    collisions: IntArray
+
+
+@dataclass(frozen=True)
+class PlanarMotion:
+    """What a run gives; zero before its first frame.
+
+    Attributes:
+        place, velocity: (n, F, 2).
+        yaw, spin: (n, F).
+        contact: (n, n) int, the frame of each pair's first contact, `NO_CONTACT` for none.
+        free_from: (n,) int, the frame from which each object is free of its script.
+    """
+
+    place: FloatArray
+    velocity: FloatArray
+    yaw: FloatArray
+    spin: FloatArray
+    contact: IntArray
+    free_from: IntArray
+
+
+def outline_points(yaw: FloatArray) -> FloatArray:
+    """(..., 28, 2) outlines of cubes turned by yaw (...) seen from above, around their centres."""
+    c, s = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
+    x, y = _VERTICES.T
+    return np.stack([c * x - s * y, s * x + c * y], -1)
+
+
+def planar_motion(
+    bodies: PlanarBodies,
+    exists: NDArray[np.bool_],
+    n_frames: int,
+    rebound: FloatArray | None = None,
+    script: Script | None = None,
+    start: int = 0,
+) -> PlanarMotion:
+    """Run the bodies from frame `start` to frame `n_frames - 1`.
+
+    Args:
+        bodies: their state at frame `start`.
+        exists: (n,) bool; the others are not there.
+        n_frames: end of the run.
+        rebound: (n, n) share of the approach that a pair rebounds with, NaN for Bullet's rule; None for that everywhere.
+        script: what holds for scripted objects until they are free.
+        start: first frame.
+    """
+    n = len(bodies.shape)
+    if rebound is None:
+        rebound = np.full((n, n), np.nan)
+    if script is None:
+        nothing = np.zeros((n, 1))
+        script = Script(np.zeros((n, 1, 2)), np.zeros((n, 1, 2)), nothing, nothing, np.zeros(n, np.int64), np.zeros((0, 3), np.int64))
+    motion = _run(
+        np.asarray(bodies.shape, np.int64),
+        np.array(bodies.place, float),
+        np.array(bodies.velocity, float),
+        np.array(bodies.yaw, float),
+        np.array(bodies.spin, float),
+        np.asarray(bodies.mass, float),
+        np.asarray(exists, np.bool_),
+        np.ascontiguousarray(rebound, float),
+        np.ascontiguousarray(script.place, float),
+        np.ascontiguousarray(script.velocity, float),
+        np.ascontiguousarray(script.yaw, float),
+        np.ascontiguousarray(script.spin, float),
+        np.array(script.until, np.int64),
+        np.ascontiguousarray(script.collisions, np.int64),
+        start,
+        n_frames,
+    )
+    return PlanarMotion(*motion)
+
+
+@njit(cache=True)
+def _cube_gap(x, y):  # type: ignore[no-untyped-def]
+    """Signed distance of a point (in the cube's frame) from the cube's outline, and the outline's normal there."""
+    ax, ay = abs(x), abs(y)
+    if ax <= FLAT or ay <= FLAT:
+        if ax > ay:
+            return ax - HALF, np.copysign(1.0, x), 0.0
+        return ay - HALF, 0.0, np.copysign(1.0, y)
+    best, nx, ny = 1e9, 0.0, 0.0
+    for k in range(CUBE_STEPS):
+        bx, by = _ARC[k, 0], _ARC[k, 1]
+        ex, ey = _ARC[k + 1, 0] - bx, _ARC[k + 1, 1] - by
+        t = ((ax - bx) * ex + (ay - by) * ey) / (ex * ex + ey * ey)
+        t = min(max(t, 0.0), 1.0)
+        dx, dy = ax - bx - t * ex, ay - by - t * ey
+        d = np.sqrt(dx * dx + dy * dy)
+        if d < abs(best):
+            outside = dx * ey - dy * ex > 0  # the arc runs anticlockwise
+            if outside and d > 1e-9:
+                best, nx, ny = d, dx / d, dy / d
+            else:
+                length = np.sqrt(ex * ex + ey * ey)
+                best, nx, ny = (d if outside else -d), ey / length, -ex / length
+    return best, np.copysign(nx, x), np.copysign(ny, y)
+
+
+@njit(cache=True)
+def _gap(shape, place, yaw, i, j):  # type: ignore[no-untyped-def]
+    """Gap of two bodies, normal from i to j, and the point where they (nearly) touch."""
+    dx, dy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
+    if shape[i] != CUBE and shape[j] != CUBE:
+        d = max(np.sqrt(dx * dx + dy * dy), 1e-9)
+        nx, ny = dx / d, dy / d
+        reach = HALF + MARGIN
+        return d - 2 * reach, nx, ny, place[i, 0] + reach * nx, place[i, 1] + reach * ny
+    if shape[i] == CUBE and shape[j] == CUBE:
+        best, bx, by, px, py = 1e9, 1.0, 0.0, 0.0, 0.0
+        for side in range(2):
+            a, b = (i, j) if side == 0 else (j, i)  # vertices of a against the outline of b
+            ca, sa, cb, sb = np.cos(yaw[a]), np.sin(yaw[a]), np.cos(yaw[b]), np.sin(yaw[b])
+            for k in range(len(_VERTICES)):
+                vx = ca * _VERTICES[k, 0] - sa * _VERTICES[k, 1] + place[a, 0]
+                vy = sa * _VERTICES[k, 0] + ca * _VERTICES[k, 1] + place[a, 1]
+                rx, ry = vx - place[b, 0], vy - place[b, 1]
+                d, nx, ny = _cube_gap(cb * rx + sb * ry, -sb * rx + cb * ry)
+                if d < best:
+                    best = d
+                    wx, wy = cb * nx - sb * ny, sb * nx + cb * ny  # from b to a
+                    bx, by = (-wx, -wy) if side == 0 else (wx, wy)
+                    px, py = vx, vy
+        return best - 2 * MARGIN, bx, by, px, py
+    c, o = (i, j) if shape[i] == CUBE else (j, i)
+    cc, sc = np.cos(yaw[c]), np.sin(yaw[c])
+    rx, ry = place[o, 0] - place[c, 0], place[o, 1] - place[c, 1]
+    d, nx, ny = _cube_gap(cc * rx + sc * ry, -sc * rx + cc * ry)
+    wx, wy = cc * nx - sc * ny, sc * nx + cc * ny  # from the cube to the other
+    px, py = place[o, 0] - HALF * wx, place[o, 1] - HALF * wy
+    if c != i:
+        wx, wy = -wx, -wy
+    return d - HALF - 2 * MARGIN, wx, wy, px, py
+
+
+@njit(cache=True)
+def _slow_down(shape, velocity, spin, yaw, i):  # type: ignore[no-untyped-def]
+    """Damping and friction of one step."""
+    speed = np.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2)
+    loss = DAMPING * speed + DAMPING * speed * speed
+    turning = abs(spin[i])
+    spin[i] -= STEP * DAMPING * spin[i] * (1 + turning)
+    if shape[i] == SPHERE:
+        if speed > 0:
+            factor = 1 - STEP * loss / speed
+            velocity[i, 0] *= factor
+            velocity[i, 1] *= factor
+        return
+    if turning < 1e-3 or speed + 0.2 * turning < STEP * FRICTION:
+        factor = max(0.0, 1 - STEP * (loss + FRICTION) / speed) if speed > 0 else 0.0
+        velocity[i, 0] *= factor
+        velocity[i, 1] *= factor
+        spin[i] = 0.0
+        return
+    c, s = np.cos(yaw[i]), np.sin(yaw[i])
+    fx, fy, torque = 0.0, 0.0, 0.0
+    for k in range(4):  # a quarter of the weight on each corner of the flat face
+        kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
+        rx, ry = c * kx - s * ky, s * kx + c * ky
+        ux, uy = velocity[i, 0] - spin[i] * ry, velocity[i, 1] + spin[i] * rx
+        u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP * FRICTION)
+        gx, gy = -FRICTION / 4 * ux / u, -FRICTION / 4 * uy / u
+        fx += gx
+        fy += gy
+        torque += rx * gy - ry * gx
+    if speed > 0:
+        velocity[i, 0] *= 1 - STEP * loss / speed
+        velocity[i, 1] *= 1 - STEP * loss / speed
+    velocity[i, 0] += STEP * fx
+    velocity[i, 1] += STEP * fy
+    spin[i] += STEP * torque / INERTIA
+    brake = STEP * SPINNING / INERTIA
+    spin[i] = np.copysign(max(abs(spin[i]) - brake, 0.0), spin[i])
+
+
+@njit(cache=True)
+def _meet(shape, place, velocity, yaw, spin, mass, i, j, given, used):  # type: ignore[no-untyped-def]
+    """Let two bodies push each other if they do in this step.
+
+    With a given rebound they do so at a moment within the step, otherwise at its start. Returns whether they met.
+    """
+    gap, nx, ny, px, py = _gap(shape, place, yaw, i, j)
+    if gap > 0.06:
+        return False
+    ix, iy = px - place[i, 0], py - place[i, 1]
+    jx, jy = px - place[j, 0], py - place[j, 1]
+    ux = velocity[j, 0] - spin[j] * jy - velocity[i, 0] + spin[i] * iy
+    uy = velocity[j, 1] + spin[j] * jx - velocity[i, 1] - spin[i] * ix
+    apart = ux * nx + uy * ny
+    before = 0.0
+    if np.isnan(given):
+        if gap > THRESHOLD:
+            return False
+        wanted = -RESTITUTION * apart if apart < -SLOW else 0.0
+        wanted -= gap / STEP if gap > 0 else gap * ERP / STEP
+    else:
+        if apart >= 0 or gap + apart * STEP > FIT_GAP:
+            return False
+        before = 0.0 if used else min(max((gap - FIT_GAP) / -apart, 0.0), STEP)
+        wanted = 0.0 if used else -given * apart
+    if wanted <= apart:
+        return False
+    ci, cj = ix * ny - iy * nx, jx * ny - jy * nx
+    turn_i = ci * ci / (INERTIA * mass[i]) if shape[i] == CUBE else 0.0
+    turn_j = cj * cj / (INERTIA * mass[j]) if shape[j] == CUBE else 0.0
+    impulse = (wanted - apart) / (1 / mass[i] + 1 / mass[j] + turn_i + turn_j)
+    if before > 0:  # up to the contact they move as before
+        for k in range(2):
+            place[i, k] += before * velocity[i, k]
+            place[j, k] += before * velocity[j, k]
+        yaw[i] += before * spin[i]
+        yaw[j] += before * spin[j]
+    velocity[i, 0] -= impulse * nx / mass[i]
+    velocity[i, 1] -= impulse * ny / mass[i]
+    velocity[j, 0] += impulse * nx / mass[j]
+    velocity[j, 1] += impulse * ny / mass[j]
+    if shape[i] == CUBE:
+        spin[i] -= impulse * ci / (INERTIA * mass[i])
+    if shape[j] == CUBE:
+        spin[j] += impulse * cj / (INERTIA * mass[j])
+    if before > 0:
+        for k in range(2):
+            place[i, k] -= before * velocity[i, k]
+            place[j, k] -= before * velocity[j, k]
+        yaw[i] -= before * spin[i]
+        yaw[j] -= before * spin[j]
+    return True
+
+
+@njit(cache=True)
+def _run(  # type: ignore[no-untyped-def]
+    shape,
+    place,
+    velocity,
+    yaw,
+    spin,
+    mass,
+    exists,
+    rebound,
+    s_place,
+    s_velocity,
+    s_yaw,
+    s_spin,
+    until,
+    s_collisions,
+    start,
+    n_frames,
+):
+    n = len(shape)
+    places, velocities = np.zeros((n, n_frames, 2)), np.zeros((n, n_frames, 2))
+    turns, spins = np.zeros((n, n_frames)), np.zeros((n, n_frames))
+    contact = np.full((n, n), NO_CONTACT)
+    met = np.zeros((n, n), np.bool_)
+    free_from = until.copy()
+    step_number = start * STEPS_PER_FRAME
+    for frame in range(start, n_frames):
+        for e in range(len(s_collisions)):
+            i, j, when = s_collisions[e, 0], s_collisions[e, 1], s_collisions[e, 2]
+            if when - 1 == frame:
+                if exists[i] and exists[j] and frame < free_from[i] and frame < free_from[j]:
+                    contact[i, j] = contact[j, i] = when
+                    met[i, j] = True
+                else:
+                    free_from[i] = min(free_from[i], frame)
+                    free_from[j] = min(free_from[j], frame)
+        for i in range(n):
+            if frame <= free_from[i] and until[i] > 0:
+                for k in range(2):
+                    place[i, k] = s_place[i, frame, k]
+                    velocity[i, k] = s_velocity[i, frame, k]
+                yaw[i] = s_yaw[i, frame]
+                spin[i] = s_spin[i, frame]
+            places[i, frame], velocities[i, frame] = place[i], velocity[i]
+            turns[i, frame], spins[i, frame] = yaw[i], spin[i]
+        if frame == n_frames - 1:
+            break
+        near = np.zeros((n, n), np.bool_)
+        any_free = False
+        for i in range(n):
+            any_free |= exists[i] and frame >= free_from[i]
+            for j in range(i + 1, n):
+                if exists[i] and exists[j]:
+                    dx, dy = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
+                    near[i, j] = dx * dx + dy * dy < 0.8**2
+        if not any_free:
+            step_number += STEPS_PER_FRAME
+            continue
+        for _ in range(STEPS_PER_FRAME):
+            step_number += 1
+            for i in range(n):
+                if exists[i] and frame >= free_from[i]:
+                    _slow_down(shape, velocity, spin, yaw, i)
+            for _sweep in range(2):
+                for i in range(n):
+                    for j in range(i + 1, n):
+                        if not near[i, j] or (frame < free_from[i] and frame < free_from[j]):
+                            continue
+                        hit = _meet(
+                            shape, place, velocity, yaw, spin, mass, i, j, rebound[i, j], met[i, j] and _sweep == 0
+                        )
+                        if hit:
+                            met[i, j] = True
+                            if contact[i, j] == NO_CONTACT:
+                                contact[i, j] = contact[j, i] = int(step_number / STEPS_PER_FRAME + 0.5)
+                            free_from[i] = min(free_from[i], frame)
+                            free_from[j] = min(free_from[j], frame)
+            for i in range(n):
+                if exists[i]:
+                    for k in range(2):
+                        place[i, k] += STEP * velocity[i, k]
+                    yaw[i] += STEP * spin[i]
+    return places, velocities, turns, spins, contact, free_from
