@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.fit import FitConfig, FittedMotion, fit_motion
+from nsdr.clevrer.camera import OBJECT_RADIUS_WORLD
+from nsdr.dynamics.explain import ExplainConfig, explain
+from nsdr.dynamics.fit import FittedMotion
 from nsdr.dynamics.observed import ObservedMotion, observed_motion, with_observed_motion
 from nsdr.dynamics.planar import NO_CONTACT, PlanarBodies, PlanarMotion, Script, planar_motion
 from nsdr.dynamics.predictor import DynamicsPredictor, in_picture
@@ -35,7 +37,8 @@ class PhysicsConfig:
         collision_threshold: share of runs from which a collision counts.
         shortcut: what a removal cannot influence keeps its observed motion; otherwise all is simulated from frame 0.
         seed: of the disturbances.
-        fit: of the fit.
+        closeness_world: pairs that hit alike often are told apart by how near they come, on this scale.
+        explain: how the observed collisions and the fit are found.
     """
 
     horizon_frame: int = 179
@@ -48,7 +51,8 @@ class PhysicsConfig:
     collision_threshold: float = 0.5
     shortcut: bool = True
     seed: int = 0
-    fit: FitConfig = field(default_factory=FitConfig)
+    closeness_world: float = 0.4
+    explain: ExplainConfig = field(default_factory=ExplainConfig)
 
 
 class PhysicsPredictor:
@@ -68,11 +72,11 @@ class PhysicsPredictor:
     def predict(self, tracks: VideoTracks) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object; see `DynamicsPredictor`."""
         states = states_from_tracks(tracks)
-        observed = self.observer.observed_collisions(states)
-        motion = observed_motion(states, observed)
         if not states.objects:
             return DynamicsPrediction(states.objects, tracks.n_frames, _empty(tracks.n_frames, self.config), {})
-        fitted = fit_motion(tracks, states, observed, self.config.fit)
+        candidates = self.observer.collision_candidates(states)
+        observed, fitted = explain(tracks, states, candidates, self.config.explain)
+        motion = observed_motion(states, observed)
         world = _World(states, motion, fitted, observed, self.config)
         course = with_observed_motion(world.course(None), motion)
         counterfactual = {k: world.course(k) for k in range(len(states.objects))}
@@ -126,7 +130,8 @@ class _World:
                 continue
             frame = int(np.median(frames[hit[:, i, j], i, j]))
             collisions.append(Event("collision", max(frame, self.frames) if removed is None else frame, (i, j)))
-        for pair in pairs:
+        scores = (len(runs) * scores + self._closeness(first)) / (len(runs) + 1)
+        for pair in pairs:  # a pair collides once
             scores[pair] = scores[pair[::-1]] = 0.0
         return Rollout(
             np.where(exists[:, None, None], first.place, np.nan),
@@ -161,6 +166,12 @@ class _World:
         )
         start = PlanarBodies(bodies.shape, script.place[:, 0], script.velocity[:, 0], bodies.yaw, bodies.spin, mass)
         return planar_motion(start, exists, self.total, None, script)
+
+    def _closeness(self, run: PlanarMotion) -> FloatArray:
+        """(n, n) in 0-1: how near pairs come after the video."""
+        later = run.place[:, self.frames - 1 :]
+        gap = np.linalg.norm(later[:, None] - later[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
+        return np.asarray(np.exp(-np.maximum(gap, 0) / self.config.closeness_world))
 
     def _visible(self, run: PlanarMotion, exists: NDArray[np.bool_]) -> NDArray[np.bool_]:
         visible = in_picture(run.place)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from nsdr.clevrer.vocab import SHAPES
 from nsdr.generate.hulls import CUBE_EDGE, CUBE_POWER, CUBE_STEPS
 
-__all__ = ["NO_CONTACT", "PlanarBodies", "PlanarMotion", "Script", "outline_points", "planar_motion"]
+__all__ = ["CUBE_OUTLINE", "NO_CONTACT", "PlanarBodies", "PlanarMotion", "Script", "planar_motion"]
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
@@ -28,6 +28,8 @@ CUBE, SPHERE = SHAPES.index("cube"), SHAPES.index("sphere")
 MARGIN = 0.001
 """Bullet's margin around each hull."""
 HALF, FLAT = 0.2, 0.2 - CUBE_EDGE
+ROUND, CORNER, NEAR = HALF + MARGIN, 0.07, 0.03
+"""Radius of round bodies, how far a cube's corner lies beyond that, and the way of two fast bodies in a step."""
 THRESHOLD = 0.02 * 0.348
 """Bullet's contact threshold: a share of the hulls' angular motion disc."""
 RESTITUTION, SLOW = 0.64, 0.2
@@ -43,7 +45,8 @@ FIT_GAP = 0.003
 
 _ANGLES = np.pi / 2 * np.arange(CUBE_STEPS + 1) / CUBE_STEPS
 _ARC = FLAT + CUBE_EDGE * np.abs(np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)) ** (2 / CUBE_POWER)
-_VERTICES = np.concatenate([_ARC * s for s in ((1, 1), (1, -1), (-1, 1), (-1, -1))])
+CUBE_OUTLINE = np.concatenate([_ARC * s for s in ((1, 1), (1, -1), (-1, 1), (-1, -1))])
+"""(28, 2) points of a cube's outline seen from above."""
 
 
 @dataclass(frozen=True)
@@ -103,13 +106,6 @@ class PlanarMotion:
     spin: FloatArray
     contact: IntArray
     free_from: IntArray
-
-
-def outline_points(yaw: FloatArray) -> FloatArray:
-    """(..., 28, 2) outlines of cubes turned by yaw (...) seen from above, around their centres."""
-    c, s = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
-    x, y = _VERTICES.T
-    return np.stack([c * x - s * y, s * x + c * y], -1)
 
 
 def planar_motion(
@@ -190,16 +186,20 @@ def _gap(shape, place, yaw, i, j):  # type: ignore[no-untyped-def]
     if shape[i] != CUBE and shape[j] != CUBE:
         d = max(np.sqrt(dx * dx + dy * dy), 1e-9)
         nx, ny = dx / d, dy / d
-        reach = HALF + MARGIN
-        return d - 2 * reach, nx, ny, place[i, 0] + reach * nx, place[i, 1] + reach * ny
+        return d - 2 * ROUND, nx, ny, place[i, 0] + ROUND * nx, place[i, 1] + ROUND * ny
     if shape[i] == CUBE and shape[j] == CUBE:
         best, bx, by, px, py = 1e9, 1.0, 0.0, 0.0, 0.0
         for side in range(2):
             a, b = (i, j) if side == 0 else (j, i)  # vertices of a against the outline of b
             ca, sa, cb, sb = np.cos(yaw[a]), np.sin(yaw[a]), np.cos(yaw[b]), np.sin(yaw[b])
-            for k in range(len(_VERTICES)):
-                vx = ca * _VERTICES[k, 0] - sa * _VERTICES[k, 1] + place[a, 0]
-                vy = sa * _VERTICES[k, 0] + ca * _VERTICES[k, 1] + place[a, 1]
+            for k in range(len(CUBE_OUTLINE)):
+                facing = (ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1]) * dx + (
+                    sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1]
+                ) * dy
+                if (facing < 0) == (side == 0):
+                    continue
+                vx = ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1] + place[a, 0]
+                vy = sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1] + place[a, 1]
                 rx, ry = vx - place[b, 0], vy - place[b, 1]
                 d, nx, ny = _cube_gap(cb * rx + sb * ry, -sb * rx + cb * ry)
                 if d < best:
@@ -265,9 +265,12 @@ def _meet(shape, place, velocity, yaw, spin, mass, i, j, given, used):  # type: 
 
     With a given rebound they do so at a moment within the step, otherwise at its start. Returns whether they met.
     """
-    gap, nx, ny, px, py = _gap(shape, place, yaw, i, j)
-    if gap > 0.06:
+    dx, dy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
+    reach = 2 * ROUND + NEAR
+    reach += (CORNER if shape[i] == CUBE else 0.0) + (CORNER if shape[j] == CUBE else 0.0)
+    if dx * dx + dy * dy > reach * reach:
         return False
+    gap, nx, ny, px, py = _gap(shape, place, yaw, i, j)
     ix, iy = px - place[i, 0], py - place[i, 1]
     jx, jy = px - place[j, 0], py - place[j, 1]
     ux = velocity[j, 0] - spin[j] * jy - velocity[i, 0] + spin[i] * iy
@@ -376,20 +379,22 @@ def _run(  # type: ignore[no-untyped-def]
             for i in range(n):
                 if exists[i] and frame >= free_from[i]:
                     _slow_down(shape, velocity, spin, yaw, i)
-            for _sweep in range(2):
+            for sweep in range(2):
+                hits = 0
                 for i in range(n):
                     for j in range(i + 1, n):
                         if not near[i, j] or (frame < free_from[i] and frame < free_from[j]):
                             continue
-                        hit = _meet(
-                            shape, place, velocity, yaw, spin, mass, i, j, rebound[i, j], met[i, j] and _sweep == 0
-                        )
-                        if hit:
+                        used = met[i, j] and sweep == 0
+                        if _meet(shape, place, velocity, yaw, spin, mass, i, j, rebound[i, j], used):
+                            hits += 1
                             met[i, j] = True
                             if contact[i, j] == NO_CONTACT:
                                 contact[i, j] = contact[j, i] = int(step_number / STEPS_PER_FRAME + 0.5)
                             free_from[i] = min(free_from[i], frame)
                             free_from[j] = min(free_from[j], frame)
+                if hits < 2:  # one contact needs no second look; several may press on each other
+                    break
             for i in range(n):
                 if exists[i]:
                     for k in range(2):

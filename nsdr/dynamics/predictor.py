@@ -1,6 +1,7 @@
 """Tracks -> what happened, what comes next, and what happens without each object."""
 
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -84,9 +85,13 @@ class DynamicsPredictor:
         """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
         return self._courses(states, [], states.present.shape[1], counterfactual=False)[0]
 
-    @torch.no_grad()
     def observed_collisions(self, states: MotionStates) -> list[Event]:
         """Collisions during the video, in order of time; each pair at most once, at its most probable frame."""
+        return [event for event, p in self.collision_candidates(states) if p > self.config.collision_threshold]
+
+    @torch.no_grad()
+    def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
+        """For every pair that is ever seen together, its most probable collision, and how probable that is; by frame."""
         n, frames = states.present.shape
         if n < 2:
             return []
@@ -98,16 +103,15 @@ class DynamicsPredictor:
         logits = self.model.observe(window, reliable, static, exists)
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
-        events = []
-        for i in range(n):
-            for j in range(i + 1, n):
-                course = probability[:, i, j]
-                peak = int(course.argmax())
-                if course[peak] > c.collision_threshold:
-                    near = np.arange(max(peak - 4, 0), min(peak + 5, frames))
-                    frame = int(np.floor(np.average(near, weights=course[near]) + 0.5))
-                    events.append(Event("collision", frame, (i, j)))
-        return sorted(events, key=lambda e: e.frame)
+        candidates = []
+        for i, j in combinations(range(n), 2):
+            course = probability[:, i, j]
+            peak = int(course.argmax())
+            if course[peak] > 0:
+                near = np.arange(max(peak - 4, 0), min(peak + 5, frames))
+                frame = int(np.floor(np.average(near, weights=course[near]) + 0.5))
+                candidates.append((Event("collision", frame, (i, j)), float(course[peak])))
+        return sorted(candidates, key=lambda c: c[0].frame)
 
     @torch.no_grad()
     def _courses(

@@ -1,0 +1,73 @@
+"""Which collisions explain a video best: candidates are judged by how well a simulation with them fits the tracks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from nsdr.dynamics.fit import FitConfig, FittedMotion, fit_motion
+from nsdr.dynamics.planar import NO_CONTACT
+from nsdr.dynamics.states import MotionStates
+from nsdr.types import Event, VideoTracks
+
+__all__ = ["ExplainConfig", "explain"]
+
+
+@dataclass(frozen=True)
+class ExplainConfig:
+    """How collisions are found by fitting. The limits were set on left-out scenes of the `train` part.
+
+    Attributes:
+        doubt: candidates less probable than this are never collisions, those more certain than 1 - doubt always are.
+        least_gain: the fit's cost must fall by so much for a further collision.
+        most_loss: and rise by no more than this without a collision that the fitted objects do not meet in.
+        trials: fits beside the first, at most.
+        fit: of the fits.
+    """
+
+    doubt: float = 0.01
+    least_gain: float = 0.3
+    most_loss: float = 0.1
+    trials: int = 4
+    fit: FitConfig = FitConfig()
+
+
+def explain(
+    tracks: VideoTracks,
+    states: MotionStates,
+    candidates: Sequence[tuple[Event, float]],
+    config: ExplainConfig | None = None,
+) -> tuple[list[Event], FittedMotion]:
+    """Collisions during the video, and the run that fits.
+
+    A doubtful collision goes when the fitted objects do not meet and the tracks are explained as well without; one is
+    added when the objects meet and the tracks are explained much better with it.
+
+    Args:
+        tracks, states: of the same objects.
+        candidates: collisions with their probabilities, in order of time.
+        config: how to search.
+    """
+    config = config or ExplainConfig()
+    events = {event.objects: event for event, _ in candidates}
+    chosen = {event.objects for event, p in candidates if p > 0.5}
+
+    def fitted(pairs: set[tuple[int, ...]]) -> FittedMotion:
+        return fit_motion(tracks, states, sorted((events[p] for p in pairs), key=lambda e: e.frame), config.fit)
+
+    best = current = fitted(chosen)
+    doubtful = [(abs(p - 0.5), e.objects) for e, p in candidates if config.doubt < p < 1 - config.doubt]
+    trials = 0
+    for _, pair in sorted(doubtful):
+        met = current.motion.contact[pair] != NO_CONTACT
+        listed = pair in chosen
+        if trials == config.trials or listed == met and current.cost < config.fit.good_cost or listed and met:
+            continue
+        trials += 1
+        trial = fitted(chosen ^ {pair})
+        if listed:
+            better = trial.cost < current.cost + config.most_loss
+        else:
+            better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - config.least_gain
+        if better:
+            chosen, current = chosen ^ {pair}, trial
+        best = min(best, trial, key=lambda fit: fit.cost)
+    return sorted((events[p] for p in chosen), key=lambda e: e.frame), best
