@@ -14,7 +14,7 @@ __all__ = ["run_demo"]
 
 def run_demo(checkpoint: str | Path = "default", picture: str | Path = "nsdr_demo.png") -> int:
     """Perceive the clip, answer its questions from pixels, compare with the truth, write an annotated picture."""
-    from nsdr.cli import write_picture
+    from nsdr.commands import write_picture
 
     pipeline = Pipeline.from_pretrained(checkpoint)
     print(f"Watching {VIDEO.name} ...")

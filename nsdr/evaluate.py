@@ -166,6 +166,7 @@ def evaluate_file(
     semantics: str = "paper",
     collisions: str = "predicted",
     exclude: Set[int] = frozenset(),
+    dynamics: str | Path = "physics",
 ) -> dict[str, Any]:
     """Score a question file on scenes from a source.
 
@@ -181,6 +182,7 @@ def evaluate_file(
         semantics: "paper" or "official"; the latter needs predictions.
         collisions: for the official semantics "predicted", or "velocity" (NE).
         exclude: scene indices to leave out.
+        dynamics: backend of the dynamics predictor, or its YAML file.
 
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
@@ -206,7 +208,7 @@ def evaluate_file(
             document = read_predictions(_file(data, source, s.scene_index))
             return Executor(document, "official", collisions)
     else:
-        scene_of = _scene_source(source, data, checkpoint, {s.scene_index for s in listed})
+        scene_of = _scene_source(source, data, checkpoint, dynamics, {s.scene_index for s in listed})
 
         def executor_of(s: SceneQuestions) -> Executor:
             return Executor(scene_of(s))
@@ -222,7 +224,7 @@ def evaluate_file(
 
 
 def _scene_source(
-    source: str, data: Path, checkpoint: str | Path, wanted: Set[int]
+    source: str, data: Path, checkpoint: str | Path, dynamics: str | Path, wanted: Set[int]
 ) -> Callable[[SceneQuestions], Scene]:
     """How scenes are made from a source."""
     if source == "ground-truth" and data.is_file():
@@ -242,7 +244,7 @@ def _scene_source(
         raise DataError(f"source is {source!r}; expected one of {', '.join(SOURCES)}")
     from nsdr.pipeline import Pipeline
 
-    pipeline = Pipeline.from_pretrained(checkpoint)
+    pipeline = Pipeline.from_pretrained(checkpoint, dynamics)
     if source == "videos":
         return lambda s: pipeline.perceive(data / s.video_filename)
     if data.is_dir():

@@ -38,6 +38,7 @@ def parse_videos(
     stride: int = 1,
     engine: str = "processes",
     workers: int = 0,
+    dynamics: str = "physics",
 ) -> Summary:
     """Write `scene_N.json` and `proposal_N.json` for every video of a folder; those that are there already are skipped.
 
@@ -48,6 +49,7 @@ def parse_videos(
         stride: of the frame parser.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
+        dynamics: backend of the dynamics predictor, or its YAML file.
 
     Raises:
         DataError: the folder holds no videos.
@@ -56,7 +58,7 @@ def parse_videos(
     if not paths:
         raise DataError(f"{videos}: holds no *.mp4")
     jobs = {p.name: (p, Path(output) / f"scene_{_number(p)}.json") for p in paths}
-    return _each(partial(_parse_video, checkpoint, stride), jobs, Path(output), engine, workers)
+    return _each(partial(_parse_video, checkpoint, dynamics, stride), jobs, Path(output), engine, workers)
 
 
 def predict_dynamics(
@@ -66,6 +68,7 @@ def predict_dynamics(
     checkpoint: str = "default",
     engine: str = "processes",
     workers: int = 0,
+    dynamics: str = "physics",
 ) -> Summary:
     """Write the motion and collisions of every proposal file: observed, after the video, and with each object removed.
 
@@ -74,7 +77,7 @@ def predict_dynamics(
         output: folder to write; what is there already is skipped, and `failures.json` names what failed and why.
         form: "predictions" writes the research code's `sim_N.json`, which the released executor reads; "scenes" writes our
             `scene_N.json`.
-        checkpoint, engine, workers: as of `parse_videos`.
+        checkpoint, engine, workers, dynamics: as of `parse_videos`.
 
     Raises:
         DataError: an unknown form, or there are no proposals.
@@ -91,7 +94,7 @@ def predict_dynamics(
     if not found:
         raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")
     jobs = {number: (item, Path(output) / f"{stem}_{number}.json") for number, item in found.items()}
-    return _each(partial(_predict, checkpoint, form), jobs, Path(output), engine, workers)
+    return _each(partial(_predict, checkpoint, dynamics, form), jobs, Path(output), engine, workers)
 
 
 def _number(path: Path) -> str:
@@ -122,15 +125,15 @@ def _each(
 
 
 @lru_cache(maxsize=1)
-def _pipeline(checkpoint: str, stride: int = 1) -> Pipeline:
-    pipeline = Pipeline.from_pretrained(checkpoint)
+def _pipeline(checkpoint: str, dynamics: str, stride: int = 1) -> Pipeline:
+    pipeline = Pipeline.from_pretrained(checkpoint, dynamics)
     pipeline.frame_parser.stride = stride
     return pipeline
 
 
-def _parse_video(checkpoint: str, stride: int, job: tuple[Path, Path]) -> None:
+def _parse_video(checkpoint: str, dynamics: str, stride: int, job: tuple[Path, Path]) -> None:
     video, path = job
-    perception = _pipeline(checkpoint, stride).perception(video)
+    perception = _pipeline(checkpoint, dynamics, stride).perception(video)
     digits = "".join(c for c in video.stem if c.isdigit())
     assert perception.proposals is not None
     document = proposals_document(perception.proposals, int(digits or 0), video.name)
@@ -138,10 +141,10 @@ def _parse_video(checkpoint: str, stride: int, job: tuple[Path, Path]) -> None:
     storage.save(perception.scene, path)  # last: it marks the video as done
 
 
-def _predict(checkpoint: str, form: str, job: tuple[Path | tuple[int, VideoProposals], Path]) -> None:
+def _predict(checkpoint: str, dynamics: str, form: str, job: tuple[Path | tuple[int, VideoProposals], Path]) -> None:
     source, path = job
     proposals = read_proposals(source) if isinstance(source, Path) else source[1]
-    perception = _pipeline(checkpoint).perception(proposals=proposals)
+    perception = _pipeline(checkpoint, dynamics).perception(proposals=proposals)
     if form == "scenes":
         storage.save(perception.scene, path)
     else:

@@ -8,7 +8,7 @@ from typing import Any
 
 from nsdr.checkpoint import find_checkpoint
 from nsdr.clevrer.scenes import scene_from_prediction
-from nsdr.dynamics.predictor import DynamicsPredictor
+from nsdr.dynamics.backends import Backend, BackendConfig, load_backend
 from nsdr.errors import QuestionError, VideoError
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.frame_parser.tracker import TrackerConfig, track
@@ -50,7 +50,7 @@ class Pipeline:
     def __init__(
         self,
         frame_parser: FrameParser,
-        dynamics: DynamicsPredictor,
+        dynamics: Backend,
         question_parser: QuestionParser,
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
@@ -64,19 +64,26 @@ class Pipeline:
         self._kept: OrderedDict[Any, Perception] = OrderedDict()
 
     @classmethod
-    def from_pretrained(cls, path_or_id: str | Path = "default", **options: Any) -> "Pipeline":
+    def from_pretrained(
+        cls, path_or_id: str | Path = "default", dynamics: str | Path | BackendConfig = "physics", **options: Any
+    ) -> "Pipeline":
         """Load the three parts from a checkpoint folder, its name, or a hub id (see `nsdr.checkpoint`).
 
         Args:
             path_or_id: where the checkpoint is.
+            dynamics: a backend by name ("physics", "state" or "paper"), a YAML file, or its settings.
             options: further arguments of the constructor.
 
         Raises:
             CheckpointError: missing or corrupt; says what and how to get it.
         """
         folder = find_checkpoint(path_or_id)
-        parts = (FrameParser, DynamicsPredictor, QuestionParser)
-        return cls(*(part.from_checkpoint(folder) for part in parts), **options)  # type: ignore[arg-type]
+        return cls(
+            FrameParser.from_checkpoint(folder),
+            load_backend(folder, dynamics),
+            QuestionParser.from_checkpoint(folder),
+            **options,
+        )
 
     def perceive(self, video: str | Path) -> Scene:
         """The symbolic scene of a video file. Computed once for each content of the file.

@@ -10,8 +10,8 @@ from nsdr.dynamics.flight import fit_flight, fly
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
 from nsdr.dynamics.observed import observed_motion
-from nsdr.dynamics.predictor import UNSEEN_FRAMES, in_picture
-from nsdr.dynamics.propnet import PropNet
+from nsdr.dynamics.predictor import HORIZON_FRAME, in_picture
+from nsdr.dynamics.propnet import PropNet, mlp
 from nsdr.dynamics.states import MotionStates, extended, states_from_tracks, visible_frames
 from nsdr.frame_parser.tracker import track
 from nsdr.types import SceneObject, Track, VideoTracks
@@ -29,7 +29,7 @@ def predictor() -> DynamicsPredictor:
 
 def test_propnet_is_permutation_equivariant() -> None:
     torch.manual_seed(0)
-    net = PropNet(4, 3, 2, 1, hidden=16)
+    net = PropNet(mlp(4, 16, 16), mlp(3, 16, 16), 2, 1, hidden=16)
     objects, relations = torch.randn(1, 5, 4), torch.randn(1, 5, 5, 3)
     exists = torch.ones(1, 5, dtype=torch.bool)
     order = torch.tensor([3, 1, 4, 0, 2])
@@ -41,7 +41,7 @@ def test_propnet_is_permutation_equivariant() -> None:
 
 def test_absent_objects_have_no_influence() -> None:
     torch.manual_seed(0)
-    net = PropNet(4, 3, 2, 1, hidden=16)
+    net = PropNet(mlp(4, 16, 16), mlp(3, 16, 16), 2, 1, hidden=16)
     objects, relations = torch.randn(1, 3, 4), torch.randn(1, 3, 3, 3)
     exists = torch.tensor([[True, True, False]])
     motion, _ = net(objects, relations, exists)
@@ -91,7 +91,7 @@ def test_a_covered_object_is_not_reliable() -> None:
 
 def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: DynamicsPredictor) -> None:
     prediction = predictor.predict(tracks())
-    assert prediction.observed.location_world.shape == (3, 40 + UNSEEN_FRAMES, 2)
+    assert prediction.observed.location_world.shape == (3, HORIZON_FRAME + 1, 2)
     assert not np.isnan(prediction.observed.location_world).any()
     assert set(prediction.counterfactual) == {0, 1, 2}
     for removed, rollout in prediction.counterfactual.items():
@@ -232,7 +232,7 @@ def states_of(shape: str, places: np.ndarray, seen: np.ndarray) -> MotionStates:
     present = np.zeros(len(places), bool)
     present[np.flatnonzero(seen)[0] : np.flatnonzero(seen)[-1] + 1] = True
     o = SceneObject(0, "red", "metal", shape)
-    return MotionStates((o,), places[None].copy(), seen[None], seen[None], present[None])
+    return MotionStates((o,), places[None].copy(), seen[None], seen[None], present[None], np.zeros((1, len(seen), 4)))
 
 
 def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
@@ -240,7 +240,7 @@ def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
     way, _ = fly("cube", np.array(0.5), np.maximum(np.arange(128) - 50, 0) * 0.028)
     places = np.stack([way, 0 * way], 1) + rng.normal(size=(128, 2)) * 0.005
     motion = observed_motion(states_of("cube", places, np.ones(128, bool)), [Event("collision", 50, (0, 1))])
-    moving = motion.speed_world_per_s[0] > 0.02
+    moving = np.linalg.norm(motion.velocity_world_per_s[0], axis=1) > 0.02
     assert not moving[:50].any()
     assert moving[52:95].all()
     assert not moving[115:].any()  # it has slid to a stop

@@ -33,6 +33,7 @@ class MotionData:
         reliable, present: (S, N, F) bool.
         static: (S, N, 5) float32, one-hot shape and material.
         exists: (S, N) bool.
+        box_px: (S, N, F, 4) float32, as in `MotionStates`.
         collision_frame: (S, N, N) int, symmetric; `NO_COLLISION` where a pair does not collide.
     """
 
@@ -42,6 +43,7 @@ class MotionData:
     present: NDArray[Any]
     static: NDArray[Any]
     exists: NDArray[Any]
+    box_px: NDArray[Any]
     collision_frame: NDArray[Any]
 
     def __len__(self) -> int:
@@ -69,7 +71,8 @@ class MotionData:
             if frames[i, j] >= 0
         ]
         location = self.location_world[index, :n].astype(float)
-        return MotionStates(objects, location, reliable, reliable, self.present[index, :n]), events
+        box = self.box_px[index, :n].astype(float)
+        return MotionStates(objects, location, reliable, reliable, self.present[index, :n], box), events
 
 
 def read_truth(path: str | Path) -> dict[int, dict[str, Any]]:
@@ -144,5 +147,6 @@ def _row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, A
         "present": padded(states.present),
         "static": padded(object_features(states.objects)),
         "exists": padded(np.ones(n, bool)),
+        "box_px": padded(states.box_px.astype(np.float32)),
         "collision_frame": collision,
     }

@@ -1,12 +1,12 @@
 """Which collisions explain a video best: candidates are judged by how well a simulation with them fits the tracks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nsdr.dynamics.fit import FitConfig, FittedMotion, fit_motion
 from nsdr.dynamics.planar import NO_CONTACT
 from nsdr.dynamics.states import MotionStates
-from nsdr.types import Event, VideoTracks
+from nsdr.types import Event
 
 __all__ = ["ExplainConfig", "explain"]
 
@@ -27,11 +27,10 @@ class ExplainConfig:
     least_gain: float = 0.3
     most_loss: float = 0.1
     trials: int = 4
-    fit: FitConfig = FitConfig()
+    fit: FitConfig = field(default_factory=FitConfig)
 
 
 def explain(
-    tracks: VideoTracks,
     states: MotionStates,
     candidates: Sequence[tuple[Event, float]],
     config: ExplainConfig | None = None,
@@ -42,7 +41,7 @@ def explain(
     added when the objects meet and the tracks are explained much better with it.
 
     Args:
-        tracks, states: of the same objects.
+        states: of at least one object.
         candidates: collisions with their probabilities, in order of time.
         config: how to search.
     """
@@ -51,23 +50,27 @@ def explain(
     chosen = {event.objects for event, p in candidates if p > 0.5}
 
     def fitted(pairs: set[tuple[int, ...]]) -> FittedMotion:
-        return fit_motion(tracks, states, sorted((events[p] for p in pairs), key=lambda e: e.frame), config.fit)
+        return fit_motion(states, sorted((events[p] for p in pairs), key=lambda e: e.frame), config.fit)
 
     best = current = fitted(chosen)
-    doubtful = [(abs(p - 0.5), e.objects) for e, p in candidates if config.doubt < p < 1 - config.doubt]
-    trials = 0
-    for _, pair in sorted(doubtful):
-        met = current.motion.contact[pair] != NO_CONTACT
-        listed = pair in chosen
-        if trials == config.trials or listed == met and current.cost < config.fit.good_cost or listed and met:
-            continue
-        trials += 1
-        trial = fitted(chosen ^ {pair})
-        if listed:
-            better = trial.cost < current.cost + config.most_loss
-        else:
-            better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - config.least_gain
-        if better:
-            chosen, current = chosen ^ {pair}, trial
-        best = min(best, trial, key=lambda fit: fit.cost)
+    doubtful = sorted((abs(p - 0.5), e.objects) for e, p in candidates if config.doubt < p < 1 - config.doubt)
+    tried = {frozenset(chosen)}
+    changed = True
+    while changed:
+        changed = False
+        for _, pair in doubtful:
+            met, listed = current.motion.contact[pair] != NO_CONTACT, pair in chosen
+            other = chosen ^ {pair}
+            settled = met if listed else not met and current.cost < config.fit.good_cost
+            if settled or frozenset(other) in tried or len(tried) > config.trials:
+                continue
+            tried.add(frozenset(other))
+            trial = fitted(other)
+            if listed:
+                better = trial.cost < current.cost + config.most_loss
+            else:
+                better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - config.least_gain
+            if better:
+                chosen, current, changed = other, trial, True
+            best = min(best, trial, key=lambda fit: fit.cost)
     return sorted((events[p] for p in chosen), key=lambda e: e.frame), best

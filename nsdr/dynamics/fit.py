@@ -18,7 +18,7 @@ from nsdr.clevrer.vocab import SHAPES
 from nsdr.dynamics.flight import fit_flight, fly
 from nsdr.dynamics.planar import CUBE, CUBE_OUTLINE, PlanarBodies, PlanarMotion, planar_motion
 from nsdr.dynamics.states import MotionStates
-from nsdr.types import Event, VideoTracks
+from nsdr.types import Event
 
 __all__ = ["FitConfig", "FittedMotion", "fit_motion"]
 
@@ -86,17 +86,15 @@ class FittedMotion:
     cost: float
 
 
-def fit_motion(
-    tracks: VideoTracks, states: MotionStates, collisions: Sequence[Event], config: FitConfig | None = None
-) -> FittedMotion:
+def fit_motion(states: MotionStates, collisions: Sequence[Event], config: FitConfig | None = None) -> FittedMotion:
     """Fit one run to a video's tracks.
 
     Args:
-        tracks, states: of the same objects.
+        states: of at least one object.
         collisions: during the video, in order of time.
     """
-    problem = _Problem(tracks, states, collisions, config or FitConfig())
-    frames = sorted({e.frame for e in collisions}) + [states.present.shape[1]]
+    problem = _Problem(states, collisions, config or FitConfig())
+    frames = [*sorted({e.frame for e in collisions}), states.present.shape[1]]
     x = problem.start()
     for end in frames:
         window = min(max(end - problem.config.margin_frames, 8), states.present.shape[1])
@@ -118,17 +116,15 @@ class _Data:
 class _Problem:
     """Parameters <-> runs, and the residuals of a run."""
 
-    def __init__(
-        self, tracks: VideoTracks, states: MotionStates, collisions: Sequence[Event], config: FitConfig
-    ) -> None:
+    def __init__(self, states: MotionStates, collisions: Sequence[Event], config: FitConfig) -> None:
         self.config = config
         self.rng = np.random.default_rng(0)
         self.objects = states.objects
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.exists = np.ones(len(self.objects), bool)
-        self.frames = tracks.n_frames
-        self.data = [self._measured(t, states, i) for i, t in enumerate(tracks.tracks)]
+        self.frames = states.present.shape[1]
+        self.data = [self._measured(states, i) for i in range(len(self.objects))]
         self.reference = np.zeros(len(self.objects))
         self.moving = np.zeros(len(self.objects), bool)
         self.first: list[tuple[FloatArray, FloatArray]] = []
@@ -137,13 +133,12 @@ class _Problem:
         self.names = self._names()
         self.unit = np.array([UNITS[kind] for kind, *_ in self.names])
 
-    def _measured(self, track: Any, states: MotionStates, i: int) -> _Data:
-        frame = track.frame_index
-        reliable = states.reliable[i, frame]
-        edges = track.box_xyxy_px[:, [0, 2]].astype(float) if self.shape[i] == CUBE else None
-        return _Data(
-            frame, track.location_world, np.where(reliable, 1.0, self.config.unreliable_weight), edges
-        )
+    def _measured(self, states: MotionStates, i: int) -> _Data:
+        frame = np.flatnonzero(states.detected[i])
+        weight = np.where(states.reliable[i, frame], 1.0, self.config.unreliable_weight)
+        middle, width = states.box_px[i, frame, 0], states.box_px[i, frame, 2]
+        edges = np.stack([middle - width / 2, middle + width / 2], 1) if self.shape[i] == CUBE else None
+        return _Data(frame, states.location_world[i, frame], weight, edges)
 
     def _first_flight(self, i: int, d: _Data) -> tuple[FloatArray, FloatArray]:
         """Place and velocity at a frame of the first stretch; sets `reference` and `moving`."""
@@ -172,7 +167,7 @@ class _Problem:
                 names.append(("log_mass", i, 0))
             if self.shape[i] == CUBE:
                 names.append(("yaw", i, 0))
-        return names + [("rebound", *e.objects) for e in self.collisions]
+        return names + [("rebound", e.objects[0], e.objects[1]) for e in self.collisions]
 
     def start(self) -> FloatArray:
         """First guess: flights before the first collisions, velocities around each, and cubes' turns by their edges."""
@@ -191,8 +186,8 @@ class _Problem:
         rows, values, rebound = [np.eye(len(self.objects))], [np.zeros(len(self.objects))], {}
         for e in self.collisions:
             rebound[e.objects] = self.config.rebound
-            flights = [self._around(i, e.frame) for i in e.objects]
-            if any(f is None for f in flights):
+            flights = [f for f in (self._around(i, e.frame) for i in e.objects) if f is not None]
+            if len(flights) < 2:
                 continue
             (place_i, before_i, after_i), (place_j, before_j, after_j) = flights
             normal = (place_j - place_i) / max(float(np.linalg.norm(place_j - place_i)), 1e-6)
@@ -251,7 +246,7 @@ class _Problem:
                 log_mass[i] = value
             else:
                 rebound[i, k] = rebound[k, i] = min(max(value, 0.0), 0.8)
-        for i in np.flatnonzero(self.moving):
+        for i in np.flatnonzero(self.moving).tolist():
             speed = float(np.hypot(*velocity[i]))
             direction = velocity[i] / max(speed, 1e-9)
             seconds = np.array(-self.reference[i] * FRAME_SECONDS)
@@ -347,6 +342,7 @@ class _Problem:
             distance = np.linalg.norm(motion.place[i, d.frame[good]] - d.place[good], axis=1)
             errors.append(float(np.median(distance)) if good.any() else float("nan"))
         return FittedMotion(bodies, rebound, motion, np.array(errors), self.cost(x, self.frames))
+
 
 @njit(cache=True)
 def _edges_px(place, yaw):  # type: ignore[no-untyped-def]

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
-from nsdr.dynamics.predictor import UNSEEN_FRAMES, DynamicsPredictor
 from nsdr.dynamics.states import MotionStates
-from nsdr.types import Event
+from nsdr.types import Event, Rollout
 
 __all__ = ["collision_scores", "rollout_errors"]
 
@@ -29,10 +29,17 @@ def collision_scores(
     }
 
 
+class Continues(Protocol):
+    """A predictor that can go on from the last frame it is shown."""
+
+    def continue_motion(self, states: MotionStates) -> Rollout:
+        """The rollout after the last frame of `states`."""
+
+
 def rollout_errors(
-    predictor: DynamicsPredictor, scenes: Sequence[MotionStates], starts: Sequence[int] = (60, 80, 100)
+    predictor: Continues, scenes: Sequence[MotionStates], starts: Sequence[int] = (60, 80, 100)
 ) -> dict[str, float]:
-    """Median distance (world units) of rollouts from real tracks 10, 25 and 50 frames after the last seen frame.
+    """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames on.
 
     The rollout sees the frames before `start` only.
     """
@@ -45,16 +52,18 @@ def rollout_errors(
             cut = MotionStates(
                 tuple(replace(o, id=i) for i, o in enumerate(np.array(states.objects, object)[here])),
                 states.location_world[here, :start],
-                *(getattr(states, name)[here, :start] for name in ("detected", "reliable", "present")),
+                *(getattr(states, name)[here, :start] for name in ("detected", "reliable", "present", "box_px")),
             )
             rollout = predictor.continue_motion(cut)
             for ahead, collected in distances.items():
                 frame = start - 1 + ahead
-                if ahead > UNSEEN_FRAMES or frame >= states.present.shape[1]:
+                if frame >= min(states.present.shape[1], rollout.location_world.shape[1]):
                     continue
                 seen = states.reliable[here, frame] & states.present[here, start - 1]
                 difference = rollout.location_world[seen, frame] - states.location_world[here, frame][seen]
                 collected += np.hypot(difference[:, 0], difference[:, 1]).tolist()
-    return {
-        f"rollout_error_{k}": float(np.median(values)) if values else float("nan") for k, values in distances.items()
-    }
+    errors = {}
+    for ahead, values in distances.items():
+        errors[f"rollout_error_{ahead}"] = float(np.median(values)) if values else float("nan")
+        errors[f"rollout_error_{ahead}_p90"] = float(np.quantile(values, 0.9)) if values else float("nan")
+    return errors

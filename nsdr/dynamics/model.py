@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from nsdr.dynamics.propnet import PropNet
+from nsdr.dynamics.propnet import PropNet, mlp
 
 __all__ = ["DynamicsConfig", "DynamicsModel"]
 
@@ -46,9 +46,14 @@ class DynamicsModel(nn.Module):
         super().__init__()
         self.config = config
         past, whole = config.past_steps, 2 * config.side_steps + 1
-        size = {"hidden": config.hidden, "steps": config.propagation_steps}
-        self.forward_network = PropNet(STATIC_FEATURES + 3 * past, 4 * past + 1, 2, 1, **size)
-        self.observer_network = PropNet(STATIC_FEATURES + 3 * whole, 4 * whole + 1, 1, 1, **size)
+
+        def network(samples: int, outputs: int) -> PropNet:
+            width = config.hidden
+            encoders = mlp(STATIC_FEATURES + 3 * samples, width, width), mlp(4 * samples + 1, width, width)
+            return PropNet(*encoders, outputs, 1, width, config.propagation_steps)
+
+        self.forward_network = network(past, 2)
+        self.observer_network = network(whole, 1)
 
     def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
         """The next place of every object and the collisions on the way.

@@ -75,12 +75,19 @@ class PhysicsPredictor:
         if not states.objects:
             return DynamicsPrediction(states.objects, tracks.n_frames, _empty(tracks.n_frames, self.config), {})
         candidates = self.observer.collision_candidates(states)
-        observed, fitted = explain(tracks, states, candidates, self.config.explain)
+        observed, fitted = explain(states, candidates, self.config.explain)
         motion = observed_motion(states, observed)
         world = _World(states, motion, fitted, observed, self.config)
         course = with_observed_motion(world.course(None), motion)
         counterfactual = {k: world.course(k) for k in range(len(states.objects))}
         return DynamicsPrediction(states.objects, tracks.n_frames, course, counterfactual)
+
+    def continue_motion(self, states: MotionStates) -> Rollout:
+        """The rollout after the last frame of `states`, nothing removed."""
+        if not states.objects:
+            return _empty(states.present.shape[1], self.config)
+        observed, fitted = explain(states, self.observer.collision_candidates(states), self.config.explain)
+        return _World(states, observed_motion(states, observed), fitted, observed, self.config).course(None)
 
 
 def _empty(n_frames: int, config: PhysicsConfig) -> Rollout:

@@ -131,7 +131,14 @@ def planar_motion(
         rebound = np.full((n, n), np.nan)
     if script is None:
         nothing = np.zeros((n, 1))
-        script = Script(np.zeros((n, 1, 2)), np.zeros((n, 1, 2)), nothing, nothing, np.zeros(n, np.int64), np.zeros((0, 3), np.int64))
+        script = Script(
+            np.zeros((n, 1, 2)),
+            np.zeros((n, 1, 2)),
+            nothing,
+            nothing,
+            np.zeros(n, np.int64),
+            np.zeros((0, 3), np.int64),
+        )
     motion = _run(
         np.asarray(bodies.shape, np.int64),
         np.array(bodies.place, float),
@@ -270,12 +277,7 @@ def _meet(shape, place, velocity, yaw, spin, mass, i, j, given, used):  # type: 
     reach += (CORNER if shape[i] == CUBE else 0.0) + (CORNER if shape[j] == CUBE else 0.0)
     if dx * dx + dy * dy > reach * reach:
         return False
-    gap, nx, ny, px, py = _gap(shape, place, yaw, i, j)
-    ix, iy = px - place[i, 0], py - place[i, 1]
-    jx, jy = px - place[j, 0], py - place[j, 1]
-    ux = velocity[j, 0] - spin[j] * jy - velocity[i, 0] + spin[i] * iy
-    uy = velocity[j, 1] + spin[j] * jx - velocity[i, 1] - spin[i] * ix
-    apart = ux * nx + uy * ny
+    gap, apart, nx, ny, ci, cj = _approach(shape, place, velocity, yaw, spin, i, j)
     before = 0.0
     if np.isnan(given):
         if gap > THRESHOLD:
@@ -285,20 +287,17 @@ def _meet(shape, place, velocity, yaw, spin, mass, i, j, given, used):  # type: 
     else:
         if apart >= 0 or gap + apart * STEP > FIT_GAP:
             return False
-        before = 0.0 if used else min(max((gap - FIT_GAP) / -apart, 0.0), STEP)
+        if gap > FIT_GAP:  # up to the contact they move as before
+            before = (gap - FIT_GAP) / -apart
+            _advance(place, velocity, yaw, spin, i, j, before)
+            _, apart, nx, ny, ci, cj = _approach(shape, place, velocity, yaw, spin, i, j)
         wanted = 0.0 if used else -given * apart
     if wanted <= apart:
+        _advance(place, velocity, yaw, spin, i, j, -before)
         return False
-    ci, cj = ix * ny - iy * nx, jx * ny - jy * nx
     turn_i = ci * ci / (INERTIA * mass[i]) if shape[i] == CUBE else 0.0
     turn_j = cj * cj / (INERTIA * mass[j]) if shape[j] == CUBE else 0.0
     impulse = (wanted - apart) / (1 / mass[i] + 1 / mass[j] + turn_i + turn_j)
-    if before > 0:  # up to the contact they move as before
-        for k in range(2):
-            place[i, k] += before * velocity[i, k]
-            place[j, k] += before * velocity[j, k]
-        yaw[i] += before * spin[i]
-        yaw[j] += before * spin[j]
     velocity[i, 0] -= impulse * nx / mass[i]
     velocity[i, 1] -= impulse * ny / mass[i]
     velocity[j, 0] += impulse * nx / mass[j]
@@ -307,13 +306,27 @@ def _meet(shape, place, velocity, yaw, spin, mass, i, j, given, used):  # type: 
         spin[i] -= impulse * ci / (INERTIA * mass[i])
     if shape[j] == CUBE:
         spin[j] += impulse * cj / (INERTIA * mass[j])
-    if before > 0:
-        for k in range(2):
-            place[i, k] -= before * velocity[i, k]
-            place[j, k] -= before * velocity[j, k]
-        yaw[i] -= before * spin[i]
-        yaw[j] -= before * spin[j]
+    _advance(place, velocity, yaw, spin, i, j, -before)
     return True
+
+
+@njit(cache=True)
+def _approach(shape, place, velocity, yaw, spin, i, j):  # type: ignore[no-untyped-def]
+    """Gap, speed of parting, normal from i to j, and the levers of the contact point's normal about both centres."""
+    gap, nx, ny, px, py = _gap(shape, place, yaw, i, j)
+    ix, iy = px - place[i, 0], py - place[i, 1]
+    jx, jy = px - place[j, 0], py - place[j, 1]
+    ux = velocity[j, 0] - spin[j] * jy - velocity[i, 0] + spin[i] * iy
+    uy = velocity[j, 1] + spin[j] * jx - velocity[i, 1] - spin[i] * ix
+    return gap, ux * nx + uy * ny, nx, ny, ix * ny - iy * nx, jx * ny - jy * nx
+
+
+@njit(cache=True)
+def _advance(place, velocity, yaw, spin, i, j, seconds):  # type: ignore[no-untyped-def]
+    for body in (i, j):
+        for k in range(2):
+            place[body, k] += seconds * velocity[body, k]
+        yaw[body] += seconds * spin[body]
 
 
 @njit(cache=True)

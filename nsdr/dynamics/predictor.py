@@ -23,10 +23,10 @@ from nsdr.dynamics.states import (
 )
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
-__all__ = ["UNSEEN_FRAMES", "DynamicsPredictor", "in_picture"]
+__all__ = ["HORIZON_FRAME", "DynamicsPredictor", "in_picture"]
 
-UNSEEN_FRAMES = 52
-"""Frames that are predicted beyond the video: 128 + 52 = 180, 7 s of video time."""
+HORIZON_FRAME = 179
+"""Last frame that is predicted: 7 s of video time."""
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -47,14 +47,20 @@ class DynamicsPredictor:
 
     Args:
         model: trained networks.
+        shortcut: what a removal cannot influence keeps its observed motion; otherwise all is rolled out from its first frames.
+        horizon_frame: last frame that is predicted.
     """
 
-    def __init__(self, model: DynamicsModel) -> None:
+    def __init__(self, model: DynamicsModel, shortcut: bool = True, horizon_frame: int = HORIZON_FRAME) -> None:
         self.model = model.eval()
         self.config = model.config
+        self.shortcut = shortcut
+        self.horizon_frame = horizon_frame
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path) -> "DynamicsPredictor":
+    def from_checkpoint(
+        cls, folder: str | Path, shortcut: bool = True, horizon_frame: int = HORIZON_FRAME
+    ) -> "DynamicsPredictor":
         """Load `dynamics.safetensors` and its JSON.
 
         Raises:
@@ -63,7 +69,7 @@ class DynamicsPredictor:
         state, details = load_checkpoint(folder, "dynamics")
         model = DynamicsModel(DynamicsConfig(**details["config"]))
         model.load_state_dict(state)
-        return cls(model)
+        return cls(model, shortcut, horizon_frame)
 
     def predict(self, tracks: VideoTracks) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object.
@@ -72,7 +78,7 @@ class DynamicsPredictor:
             tracks: the video's objects.
 
         Returns:
-            Rollouts over `n_frames + UNSEEN_FRAMES` frames; empty ones for a video without objects.
+            Rollouts to `horizon_frame`; empty ones for a video without objects.
         """
         states = states_from_tracks(tracks)
         observed = self.observed_collisions(states)
@@ -123,7 +129,7 @@ class DynamicsPredictor:
         a collision that the removed object's absence changes.
         """
         n, stride, past = len(states.objects), self.config.stride_frames, self.config.past_steps
-        total = n_frames + UNSEEN_FRAMES
+        total = max(self.horizon_frame + 1, n_frames)
         courses = n + 1 if counterfactual else 1
         location = np.full((courses, n, total + stride, 2), np.nan)
         location[:, :, :n_frames] = states.location_world
@@ -135,6 +141,8 @@ class DynamicsPredictor:
         exists[np.arange(1, courses), np.arange(courses - 1)] = False
         first = states.present.argmax(1) if n else np.zeros(0, int)
         free_from = np.full((courses, n), (n_frames - 1) // stride * stride)
+        if not self.shortcut:  # only the first samples of each object are observed
+            free_from[1:] = np.minimum(free_from[1:], ((first + stride - 1) // stride + past - 1) * stride)
         collisions: list[list[Event]] = [[] for _ in range(courses)]
         met = [{e.objects for e in observed} if course == 0 else set() for course in range(courses)]
         collisions[0] = list(observed)

@@ -3,10 +3,11 @@
 import torch
 from torch import Tensor, nn
 
-__all__ = ["PropNet"]
+__all__ = ["PropNet", "mlp"]
 
 
-def _mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
+def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
+    """Two layers, each with a rectifier."""
     return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, outputs), nn.ReLU())
 
 
@@ -17,10 +18,10 @@ class PropNet(nn.Module):
     e_ij = g_R(c_ij, h_i, h_j), h_i = g_O(c_i, sum_j e_ij, h_i), L times. The predictors read h_i with c_i (skip
     connection) and e_ij with h_i, h_j.
 
-    Differs from the paper: encoders take states on the ground plane instead of image patches.
+    Differs from the paper: nothing; what the encoders read is up to them.
 
     Args:
-        object_inputs, relation_inputs: width of o_i and r_ij.
+        object_encoder, relation_encoder: f_O and f_R, whose outputs are `hidden` wide.
         object_outputs, relation_outputs: width of the predictions.
         hidden: width of all layers.
         steps: L.
@@ -28,8 +29,8 @@ class PropNet(nn.Module):
 
     def __init__(
         self,
-        object_inputs: int,
-        relation_inputs: int,
+        object_encoder: nn.Module,
+        relation_encoder: nn.Module,
         object_outputs: int,
         relation_outputs: int,
         hidden: int = 128,
@@ -37,23 +38,23 @@ class PropNet(nn.Module):
     ) -> None:
         super().__init__()
         self.steps = steps
-        self.object_encoder = _mlp(object_inputs, hidden, hidden)
-        self.relation_encoder = _mlp(relation_inputs, hidden, hidden)
+        self.object_encoder = object_encoder
+        self.relation_encoder = relation_encoder
         self.relation_receiver = nn.Linear(hidden, hidden)
         self.relation_sender = nn.Linear(hidden, hidden)
-        self.relation_propagator = _mlp(hidden, hidden, hidden)
+        self.relation_propagator = mlp(hidden, hidden, hidden)
         self.effect_receiver = nn.Linear(hidden, hidden)
         self.effect_sender = nn.Linear(hidden, hidden)
-        self.object_propagator = _mlp(3 * hidden, hidden, hidden)
-        self.object_predictor = nn.Sequential(_mlp(2 * hidden, hidden, hidden), nn.Linear(hidden, object_outputs))
-        self.relation_predictor = nn.Sequential(_mlp(3 * hidden, hidden, hidden), nn.Linear(hidden, relation_outputs))
+        self.object_propagator = mlp(3 * hidden, hidden, hidden)
+        self.object_predictor = nn.Sequential(mlp(2 * hidden, hidden, hidden), nn.Linear(hidden, object_outputs))
+        self.relation_predictor = nn.Sequential(mlp(3 * hidden, hidden, hidden), nn.Linear(hidden, relation_outputs))
 
     def forward(self, objects: Tensor, relations: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
         """Predict for all objects and pairs.
 
         Args:
-            objects: (B, N, object_inputs).
-            relations: (B, N, N, relation_inputs); [b, i, j] describes the effect of sender j on receiver i.
+            objects: (B, N, ...) what the object encoder reads.
+            relations: (B, N, N, ...), [b, i, j] describes the effect of sender j on receiver i.
             exists: (B, N) bool; other objects neither send nor are meant to be read.
 
         Returns:

@@ -30,6 +30,7 @@ class MotionStates:
         detected: (n, F) bool, the object was detected in that frame.
         reliable: (n, F) bool, detected, not cut by the picture's border and not overlapped by a nearer object.
         present: (n, F) bool, between the first and the last detection.
+        box_px: (n, F, 4) float, (column, row, width, height) of the box, its middle first; interpolated between detections.
     """
 
     objects: tuple[SceneObject, ...]
@@ -37,6 +38,7 @@ class MotionStates:
     detected: BoolArray
     reliable: BoolArray
     present: BoolArray
+    box_px: FloatArray
 
 
 def states_from_tracks(video: VideoTracks) -> MotionStates:
@@ -56,15 +58,19 @@ def states_from_tracks(video: VideoTracks) -> MotionStates:
         reliable[i, seen] = ~touches
     for i in range(n):
         reliable[i] &= ~_overlapped(box, i)
+    middle = np.zeros((n, frames, 4))
     for i, t in enumerate(video.tracks):
         seen = t.frame_index
         for axis in range(2):
             location[i, :, axis] = np.interp(every, seen, t.location_world[:, axis])
+        sides = t.box_xyxy_px.astype(float)
+        shown = np.concatenate([(sides[:, :2] + sides[:, 2:]) / 2, sides[:, 2:] - sides[:, :2]], 1)
+        middle[i] = np.stack([np.interp(every, seen, part) for part in shown.T], 1)
         first, last = _ends(seen, reliable[i, seen])
         before, after = every < seen[0], every > seen[-1]
         location[i, before] = _line(seen[first], t.location_world[first], every[before])
         location[i, after] = _line(seen[last], t.location_world[last], every[after])
-    return MotionStates(tuple(t.object for t in video.tracks), location, detected, reliable, present)
+    return MotionStates(tuple(t.object for t in video.tracks), location, detected, reliable, present, middle)
 
 
 def visible_frames(states: MotionStates) -> BoolArray:

@@ -28,6 +28,8 @@ class TrackerConfig:
         reach_world: largest distance from the expected place, and
         reach_world_per_frame: its growth for every frame in between (objects move up to 0.1 a frame).
         border_px: outlines this close to the picture's border may be cut by it.
+        shadow_overlap: a track whose boxes overlap those of a longer one so much (intersection over union) in
+        shadow_share: of its frames is the same object under another name.
         mismatch_world: each differing attribute word counts as this much distance.
     """
 
@@ -39,6 +41,8 @@ class TrackerConfig:
     reach_world_per_frame: float = 0.1
     mismatch_world: float = 0.12
     border_px: int = 6
+    shadow_overlap: float = 0.5
+    shadow_share: float = 0.9
 
 
 @dataclass
@@ -80,6 +84,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     for attribute, rows in by_identity.items():
         if len(rows) > c.min_frames or _enters_late(proposals, rows, c):
             tracks.append(_track(proposals, attribute, rows, places))
+    tracks = [t for t in tracks if not any(_shadows(t, o, c) for o in tracks)]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     renamed = [
         Track(SceneObject(i, *_words(t)), t.frame_index, t.location_world, t.centroid_px, t.box_xyxy_px, t.score)
@@ -102,6 +107,18 @@ def _enters_late(proposals: VideoProposals, rows: list[int], c: TrackerConfig) -
         and since <= c.min_frames + c.max_gap_frames
         and len(rows) >= 0.7 * since
     )
+
+
+def _shadows(t: Track, other: Track, c: TrackerConfig) -> bool:
+    """Whether a track is a second name for a longer one: two objects cannot be at one place all the time."""
+    if len(t.frame_index) >= len(other.frame_index):
+        return False
+    between = np.stack([np.interp(t.frame_index, other.frame_index, side) for side in other.box_xyxy_px.T], 1)
+    low, high = np.maximum(t.box_xyxy_px, between)[:, :2], np.minimum(t.box_xyxy_px, between)[:, 2:]
+    shared = np.prod(np.clip(high - low, 0, None), axis=1)
+    area = [np.prod(box[:, 2:] - box[:, :2], axis=1) for box in (t.box_xyxy_px, between)]
+    overlap = shared / np.maximum(area[0] + area[1] - shared, 1)
+    return bool((overlap > c.shadow_overlap).mean() >= c.shadow_share)
 
 
 def _words(t: Track) -> tuple[str, str, str]:

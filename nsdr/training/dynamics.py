@@ -15,11 +15,14 @@ from nsdr.configuration import described, parse_config, resolved
 from nsdr.dynamics.data import MotionData, read_motion_data
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.model import LENGTH_WORLD, DynamicsConfig, DynamicsModel
+from nsdr.dynamics.paper import PaperPredictor
+from nsdr.dynamics.patches import PatchConfig
 from nsdr.dynamics.predictor import DynamicsPredictor
 from nsdr.dynamics.states import extended
+from nsdr.errors import DataError
 from nsdr.training.loop import LoopConfig, Task, train
 
-__all__ = ["DynamicsTraining", "main"]
+__all__ = ["DynamicsTraining", "MotionTask", "main", "pair_loss"]
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,12 @@ class DynamicsTraining:
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
         limit: use at most this many scenes; 0 for all.
-        rollout_steps: predictions in a row that the forward network is trained on.
-        noise_world: standard deviation of noise added to the observed places.
+        rollout_steps: predictions in a row that the network is trained on.
+        noise_world: standard deviation of noise added to the observed places (the patch network takes 50 px for a unit).
         evaluation_scenes: measured scenes (every 40th scene is kept out of training).
-        model: the networks.
+        network: "state" or "paper".
+        model: sizes of the networks on states.
+        patches: sizes of the paper's network.
         loop: the optimisation.
     """
 
@@ -49,42 +54,30 @@ class DynamicsTraining:
     rollout_steps: int = 5
     noise_world: float = 0.003
     evaluation_scenes: int = 100
+    network: str = "state"
     model: DynamicsConfig = field(default_factory=DynamicsConfig)
+    patches: PatchConfig = field(default_factory=PatchConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
 
-class DynamicsTask(Task):
-    """Multi-step motion and collision losses of the forward network, collision loss of the observer."""
+class MotionTask(Task):
+    """Real tracks, and scenes that are kept out of training."""
 
-    def __init__(self, config: DynamicsTraining) -> None:
-        torch.manual_seed(config.loop.seed)
+    def __init__(self, config: DynamicsTraining, network: nn.Module) -> None:
         self.config = config
-        self.network = DynamicsModel(config.model)
         if config.initial:
-            self.network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
-        self.model: nn.Module = self.network
+            network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
+        self.model: nn.Module = network
         cache = f"{config.run_dir}/motion.npz"
         data = read_motion_data(config.proposals, config.truth, cache, config.limit or None)
         held_out = np.arange(len(data)) % 40 == 0
         self.data: MotionData = data.part(~held_out)
-        self.margin = max(config.model.past_steps, config.model.side_steps) * config.model.stride_frames
-        self.locations = extended(self.data.location_world, self.margin).astype(np.float32)
         self.held_out: MotionData = data.part(np.flatnonzero(held_out)[: config.evaluation_scenes])
         n = self.data.collision_frame.shape[1]
         upper = self.data.collision_frame * np.triu(np.ones((n, n), int), 1)
         self.collisions = np.argwhere((upper > 0)[:, :, :])
 
-    def batch(self, size: int, rng: np.random.Generator) -> dict[str, dict[str, Tensor]]:
-        c = self.config.model
-        stride = c.stride_frames
-        past = np.arange(-c.past_steps + 1, self.config.rollout_steps + 1) * stride
-        whole = np.arange(-c.side_steps, c.side_steps + 1) * stride
-        scenes, times = self._pick(size, rng, before=14, after=0)
-        forward = self._windows(scenes, np.clip(times, 4, 126), past, rng)
-        scenes, times = self._pick(size, rng, before=7, after=7)
-        return {"forward": forward, "observer": self._windows(scenes, np.clip(times, 0, 127), whole, rng)}
-
-    def _pick(self, size: int, rng: np.random.Generator, before: int, after: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    def pick(self, size: int, rng: np.random.Generator, before: int, after: int) -> tuple[NDArray[Any], NDArray[Any]]:
         """Scenes and times, about half of them close to a collision, the others anywhere."""
         scenes = rng.integers(len(self.data), size=size)
         times = rng.integers(4, 127, size=size)
@@ -93,6 +86,33 @@ class DynamicsTask(Task):
         frames = self.data.collision_frame[picked[:, 0], picked[:, 1], picked[:, 2]]
         shifted = frames + rng.integers(-before, after + 1, size=size)
         return np.where(near, picked[:, 0], scenes), np.where(near, shifted, times)
+
+    def measure(self, predictor: DynamicsPredictor | PaperPredictor) -> dict[str, float]:
+        """Collisions and rollouts of the left-out scenes."""
+        scenes = [self.held_out.states(i) for i in range(len(self.held_out))]
+        scores = collision_scores([(predictor.observed_collisions(states), events) for states, events in scenes])
+        return scores | rollout_errors(predictor, [states for states, _ in scenes[:30]])
+
+
+class DynamicsTask(MotionTask):
+    """Multi-step motion and collision losses of the forward network, collision loss of the observer."""
+
+    def __init__(self, config: DynamicsTraining) -> None:
+        torch.manual_seed(config.loop.seed)
+        self.network = DynamicsModel(config.model)
+        super().__init__(config, self.network)
+        self.margin = max(config.model.past_steps, config.model.side_steps) * config.model.stride_frames
+        self.locations = extended(self.data.location_world, self.margin).astype(np.float32)
+
+    def batch(self, size: int, rng: np.random.Generator) -> dict[str, dict[str, Tensor]]:
+        c = self.config.model
+        stride = c.stride_frames
+        past = np.arange(-c.past_steps + 1, self.config.rollout_steps + 1) * stride
+        whole = np.arange(-c.side_steps, c.side_steps + 1) * stride
+        scenes, times = self.pick(size, rng, before=14, after=0)
+        forward = self._windows(scenes, np.clip(times, 4, 126), past, rng)
+        scenes, times = self.pick(size, rng, before=7, after=7)
+        return {"forward": forward, "observer": self._windows(scenes, np.clip(times, 0, 127), whole, rng)}
 
     def _windows(
         self, scenes: NDArray[Any], times: NDArray[Any], offsets: NDArray[Any], rng: np.random.Generator
@@ -124,7 +144,7 @@ class DynamicsTask(Task):
         forward, observer = ({k: v.to(device) for k, v in part.items()} for part in batch.values())
         motion, collision = self._forward_losses(forward)
         logits = self.network.observe(*(observer[k] for k in ("location", "reliable", "static", "exists")))
-        seen = _pair_loss(logits, observer["until"].abs() <= 2, observer["exists"])
+        seen = pair_loss(logits, observer["until"].abs() <= 2, observer["exists"])
         return {"motion": motion, "collision": collision, "observed": seen}
 
     def _forward_losses(self, b: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
@@ -141,19 +161,16 @@ class DynamicsTask(Task):
             motion.append((error * weight).sum())
             weight_sum = weight_sum + weight.sum()
             until = b["until"] - stride * step
-            collision.append(_pair_loss(logits, (until >= -2) & (until <= 1), b["exists"]))
+            collision.append(pair_loss(logits, (until >= -2) & (until <= 1), b["exists"]))
             window = torch.cat([window[:, :, 1:], places[:, :, None]], 2)
             reliable = torch.cat([reliable[:, :, 1:], torch.ones_like(reliable[:, :, :1])], 2)
         return torch.stack(motion).sum() / weight_sum.clamp(min=1), torch.stack(collision).mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        predictor = DynamicsPredictor(self.network.eval())
-        scenes = [self.held_out.states(i) for i in range(len(self.held_out))]
-        scores = collision_scores([(predictor.observed_collisions(states), events) for states, events in scenes])
-        return scores | rollout_errors(predictor, [states for states, _ in scenes[:30]])
+        return self.measure(DynamicsPredictor(self.network.eval()))
 
 
-def _pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
+def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
     """Cross-entropy over pairs of existing objects, summed over pairs and averaged over scenes."""
     n = logits.shape[1]
     upper = torch.triu(torch.ones(n, n, dtype=torch.bool, device=logits.device), 1)
@@ -165,9 +182,14 @@ def _pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
 def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_config(DynamicsTraining, argv, "nsdr train dynamics")
-    task = DynamicsTask(config)
+    if config.network not in ("state", "paper"):
+        raise DataError(f"network is {config.network!r}; expected state or paper")
+    from nsdr.training.dynamics_paper import PatchTask  # it builds on this module
+
+    task = DynamicsTask(config) if config.network == "state" else PatchTask(config)
     metrics = train(task, config.loop, config.run_dir, resolved(config))
     output = config.output or f"{config.run_dir}/checkpoint"
-    details = {"metrics": metrics, "training": described(config)}
-    save_checkpoint(output, "dynamics", task.network.state_dict(), config.model, details, half=True)
+    details = {"network": config.network, "metrics": metrics, "training": described(config)}
+    model = config.model if config.network == "state" else config.patches
+    save_checkpoint(output, "dynamics", task.model.state_dict(), model, details, half=True)
     return output

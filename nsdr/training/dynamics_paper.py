@@ -1,0 +1,67 @@
+"""Training of the paper's patch network, by `nsdr train dynamics --config configs/dynamics/paper.yaml`."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from nsdr.dynamics.paper import PaperPredictor, continued_back, scaled_boxes
+from nsdr.dynamics.patches import BOX_SCALE, STEP_SCALE, PatchModel
+from nsdr.training.dynamics import MotionTask, pair_loss
+
+if TYPE_CHECKING:
+    from nsdr.training.dynamics import DynamicsTraining
+
+__all__ = ["PatchTask"]
+
+NOISE_PX_PER_WORLD = 50.0
+
+
+class PatchTask(MotionTask):
+    """L2 loss of the boxes a step later, cross-entropy of the collisions on the way."""
+
+    def __init__(self, config: "DynamicsTraining") -> None:
+        torch.manual_seed(config.loop.seed)
+        self.network = PatchModel(config.patches)
+        super().__init__(config, self.network)
+        stride = config.patches.stride_frames
+        self.boxes = scaled_boxes(continued_back(self.data.box_px, self.data.present, stride)).astype(np.float32)
+
+    def batch(self, size: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        c, steps = self.config.patches, self.config.rollout_steps
+        scenes, times = self.pick(size, rng, before=2 * c.stride_frames, after=c.stride_frames)
+        times = np.clip(times, 0, 127 - c.stride_frames * steps)
+        offsets = np.arange(-c.window + 1, steps + 1) * c.stride_frames
+        index = np.maximum(times[:, None] + offsets, 0)
+        boxes = self.boxes[scenes[:, None], :, index].transpose(0, 2, 1, 3)
+        noise = self.config.noise_world * NOISE_PX_PER_WORLD / np.array(BOX_SCALE)
+        boxes += (rng.normal(size=boxes.shape) * noise).astype(np.float32)
+        boxes[..., 0] *= rng.choice([-1.0, 1.0], size)[:, None, None]  # the camera looks along the x axis
+        reliable = self.data.reliable[scenes[:, None], :, index].transpose(0, 2, 1)
+        return {
+            "boxes": torch.from_numpy(np.ascontiguousarray(boxes)),
+            "reliable": torch.from_numpy(reliable),
+            "static": torch.from_numpy(self.data.static[scenes]),
+            "exists": torch.from_numpy(self.data.exists[scenes] & self.data.present[scenes, :, times]),
+            "until": torch.from_numpy((self.data.collision_frame[scenes] - times[:, None, None]).astype(np.int64)),
+        }
+
+    def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        device = next(model.parameters()).device
+        b = {k: v.to(device) for k, v in batch.items()}
+        c = self.config.patches
+        window, motion, collision = b["boxes"][:, :, : c.window], [], []
+        for step in range(self.config.rollout_steps):
+            following, logits = model(window, b["static"], b["exists"])
+            weight = (b["reliable"][:, :, c.window + step] & b["exists"]).float()
+            error = ((following - b["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
+            motion.append((error * weight).sum() / weight.sum().clamp(min=1))
+            until = b["until"] - c.stride_frames * step
+            collision.append(pair_loss(logits, (until >= 1) & (until <= c.stride_frames), b["exists"]))
+            window = torch.cat([window[:, :, 1:], following[:, :, None]], 2)
+        return {"motion": torch.stack(motion).mean(), "collision": torch.stack(collision).mean()}
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        return self.measure(PaperPredictor(self.network.eval()))

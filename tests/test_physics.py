@@ -1,0 +1,233 @@
+"""The planar simulator, its fits, the backends built on them, and the paper's patch network."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from nsdr import DataError, DynamicsPrediction, DynamicsPredictor, Event
+from nsdr.clevrer.vocab import SHAPES
+from nsdr.dynamics.backends import BackendConfig, load_backend
+from nsdr.dynamics.explain import explain
+from nsdr.dynamics.fit import fit_motion
+from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
+from nsdr.dynamics.paper import PaperPredictor, continued_back
+from nsdr.dynamics.patches import PatchConfig, PatchModel
+from nsdr.dynamics.physics import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.planar import NO_CONTACT, PlanarBodies, PlanarMotion, Script, planar_motion
+from nsdr.dynamics.states import MotionStates
+from nsdr.dynamics.velocity import VelocityConfig, VelocityEvents, velocity_collisions
+from nsdr.types import Rollout, SceneObject, VideoTracks
+
+from .test_dynamics import tracks
+
+COLORS = ("red", "blue", "green", "gray")
+
+
+def bodies(*rows: tuple[str, float, float, float, float], yaw: float = 0.3) -> PlanarBodies:
+    """Rows of (shape, x, y, vx, vy); masses 1."""
+    shape = np.array([SHAPES.index(r[0]) for r in rows])
+    numbers = np.array([r[1:] for r in rows], float)
+    n = len(rows)
+    turn = np.where(shape == 0, yaw, 0.0)
+    return PlanarBodies(shape, numbers[:, :2], numbers[:, 2:], turn, np.zeros(n), np.ones(n))
+
+
+def run(start: PlanarBodies, n_frames: int = 128, **options: object) -> PlanarMotion:
+    return planar_motion(start, np.ones(len(start.shape), bool), n_frames, **options)  # type: ignore[arg-type]
+
+
+def seen(motion: PlanarMotion, shape: np.ndarray, noise: float = 0.003) -> MotionStates:
+    """What a tracker would measure of a run, boxes left out (zero width)."""
+    rng = np.random.default_rng(0)
+    n, frames = motion.yaw.shape
+    objects = tuple(SceneObject(i, COLORS[i], "metal", SHAPES[k]) for i, k in enumerate(shape))
+    place = motion.place + rng.normal(size=motion.place.shape) * noise
+    all_frames = np.ones((n, frames), bool)
+    return MotionStates(objects, place, all_frames, all_frames, all_frames, np.zeros((n, frames, 4)))
+
+
+TWO = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("shapes", [("sphere", "sphere"), ("cylinder", "sphere"), ("sphere", "cube"), ("cube", "cube")])
+def test_runs_follow_bullet(shapes: tuple[str, str]) -> None:
+    from nsdr.generate.simulate import Body, Simulator
+
+    start = bodies((shapes[0], -1.2, 0.12, 2.0, 0.0), (shapes[1], 0.0, 0.0, 0.0, 0.0))
+    planar = run(start, 50)
+    turn = [(np.pi / 2, 0.0, 0.0) if s == "cylinder" else (0.0, 0.0, float(start.yaw[i])) for i, s in enumerate(shapes)]
+    places = [(*start.place[i], 0.2) for i in range(2)]
+    with Simulator() as simulator:
+        solid = [Body(s, places[i], turn[i], (*start.velocity[i], 0.0)) for i, s in enumerate(shapes)]
+        true = simulator.run(solid, 50)
+    assert abs(planar.contact[0, 1] - true.contacts[0].frame) <= 1
+    assert np.linalg.norm(planar.place[:, 40] - true.location_world[:, 40, :2], axis=-1).max() < 0.12
+
+
+def test_momentum_is_kept_and_a_given_rebound_is_met() -> None:
+    start = replace(TWO, shape=np.array([1, 1]))  # two spheres: no friction
+    for rebound in (0.0, 0.5):
+        motion = run(start, 30, rebound=np.full((2, 2), rebound))
+        hit = int(motion.contact[0, 1])
+        before, after = motion.velocity[:, hit - 1], motion.velocity[:, hit + 1]
+        np.testing.assert_allclose(before.sum(0), after.sum(0), atol=0.02)
+        normal = motion.place[1, hit] - motion.place[0, hit]
+        normal = normal / np.linalg.norm(normal)
+        assert (after[1] - after[0]) @ normal == pytest.approx(rebound * (before[0] - before[1]) @ normal, abs=0.06)
+
+
+def test_motion_is_a_smooth_function_of_the_start_with_given_rebounds() -> None:
+    def end(shift: float) -> np.ndarray:
+        moved = replace(TWO, place=TWO.place + np.array([[shift, 0.0], [0.0, 0.0]]))
+        return run(moved, 60, rebound=np.full((2, 2), 0.4)).place[:, -1]
+
+    ends = np.array([end(s) for s in np.linspace(0, 0.02, 41)])
+    assert np.abs(np.diff(ends, axis=0)).max() < 0.003
+
+
+def test_scripted_objects_keep_their_motion_until_something_meets_them() -> None:
+    free = run(TWO, 60)
+    alone = run(bodies(("sphere", 3.0, 3.0, 0.0, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0)), 60)
+    script = Script(
+        np.stack([free.place[0], alone.place[1]]),
+        np.stack([free.velocity[0], alone.velocity[1]]),
+        alone.yaw,
+        alone.spin,
+        np.array([0, 59]),
+        np.zeros((0, 3), np.int64),
+    )
+    motion = run(TWO, 60, script=script)
+    np.testing.assert_allclose(motion.place, free.place, atol=1e-9)
+    assert motion.free_from[1] == pytest.approx(free.contact[0, 1], abs=1)
+
+
+def test_without_its_partner_a_scripted_collision_does_not_happen() -> None:
+    free = run(TWO, 60)
+    hit = int(free.contact[0, 1])
+    script = Script(free.place, free.velocity, free.yaw, free.spin, np.array([59, 59]), np.array([[0, 1, hit]]))
+    both = run(TWO, 60, script=script)
+    assert both.contact[0, 1] == hit
+    assert (both.free_from == 59).all()
+    alone = planar_motion(TWO, np.array([True, False]), 60, None, script)
+    assert alone.contact[0, 1] == NO_CONTACT
+    assert alone.place[0, 50, 0] > 1.0  # it goes on past the other's place
+
+
+def test_a_fit_finds_masses_and_rebounds_through_noise() -> None:
+    start = replace(TWO, mass=np.array([1.2, 0.8]))
+    motion = run(start, rebound=np.full((2, 2), 0.5))
+    hit = int(motion.contact[0, 1])
+    fit = fit_motion(seen(motion, start.shape), [Event("collision", hit, (0, 1))])
+    assert np.nanmax(fit.error_world) < 0.006
+    assert fit.bodies.mass[0] / fit.bodies.mass[1] == pytest.approx(1.5, abs=0.2)
+    assert fit.rebound[0, 1] == pytest.approx(0.5, abs=0.05)
+    assert fit.motion.contact[0, 1] == pytest.approx(hit, abs=1)
+
+
+def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> None:
+    three = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
+    motion = run(three)
+    hit = int(motion.contact[0, 1])
+    states = seen(motion, three.shape)
+    candidates = [(Event("collision", hit, (0, 1)), 0.3), (Event("collision", hit + 20, (1, 2)), 0.7)]
+    found, fit = explain(states, candidates)
+    assert [e.objects for e in found] == [(0, 1)]
+    assert fit.cost < 0.2
+
+
+@pytest.fixture
+def observer() -> DynamicsPredictor:
+    torch.manual_seed(0)
+    return DynamicsPredictor(DynamicsModel(DynamicsConfig(hidden=16, collision_threshold=0.999)))
+
+
+@pytest.fixture
+def paper() -> PaperPredictor:
+    torch.manual_seed(0)
+    return PaperPredictor(PatchModel(PatchConfig(hidden=16, collision_threshold=0.9)))
+
+
+@pytest.mark.parametrize("name", ["physics", "no shortcut", "paper", "velocity", "velocity of the paper"])
+def test_backends_keep_the_contract(name: str, observer: DynamicsPredictor, paper: PaperPredictor) -> None:
+    physics = PhysicsPredictor(observer, PhysicsConfig(runs=3, shortcut=name != "no shortcut"))
+    backend = {
+        "paper": paper,
+        "velocity": VelocityEvents(physics),
+        "velocity of the paper": VelocityEvents(physics, VelocityConfig("paper")),
+    }.get(name, physics)
+    video = tracks(60)
+    prediction = backend.predict(video)
+    assert prediction.observed.location_world.shape == (3, 180, 2)
+    assert sorted(prediction.counterfactual) == [0, 1, 2]
+    for k, rollout in prediction.counterfactual.items():
+        assert np.isnan(rollout.location_world[k]).all()
+        assert not rollout.visible[k].any()
+        assert all(k not in e.objects for e in rollout.collisions)
+    again = backend.predict(video)
+    np.testing.assert_array_equal(again.observed.location_world, prediction.observed.location_world)
+    empty = backend.predict(VideoTracks(20, ()))
+    assert isinstance(empty, DynamicsPrediction)
+    assert empty.objects == ()
+
+
+def test_physics_predicts_a_meeting_after_the_video(observer: DynamicsPredictor) -> None:
+    start = bodies(("sphere", -3.6, 0.0, 1.0, 0.0), ("sphere", 0.5, 0.0, 0.0, 0.0), ("sphere", 0.0, -1.5, 0.0, 0.0))
+    rollout = PhysicsPredictor(observer, PhysicsConfig(runs=10)).continue_motion(seen(run(start), start.shape))
+    assert [e.objects for e in rollout.collisions] == [(0, 1)]
+    assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contact[0, 1], abs=2)
+    assert rollout.unseen_scores is not None
+    assert rollout.unseen_scores[0, 1] > 0.8 > 0.1 > rollout.unseen_scores[0, 2] > 0
+
+
+def test_collisions_from_velocity_alone() -> None:
+    motion = run(TWO)
+    rollout = Rollout(motion.place, np.ones((2, 128), bool), ())
+    found = velocity_collisions(rollout, VelocityConfig())
+    assert [e.objects for e in found] == [(0, 1)]
+    assert found[0].frame == pytest.approx(motion.contact[0, 1], abs=3)
+    assert len(velocity_collisions(rollout, VelocityConfig("paper"))) == 1
+
+
+def test_boxes_are_continued_back_from_where_an_object_comes() -> None:
+    box = np.zeros((1, 20, 4))
+    box[0, :, 0] = np.where(np.arange(20) < 10, 100.0, 100.0 + 2.0 * (np.arange(20) - 10))
+    present = (np.arange(20) >= 10)[None]
+    back = continued_back(box, present, 5)
+    np.testing.assert_allclose(back[0, :, 0], 80 + 2.0 * np.arange(20))
+
+
+def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
+    torch.manual_seed(0)
+    model = PatchModel(PatchConfig(hidden=16))
+    boxes, static = torch.rand(1, 4, 3, 4) * 0.5, torch.rand(1, 4, 5)
+    exists, order = torch.ones(1, 4, dtype=torch.bool), torch.tensor([2, 0, 3, 1])
+    places, logits = model(boxes, static, exists)
+    places_2, logits_2 = model(boxes[:, order], static[:, order], exists)
+    torch.testing.assert_close(places_2, places[:, order])
+    torch.testing.assert_close(logits_2, logits[:, order][:, :, order])
+    patch = model._patch(boxes, static, boxes[:, :, -1, :2])
+    area = boxes[..., -1, 2] * boxes[..., -1, 3] * 50 * 50 / 4.0**2
+    torch.testing.assert_close(patch[:, :, 2].sum((-1, -2)), area)
+
+
+def test_backends_are_found_by_name_or_file(tmp_path) -> None:
+    from nsdr.checkpoint import find_checkpoint
+
+    folder = find_checkpoint()
+    assert isinstance(load_backend(folder), PhysicsPredictor)
+    assert isinstance(load_backend(folder, "state"), DynamicsPredictor)
+    file = tmp_path / "mine.yaml"
+    file.write_text("backend: state\nshortcut: false\nhorizon_frame: 150\ncollisions: velocity\n")
+    backend = load_backend(folder, file)
+    assert isinstance(backend, VelocityEvents)
+    assert isinstance(backend.backend, DynamicsPredictor)
+    assert (backend.backend.shortcut, backend.backend.horizon_frame) == (False, 150)
+    assert load_backend(folder, "configs/dynamics/physics.yaml").config == PhysicsConfig()  # type: ignore[attr-defined]
+    with pytest.raises(DataError, match="'magic': expected physics, state, paper"):
+        load_backend(folder, "magic")
+    with pytest.raises(DataError, match="expected predicted or velocity"):
+        load_backend(folder, BackendConfig(collisions="none"))
+    with pytest.raises(DataError, match="expected one of paper, tuned"):
+        VelocityEvents(load_backend(folder, "state"), VelocityConfig("mine"))
