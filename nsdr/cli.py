@@ -107,14 +107,29 @@ def _parser() -> jsonargparse.ArgumentParser:
     execute.add_argument("--trace", action="store_true", help="print every executed step")
 
     evaluate = add("evaluate", "score answers to a question file", dynamics=True)
-    evaluate.add_argument("--questions", required=True, help="question file in CLEVRER's format")
+    evaluate.add_argument("--questions", default=None, help="question file in CLEVRER's format")
     evaluate.add_argument(
         "--source",
         required=True,
-        choices=["videos", "proposals", "predictions", "annotations", "ground-truth", "truth"],
+        choices=["videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth"],
         help="what scenes are made from",
     )
-    evaluate.add_argument("--data", required=True, help="folder of these files (or one compact file)")
+    evaluate.add_argument("--data", default=None, help="folder of these files (or one compact file)")
+    evaluate.add_argument(
+        "--root", default=None, help="whole splits: folder in the official layout, for --questions and --data"
+    )
+    evaluate.add_argument(
+        "--split", default="validation", choices=["train", "validation", "test"], help="whole splits: which"
+    )
+    evaluate.add_argument("--limit", type=int, default=0, help="whole splits: first so many scenes; 0 for all")
+    evaluate.add_argument(
+        "--cache", default="runs/scenes", help="whole splits: folder that keeps scenes for the next run"
+    )
+    evaluate.add_argument("--stride", type=int, default=1, help="whole splits: look at every so-manieth frame")
+    evaluate.add_argument("--workers", type=int, default=0, help="whole splits: processes; 0 for one a CPU core")
+    evaluate.add_argument(
+        "--engine", default="processes", choices=["processes", "ray"], help="whole splits: where to work"
+    )
     evaluate.add_argument("--programs", default="parsed", choices=["parsed", "gold"], help="whose programs run")
     evaluate.add_argument("--types", nargs="+", default=None, help="question types to answer; all when left out")
     evaluate.add_argument("--semantics", default="paper", choices=["paper", "official"], help="of the executor")
@@ -127,6 +142,10 @@ def _parser() -> jsonargparse.ArgumentParser:
     evaluate.add_argument("--exclude", type=list[int], default=[], help="scene indices to leave out")
     evaluate.add_argument("-o", "--output", default=None, help="write the table and every result as JSON")
     evaluate.add_argument("--submission", default=None, help="write the answers as an EvalAI submission")
+
+    experiment = add("experiment", "measure all rows of a table; goes on where it stopped", checkpoint=False)
+    experiment.add_argument("file", help="configs/experiments/….yaml")
+    experiment.add_argument("-o", "--output", default="results", help="folder for NAME.json and NAME.md")
 
     data = add(
         "data", "check or download CLEVRER's official files, or make training frames of videos", checkpoint=False

@@ -155,24 +155,52 @@ def _evaluate(options: Any) -> int:
     from nsdr.clevrer.submissions import write_submission
     from nsdr.evaluate import evaluate_file, format_table
     from nsdr.files import write_json
+    from nsdr.splits import SplitEvaluation, evaluate_split
 
-    report = evaluate_file(
-        options.questions,
-        options.source,
-        options.data,
-        options.programs,
-        options.checkpoint,
-        options.types or QUESTION_TYPES,
-        options.semantics,
-        options.collisions,
-        set(options.exclude),
-        options.dynamics,
-    )
+    types = tuple(options.types or QUESTION_TYPES)
+    if options.root is not None:
+        config = SplitEvaluation(
+            options.root,
+            options.split,
+            options.source,
+            options.cache,
+            options.limit,
+            options.programs,
+            types,
+            options.checkpoint,
+            options.dynamics,
+            options.stride,
+            options.engine,
+            options.workers,
+        )
+        report = evaluate_split(config)
+    elif options.questions is None or options.data is None:
+        raise DataError("nsdr evaluate: give --questions and --data, or --root for a whole split")
+    else:
+        report = evaluate_file(
+            options.questions,
+            options.source,
+            options.data,
+            options.programs,
+            options.checkpoint,
+            types,
+            options.semantics,
+            options.collisions,
+            set(options.exclude),
+            options.dynamics,
+        )
     print(format_table(report))
     if options.output:
         write_json(options.output, report, indent=1)
     if options.submission:
         write_submission(options.submission, report["results"])
+    return 0
+
+
+def _experiment(options: Any) -> int:
+    from nsdr.experiments import run_experiment
+
+    print(run_experiment(options.file, options.output).read_text())
     return 0
 
 
@@ -257,6 +285,7 @@ COMMANDS: dict[str, Callable[[Any], int]] = {
     "parse-question": _parse_question,
     "execute": _execute,
     "evaluate": _evaluate,
+    "experiment": _experiment,
     "data": _data,
     "demo": _demo,
 }

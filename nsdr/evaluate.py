@@ -12,6 +12,7 @@ from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions, read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.truth_tracks import tracks_from_annotation
 from nsdr.errors import DataError, ExecutionError, NsdrError, QuestionError
 from nsdr.files import read_json
 from nsdr.symbolic import Executor, Program
@@ -146,11 +147,12 @@ def _reason(error: str) -> str:
     return f"{head.split(' ')[-1]}: {tail.rsplit('): ', 1)[-1]}" if "): " in tail else error[:100]
 
 
-SOURCES = ("videos", "proposals", "predictions", "annotations", "ground-truth", "truth")
+SOURCES = ("videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth")
 _FILE_NAMES = {
     "proposals": ("proposal_{:05d}.json", "sim_{:05d}.json", "proposal_{:05d}.json.gz", "sim_{:05d}.json.gz"),
     "predictions": ("sim_{:05d}.json",),
     "annotations": ("annotation_{:05d}.json",),
+    "tracks": ("annotation_{:05d}.json",),
     "ground-truth": ("sim_{:05d}.json", "sim_{:05d}.json.gz"),
     "truth": ("truth_{:05d}.json",),
 }
@@ -167,6 +169,7 @@ def evaluate_file(
     collisions: str = "predicted",
     exclude: Set[int] = frozenset(),
     dynamics: str | Path = "physics",
+    truth: tuple[str, str | Path] | None = None,
 ) -> dict[str, Any]:
     """Score a question file on scenes from a source.
 
@@ -174,7 +177,8 @@ def evaluate_file(
         questions: question file.
         source: what scenes are made from: "videos" (`video_N.mp4`), "proposals" (`proposal_N.json`, `sim_N.json`),
             "predictions" (`sim_N.json` of the dynamics predictor), "annotations", "ground-truth" (the truth block of
-            `processed_proposals` files), or "truth" (our generator's `truth_N.json`).
+            `processed_proposals` files), or "truth" (our generator's `truth_N.json`); "tracks" takes the motion of
+            annotations as if it had been tracked.
         data: their folder; for "proposals" also a compact NPZ, for "ground-truth" also a gzipped list of blocks.
         programs: "parsed" or "gold".
         checkpoint: weights, where a network is needed.
@@ -183,6 +187,7 @@ def evaluate_file(
         collisions: for the official semantics "predicted", or "velocity" (NE).
         exclude: scene indices to leave out.
         dynamics: backend of the dynamics predictor, or its YAML file.
+        truth: (source, data) of scenes whose observed collisions take the place of predicted ones.
 
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
@@ -208,7 +213,9 @@ def evaluate_file(
             document = read_predictions(_file(data, source, s.scene_index))
             return Executor(document, "official", collisions)
     else:
-        scene_of = _scene_source(source, data, checkpoint, dynamics, {s.scene_index for s in listed})
+        wanted = {s.scene_index for s in listed}
+        true_of = None if truth is None else _scene_source(truth[0], Path(truth[1]), checkpoint, dynamics, wanted)
+        scene_of = _scene_source(source, data, checkpoint, dynamics, wanted, true_of)
 
         def executor_of(s: SceneQuestions) -> Executor:
             return Executor(scene_of(s))
@@ -224,7 +231,12 @@ def evaluate_file(
 
 
 def _scene_source(
-    source: str, data: Path, checkpoint: str | Path, dynamics: str | Path, wanted: Set[int]
+    source: str,
+    data: Path,
+    checkpoint: str | Path,
+    dynamics: str | Path,
+    wanted: Set[int],
+    true_of: Callable[[SceneQuestions], Scene] | None = None,
 ) -> Callable[[SceneQuestions], Scene]:
     """How scenes are made from a source."""
     if source == "ground-truth" and data.is_file():
@@ -245,12 +257,26 @@ def _scene_source(
     from nsdr.pipeline import Pipeline
 
     pipeline = Pipeline.from_pretrained(checkpoint, dynamics)
+    given: Callable[[SceneQuestions], dict[str, Any]]
     if source == "videos":
-        return lambda s: pipeline.perceive(data / s.video_filename)
-    if data.is_dir():
-        return lambda s: pipeline.perception(proposals=read_proposals(_file(data, source, s.scene_index))).scene
-    found = {video: p for video, p in read_compact_proposals(data) if video in wanted}
-    return lambda s: pipeline.perception(proposals=_of(found, s.scene_index, data)).scene
+
+        def given(s: SceneQuestions) -> dict[str, Any]:
+            return {"video": data / s.video_filename}
+    elif source == "tracks":
+
+        def given(s: SceneQuestions) -> dict[str, Any]:
+            return {"tracks": tracks_from_annotation(read_annotation(_file(data, source, s.scene_index)))}
+    elif data.is_dir():
+
+        def given(s: SceneQuestions) -> dict[str, Any]:
+            return {"proposals": read_proposals(_file(data, source, s.scene_index))}
+    else:
+        found = {video: p for video, p in read_compact_proposals(data) if video in wanted}
+
+        def given(s: SceneQuestions) -> dict[str, Any]:
+            return {"proposals": _of(found, s.scene_index, data)}
+
+    return lambda s: pipeline.perception(**given(s), true_scene=true_of(s) if true_of else None).scene
 
 
 def _of(table: Mapping[int, Any], scene_index: int, data: Path) -> Any:

@@ -15,7 +15,7 @@ from nsdr.frame_parser.tracker import TrackerConfig, track
 from nsdr.frame_parser.video import read_frames
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
-from nsdr.types import Answer, DynamicsPrediction, Scene, VideoProposals, VideoTracks
+from nsdr.types import Answer, DynamicsPrediction, Event, Scene, VideoProposals, VideoTracks
 
 __all__ = ["Perception", "Pipeline"]
 
@@ -41,7 +41,8 @@ class Pipeline:
 
     Args:
         frame_parser: `parse(frames) -> VideoProposals`.
-        dynamics: `predict(VideoTracks) -> DynamicsPrediction`.
+        dynamics: `predict(VideoTracks) -> DynamicsPrediction`; where true collisions are given to `perception`,
+            `predict(VideoTracks, collisions)`.
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
@@ -99,12 +100,14 @@ class Pipeline:
         proposals: VideoProposals | None = None,
         tracks: VideoTracks | None = None,
         dynamics: DynamicsPrediction | None = None,
+        true_scene: Scene | None = None,
     ) -> Perception:
         """All stages up to the scene, starting from the latest that is given.
 
         Args:
             video: a video file.
             proposals, tracks, dynamics: results to use instead of computing them.
+            true_scene: a scene whose collisions during the video are believed instead of those that are found.
 
         Raises:
             VideoError: nothing is given, the file cannot be read, or no object was found.
@@ -127,7 +130,10 @@ class Pipeline:
                 raise VideoError(
                     f"{what}: no objects found in more than {self.tracker.min_frames} frames; is it a CLEVRER clip?"
                 )
-            dynamics = self.dynamics.predict(tracks)
+            if true_scene is None:
+                dynamics = self.dynamics.predict(tracks)
+            else:
+                dynamics = self.dynamics.predict(tracks, collisions_of(true_scene, tracks))  # type: ignore[call-arg]
         perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics))
         if key is not None:
             self._kept[key] = perception
@@ -190,6 +196,17 @@ class Pipeline:
                 raise QuestionError(f"{len(choices)} choices but {len(choice_programs)} choice programs")
             return parsed, [Program.parse(p) for p in choice_programs]
         return parsed, [self.question_parser.parse(choice, "choice") for choice in choices or ()]
+
+
+def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:
+    """A scene's collisions during the video with the ids of the tracks of the same names; others are left out."""
+    ids = {t.object.name: t.object.id for t in tracks.tracks}
+    events = []
+    for event in scene.events:
+        names = [scene.objects[i].name for i in event.objects]
+        if event.kind == "collision" and all(name in ids for name in names):
+            events.append(Event("collision", event.frame, tuple(sorted(ids[name] for name in names))))
+    return events
 
 
 def _file_key(path: Path) -> tuple[str, int, int]:

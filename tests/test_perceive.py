@@ -71,3 +71,51 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     empty.mkdir()
     with pytest.raises(DataError, match=r"holds no proposal_N\.json"):
         predict_dynamics(empty, output)
+
+
+@pytest.mark.filterwarnings("ignore:.*20 frames")
+def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, caplog) -> None:
+    root = tmp_path / "root"
+    (root / "videos").mkdir(parents=True)
+    videos.rename(root / "videos" / "validation")
+    for old, new in (("00001", "10000"), ("00002", "10001"), ("00003", "10002")):
+        folder = root / "videos" / "validation"
+        (folder / f"video_{old}.mp4").rename(folder / f"video_{new}.mp4")
+    question = {
+        "question_id": 0,
+        "question": "How many collisions happen?",
+        "question_type": "descriptive",
+        "answer": "0",
+    }
+    rows = [
+        {"scene_index": i, "video_filename": f"video_{i}.mp4", "questions": [question]}
+        for i in (10000, 10001, 10002, 10003)
+    ]
+    (root / "questions").mkdir()
+    (root / "questions" / "validation.json").write_text(json.dumps(rows))
+    command = ["evaluate", "--source", "videos", "--root", str(root), "--stride", "4", "--workers", "1"]
+    command += ["--cache", str(tmp_path / "cache"), "-o"]
+    assert main([*command, str(tmp_path / "first.json")]) == 0
+    kept = sorted((tmp_path / "cache").rglob("scene_*.json"))
+    assert len(kept) == 2
+    kept[1].unlink()  # as if killed before
+    before = kept[0].stat().st_mtime_ns
+    assert main([*command, str(tmp_path / "second.json")]) == 0
+    assert (tmp_path / "first.json").read_bytes() == (tmp_path / "second.json").read_bytes()
+    assert kept[0].stat().st_mtime_ns == before
+    report = json.loads((tmp_path / "first.json").read_text())
+    errors = {r["scene_index"]: r.get("error", "") for r in report["results"]}
+    assert "VideoError" in errors[10002]
+    assert "has no video_10003.mp4" in errors[10003]
+    assert errors[10000] == errors[10001] == ""
+    failures = json.loads(next((tmp_path / "cache").rglob("failures.json")).read_text())
+    assert sorted(failures) == ["10002", "10003"]
+    assert main([*command, str(tmp_path / "other.json"), "--limit", "1", "--dynamics", "state"]) == 0
+    assert len(list((tmp_path / "cache").rglob("scene_*.json"))) == 3  # another configuration, another folder
+
+
+def test_what_a_split_cannot_be_evaluated_from_is_said(tmp_path, capsys) -> None:
+    assert main(["evaluate", "--source", "truth"]) == 2
+    assert "give --questions and --data, or --root" in capsys.readouterr().err
+    assert main(["evaluate", "--source", "truth", "--root", str(tmp_path)]) == 2
+    assert "from videos or proposals, not from truth" in capsys.readouterr().err

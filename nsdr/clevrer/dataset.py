@@ -164,6 +164,10 @@ class Split:
             raise DataError(f"{entry}: {e}") from e
         return dict(annotation)
 
+    def raw_proposals(self, index: int) -> bytes:
+        """Bytes of a proposal file; raises `DataError` when it is missing."""
+        return self._entry("proposals", index).read()
+
     def proposals(self, index: int) -> VideoProposals:
         """Mask proposals of a video.
 

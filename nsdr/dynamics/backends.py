@@ -13,7 +13,7 @@ from nsdr.dynamics.velocity import VelocityConfig, VelocityEvents
 from nsdr.errors import DataError
 from nsdr.types import DynamicsPrediction, VideoTracks
 
-__all__ = ["BACKENDS", "Backend", "BackendConfig", "load_backend"]
+__all__ = ["BACKENDS", "Backend", "BackendConfig", "backend_settings", "checkpoint_folders", "load_backend"]
 
 PAPER_CHECKPOINT = "dynamics_paper"
 
@@ -76,6 +76,13 @@ def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics")
         DataError: an unknown backend or kind of collisions.
         CheckpointError: weights are missing or corrupt.
     """
+    config = backend_settings(settings)
+    backend = BACKENDS[config.backend](folder, config)
+    return VelocityEvents(backend, config.velocity) if config.collisions == "velocity" else backend
+
+
+def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
+    """Settings from a backend's name or a YAML file, checked; raises `DataError` as `load_backend`."""
     if isinstance(settings, BackendConfig):
         config = settings
     elif str(settings).endswith((".yaml", ".yml")):
@@ -86,5 +93,9 @@ def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics")
         raise DataError(f"dynamics {config.backend!r}: expected {', '.join(BACKENDS)} or a YAML file")
     if config.collisions not in ("predicted", "velocity"):
         raise DataError(f"collisions is {config.collisions!r}; expected predicted or velocity")
-    backend = BACKENDS[config.backend](folder, config)
-    return VelocityEvents(backend, config.velocity) if config.collisions == "velocity" else backend
+    return config
+
+
+def checkpoint_folders(folder: Path, config: BackendConfig) -> list[Path]:
+    """Folders whose weights a pipeline with this backend uses."""
+    return [folder, find_checkpoint(PAPER_CHECKPOINT)] if config.backend == "paper" else [folder]

@@ -72,10 +72,10 @@ class PaperPredictor:
         model.load_state_dict(state)
         return cls(model, horizon_frame)
 
-    def predict(self, tracks: VideoTracks) -> DynamicsPrediction:
+    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object; see `DynamicsPredictor`."""
         states = states_from_tracks(tracks)
-        observed = self.observed_collisions(states)
+        observed = self.observed_collisions(states) if observed is None else observed
         course = self._future(states, observed)
         course = with_observed_motion(course, observed_motion(states, observed))
         counterfactual = {k: self._without(states, k) for k in range(len(states.objects))}
@@ -121,7 +121,7 @@ class PaperPredictor:
     def _future(self, states: MotionStates, observed: Sequence[Event]) -> Rollout:
         frames = states.present.shape[1]
         last = (frames - 1) // self.config.stride_frames * self.config.stride_frames
-        return self._rollout(states, states.present.any(1), last, states.present[:, last], observed)
+        return self._rollout(states, np.array(states.present.any(1)), last, states.present[:, last], observed)
 
     def _without(self, states: MotionStates, removed: int) -> Rollout:
         exists = np.arange(len(states.objects)) != removed

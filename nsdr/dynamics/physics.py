@@ -69,12 +69,13 @@ class PhysicsPredictor:
         self.observer = observer
         self.config = config or PhysicsConfig()
 
-    def predict(self, tracks: VideoTracks) -> DynamicsPrediction:
+    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object; see `DynamicsPredictor`."""
         states = states_from_tracks(tracks)
         if not states.objects:
             return DynamicsPrediction(states.objects, tracks.n_frames, _empty(tracks.n_frames, self.config), {})
-        candidates = self.observer.collision_candidates(states)
+        given = None if observed is None else [(event, 1.0) for event in observed]
+        candidates = self.observer.collision_candidates(states) if given is None else given
         observed, fitted = explain(states, candidates, self.config.explain)
         motion = observed_motion(states, observed)
         world = _World(states, motion, fitted, observed, self.config)

@@ -71,17 +71,18 @@ class DynamicsPredictor:
         model.load_state_dict(state)
         return cls(model, shortcut, horizon_frame)
 
-    def predict(self, tracks: VideoTracks) -> DynamicsPrediction:
+    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object.
 
         Args:
             tracks: the video's objects.
+            observed: the video's collisions, to be believed; None finds them.
 
         Returns:
             Rollouts to `horizon_frame`; empty ones for a video without objects.
         """
         states = states_from_tracks(tracks)
-        observed = self.observed_collisions(states)
+        observed = self.observed_collisions(states) if observed is None else observed
         rollouts = self._courses(states, observed, tracks.n_frames)
         counterfactual = dict(enumerate(rollouts[1:]))
         course = with_observed_motion(rollouts[0], observed_motion(states, observed))

@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from nsdr.errors import DataError
 from nsdr.files import read_json, write_json
-from nsdr.training.revision import code_revision
+from nsdr.revision import code_revision
 
 __all__ = ["LoopConfig", "Task", "train"]
 

@@ -1,0 +1,42 @@
+"""Annotations as tracks: what a perfect frame parser and tracker would have seen."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.clevrer.view import View, surface_points
+from nsdr.types import SceneObject, Track, VideoTracks
+
+__all__ = ["tracks_from_annotation"]
+
+
+def tracks_from_annotation(annotation: Mapping[str, Any]) -> VideoTracks:
+    """True places of all objects while they are in view, with the boxes of their outlines; score 1.
+
+    Args:
+        annotation: checked content of an annotation file. Objects that are never in view are left out.
+    """
+    view, picture = View(), np.array([WIDTH_PX, HEIGHT_PX])
+    frames = annotation["motion_trajectory"]
+    tracks: list[Track] = []
+    for properties in sorted(annotation["object_property"], key=lambda p: int(p["object_id"])):
+        words = (properties["color"], properties["material"], properties["shape"])
+        seen, places, boxes = [], [], []
+        for f, frame in enumerate(frames):
+            row = next((o for o in frame["objects"] if o["object_id"] == properties["object_id"]), None)
+            if row is None or not row["inside_camera_view"]:
+                continue
+            outline = view.pixels(surface_points(words[2], row["orientation"][2]) + np.array(row["location"]))
+            low, high = np.clip(np.floor(outline.min(0)), 0, picture), np.clip(np.ceil(outline.max(0)), 0, picture)
+            if np.isfinite(outline).all() and (high > low).all():
+                seen.append(f)
+                places.append(row["location"][:2])
+                boxes.append([*low, *high])
+        if seen:
+            box = np.array(boxes, int)
+            middle = (box[:, :2] + box[:, 2:]) / 2
+            track = SceneObject(len(tracks), *words), np.array(seen), np.array(places, float), middle, box
+            tracks.append(Track(*track, np.ones(len(seen))))
+    return VideoTracks(len(frames), tuple(tracks))
