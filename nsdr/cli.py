@@ -94,6 +94,16 @@ def _parser() -> jsonargparse.ArgumentParser:
     predict.add_argument("--workers", type=int, default=0, help="processes; 0 for one a CPU core")
     predict.add_argument("--engine", default="processes", choices=["processes", "ray"], help="where to work")
 
+    visualize = add("visualize", "show what was seen and why it was answered so", dynamics=True)
+    visualize.add_argument("video", help="video file")
+    visualize.add_argument("-q", "--question", default=None, help="for an HTML report: a question")
+    visualize.add_argument("-c", "--choice", action="append", default=[], help="its options; repeat it for each")
+    visualize.add_argument(
+        "--picture", default="strobe", choices=["strobe", "last", "plan", "causal"], help="for a PNG: which"
+    )
+    visualize.add_argument("--removed", type=int, default=None, help="plan: draw the world without this object")
+    visualize.add_argument("-o", "--output", required=True, help="file ending in .mp4, .png or .html")
+
     parse_question = add("parse-question", "turn a question or choice into a program")
     parse_question.add_argument("text", help="in CLEVRER's English")
     parse_question.add_argument(

@@ -87,6 +87,43 @@ def write_picture(path: str, video: str, perception: Any) -> None:
         raise DataError(f"{path}: cannot write a picture; expected a name ending in .png or .jpg")
 
 
+def _visualize(options: Any) -> int:
+    import numpy as np
+
+    from nsdr.frame_parser.video import read_frames
+    from nsdr.visualize import stroboscopic_picture, write_annotated_video, write_report
+    from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+
+    kind = Path(options.output).suffix
+    if kind not in (".mp4", ".png", ".html"):
+        raise DataError(f"{options.output}: expected a name ending in .mp4, .png or .html")
+    pipeline = _pipeline(options)
+    p = pipeline.perception(options.video)
+    if options.removed is not None and options.removed not in p.dynamics.counterfactual:
+        raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # said once already
+        frames = np.stack(list(read_frames(options.video)))
+    Path(options.output).parent.mkdir(parents=True, exist_ok=True)
+    if kind == ".html":
+        questions = [options.question] if options.question else []
+        answers = [pipeline.answer(options.video, q, options.choice or None) for q in questions]
+        write_report(options.output, frames, p, answers)
+    elif kind == ".mp4":
+        write_annotated_video(options.output, frames, p.proposals, p.tracks, p.scene)
+    elif options.picture == "last":
+        write_picture(options.output, options.video, p)
+    elif options.picture == "strobe":
+        import cv2
+
+        cv2.imwrite(options.output, stroboscopic_picture(frames, p.proposals, p.tracks)[..., ::-1])
+    else:
+        figure = plan_figure(p.dynamics, options.removed) if options.picture == "plan" else causal_figure(p.scene)
+        Path(options.output).write_bytes(figure_png(figure))
+    print(options.output)
+    return 0
+
+
 def _parse_videos(options: Any) -> int:
     from nsdr.perceive import parse_videos
 
@@ -280,6 +317,7 @@ def _load_scene(path: str) -> Scene:
 COMMANDS: dict[str, Callable[[Any], int]] = {
     "answer": _answer,
     "parse-video": _parse_video,
+    "visualize": _visualize,
     "parse-videos": _parse_videos,
     "predict-dynamics": _predict_dynamics,
     "parse-question": _parse_question,

@@ -1,7 +1,7 @@
 """Scores answers the way the paper does: descriptive accuracy; the other types per option and per question."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +170,7 @@ def evaluate_file(
     exclude: Set[int] = frozenset(),
     dynamics: str | Path = "physics",
     truth: tuple[str, str | Path] | None = None,
+    made: MutableMapping[Any, Scene] | None = None,
 ) -> dict[str, Any]:
     """Score a question file on scenes from a source.
 
@@ -187,6 +188,7 @@ def evaluate_file(
         collisions: for the official semantics "predicted", or "velocity" (NE).
         exclude: scene indices to leave out.
         dynamics: backend of the dynamics predictor, or its YAML file.
+        made: scenes made before, to which new ones are added.
         truth: (source, data) of scenes whose observed collisions take the place of predicted ones.
 
     Raises:
@@ -201,6 +203,7 @@ def evaluate_file(
     if unknown:
         raise DataError(f"unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
     listed = [s for s in read_questions(questions) if s.scene_index not in exclude]
+    listed = [s for s in listed if any(q.type in types for q in s.questions)]
     parse: Parse | None = None
     if programs == "parsed":
         from nsdr.checkpoint import find_checkpoint
@@ -217,8 +220,14 @@ def evaluate_file(
         true_of = None if truth is None else _scene_source(truth[0], Path(truth[1]), checkpoint, dynamics, wanted)
         scene_of = _scene_source(source, data, checkpoint, dynamics, wanted, true_of)
 
+        recipe = (source, str(data), str(checkpoint), str(dynamics), truth)
+        made = {} if made is None else made
+
         def executor_of(s: SceneQuestions) -> Executor:
-            return Executor(scene_of(s))
+            key = (*recipe, s.scene_index)
+            if key not in made:
+                made[key] = scene_of(s)
+            return Executor(made[key])
 
     def pairs() -> Iterator[tuple[SceneQuestions, Executor | NsdrError]]:
         for scene_questions in tqdm(listed, desc="scenes", unit="scene"):

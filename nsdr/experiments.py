@@ -1,7 +1,7 @@
 """Tables from one command each: `nsdr experiment configs/experiments/NAME.yaml` writes results/NAME.json and .md.
 
-An experiment is a list of rows, each a call of `nsdr.evaluate.evaluate_file` or a baseline. Rows that are already in the results
-file, made from the same settings, are kept: a killed experiment goes on.
+An experiment is a list of rows, each a call of `nsdr.evaluate.evaluate_file` or a baseline. Rows that already are in the
+results file, made from the same settings, are kept: a killed experiment goes on.
 """
 
 import os
@@ -22,6 +22,7 @@ from nsdr.errors import DataError
 from nsdr.evaluate import evaluate_file
 from nsdr.files import read_json, write_json
 from nsdr.revision import code_revision
+from nsdr.types import Scene
 
 __all__ = ["ExperimentRow", "markdown_table", "read_experiment", "run_experiment"]
 
@@ -34,6 +35,7 @@ class ExperimentRow:
         name: as it stands in the table.
         questions: question file.
         source, data, programs, checkpoint, dynamics, collisions, semantics, exclude: as of `evaluate_file`.
+        types: question types to answer.
         truth_source, truth: scenes whose observed collisions take the place of predicted ones; "" for none.
         baseline: "random" or "frequent": Q-type baselines, whose frequencies are counted on the questions themselves.
         published: numbers to print instead of measuring, one for descriptive and two for each other type.
@@ -49,6 +51,7 @@ class ExperimentRow:
     collisions: str = "predicted"
     semantics: str = "paper"
     exclude: Sequence[int] = ()
+    types: Sequence[str] = QUESTION_TYPES
     truth_source: str = ""
     truth: str = ""
     baseline: str = ""
@@ -86,11 +89,13 @@ def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
     file = Path(output) / f"{Path(path).stem}.json"
     known = {row["settings"]["name"]: row for row in read_json(file)["rows"]} if file.exists() else {}
     done: list[dict[str, Any]] = []
+    made: dict[Any, Scene] = {}
     for row in rows:
-        settings = {**asdict(row), "exclude": list(row.exclude), "published": list(row.published)}
+        settings = {**asdict(row), "exclude": list(row.exclude), "types": list(row.types)}
+        settings["published"] = list(row.published)
         before = known.get(row.name)
         if before is None or before["settings"] != settings:
-            before = {"settings": settings, **_measured(row)}
+            before = {"settings": settings, **_measured(row, made)}
         done.append(before)
         write_json(file, {"title": title, "command": f"nsdr experiment {path}", "rows": done}, indent=1)
     table = file.with_suffix(".md")
@@ -98,7 +103,7 @@ def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
     return table
 
 
-def _measured(row: ExperimentRow) -> dict[str, Any]:
+def _measured(row: ExperimentRow, made: dict[Any, Scene]) -> dict[str, Any]:
     if row.published:
         return {"table": _published(row.published)}
     start = time.time()
@@ -112,12 +117,13 @@ def _measured(row: ExperimentRow) -> dict[str, Any]:
             row.data,
             row.programs,
             row.checkpoint,
-            QUESTION_TYPES,
+            row.types,
             row.semantics,
             row.collisions,
             set(row.exclude),
             row.dynamics,
             truth,
+            made,
         )
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},

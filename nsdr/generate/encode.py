@@ -23,7 +23,7 @@ def write_video(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: int 
     try:
         import av
     except ImportError as e:
-        raise DataError("writing videos needs PyAV: pip install 'nsdr[generate]'") from e
+        raise DataError("writing videos needs PyAV: pip install 'nsdr[visualize]'") from e
     with atomic_path(path) as temporary:
         container = av.open(str(temporary), "w", format="mp4")
         with container:

@@ -1,0 +1,140 @@
+"""One self-contained HTML page about a question: video, what was seen, program, trace with its frames, answer."""
+
+import base64
+import html
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.files import atomic_path
+from nsdr.pipeline import Perception
+from nsdr.symbolic import explain, format_tree
+from nsdr.types import Answer, TraceStep
+from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+from nsdr.visualize.picture import annotated_picture
+from nsdr.visualize.strobe import stroboscopic_picture
+
+__all__ = ["write_report"]
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1060px; margin: 2em auto; padding: 0 1em }
+h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid #ddd }
+figure { margin: 0 } figcaption { color: #666; font-size: .85em }
+.row { display: grid; grid-template-columns: 1fr 1fr; gap: 1em } img { max-width: 100%; border-radius: 4px }
+pre { background: #f6f6f6; padding: .8em; overflow-x: auto; font-size: .85em; line-height: 1.35 }
+table { border-collapse: collapse; width: 100% } td, th { padding: .25em .6em; text-align: left; vertical-align: top;
+border-top: 1px solid #eee } .answer { font-size: 1.3em } .correct { color: #177245 } .wrong { color: #a33 }
+td img { width: 150px }
+"""
+
+
+def write_report(
+    path: str | Path, frames: NDArray[np.uint8], perception: Perception, answers: Sequence[Answer]
+) -> None:
+    """Write the page.
+
+    Args:
+        path: HTML file to write.
+        frames: (T, 320, 480, 3) uint8 RGB, the video.
+        perception: of this video, with proposals, tracks and dynamics.
+        answers: to the questions, with their traces; none leaves out that part.
+
+    Raises:
+        DataError: matplotlib is missing.
+    """
+    scene, tracks, dynamics = perception.scene, perception.tracks, perception.dynamics
+    assert perception.proposals is not None
+    assert tracks is not None
+    assert dynamics is not None
+    last = len(frames) - 1
+    seen = annotated_picture(frames[last], last, perception.proposals, tracks, scene)
+    strobe = stroboscopic_picture(frames, perception.proposals, tracks)
+    body = [
+        "<h1>" + html.escape(answers[0].question if len(answers) == 1 else "What the system saw") + "</h1>",
+        *(_answer(answer, perception, frames) for answer in answers),
+        "<h2>Perception</h2><div class=row>",
+        _figure(_png(strobe), "The video, stroboscopic: one copy every 12 frames."),
+        _figure(
+            _png(seen), "Frame parser and tracker: masks, identities, ways; stars are collisions with their frames."
+        ),
+        "</div><h2>Dynamics</h2><div class=row>",
+        _figure(figure_png(plan_figure(dynamics)), "From above: observed ways, the predicted future dashed."),
+        _figure(figure_png(causal_figure(scene)), "The causal graph."),
+        "</div><h2>Without each object</h2><div class=row>",
+        *(
+            _figure(figure_png(plan_figure(dynamics, k)), f"Without the {scene.objects[k].name}; gray: as it was.")
+            for k in sorted(_removed(answers) or dynamics.counterfactual)
+        ),
+        "</div>",
+    ]
+    page = f"<!doctype html><html lang=en><meta charset=utf-8><title>NS-DR</title><style>{STYLE}</style>{''.join(body)}</html>"
+    with atomic_path(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def _removed(answers: Sequence[Answer]) -> set[int]:
+    """Objects that the questions remove."""
+    traces = [t for a in answers for t in ([c.trace for c in a.choices] or [a.trace])]
+    found = set()
+    for trace in traces:
+        for step in trace:
+            if step.module == "get_counterfact":
+                found |= set(trace[step.inputs[1]].objects)
+    return found
+
+
+def _answer(answer: Answer, perception: Perception, frames: NDArray[np.uint8]) -> str:
+    parts = [f"<h2>{html.escape(answer.question)}</h2>"]
+    parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
+    scene = perception.scene
+    if answer.answer is not None:
+        parts.append(f"<p class=answer>Answer: <b>{html.escape(answer.answer)}</b></p>")
+        parts.append(f"<p>{html.escape(explain(answer, scene))}</p>" + _trace(answer.trace, perception, frames))
+    for choice in answer.choices:
+        parts.append(f"<h3 class={choice.answer}>{html.escape(choice.choice)}: {choice.answer}</h3>")
+        parts.append(f"<p>{html.escape(explain(choice, scene))}</p>" + _trace(choice.trace, perception, frames))
+    return "".join(parts)
+
+
+def _trace(trace: Sequence[TraceStep], perception: Perception, frames: NDArray[np.uint8]) -> str:
+    rows = []
+    for number, step in enumerate(trace, 1):
+        if not step.inputs and step.module == step.text:
+            continue  # a word
+        inputs = ", ".join(str(i + 1) for i in step.inputs)
+        shown = sorted({e.frame for e in step.events if e.frame < len(frames)})[:3]
+        pictures = "".join(f"<img alt='frame {f}' src='{_small(frames[f], perception, step, f)}'>" for f in shown)
+        rows.append(
+            f"<tr><td>{number}<td><code>{step.module}</code> {inputs}<td>{html.escape(step.text)}<td>{pictures}"
+        )
+    tree = html.escape(format_tree(trace))
+    head = "<tr><th>step<th>module, inputs<th>result<th>frames it rests on"
+    details = f"<details><summary>program tree</summary><pre>{tree}</pre></details>"
+    return f"{details}<table>{head}{''.join(rows)}</table>"
+
+
+def _small(frame: NDArray[np.uint8], perception: Perception, step: TraceStep, index: int) -> str:
+    """A small frame with boxes around the objects of the step's events at this frame."""
+    picture = frame.copy()
+    assert perception.tracks is not None
+    for i in {i for e in step.events if e.frame == index for i in e.objects}:
+        track = perception.tracks.tracks[i]
+        box = track.box_xyxy_px[int(np.abs(track.frame_index - index).argmin())].tolist()
+        cv2.rectangle(picture, box[:2], box[2:], (255, 210, 60), 3)
+    return _data(_png(cv2.resize(picture, (240, 160), interpolation=cv2.INTER_AREA)))
+
+
+def _png(picture: Any) -> bytes:
+    return bytes(cv2.imencode(".png", picture[..., ::-1])[1])
+
+
+def _data(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode()
+
+
+def _figure(png: bytes, caption: str) -> str:
+    return f"<figure><img alt='' src='{_data(png)}'><figcaption>{html.escape(caption)}</figcaption></figure>"

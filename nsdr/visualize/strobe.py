@@ -1,0 +1,75 @@
+"""The stroboscopic picture of the paper's figures: one frame in which every object leaves copies of itself along its way."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pycocotools import mask as rle
+
+from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.types import VideoProposals, VideoTracks
+
+__all__ = ["stroboscopic_picture"]
+
+LEAST_MOVE_PX = 6.0
+"""Copies nearer to the next one than this would only blur it."""
+
+
+def stroboscopic_picture(
+    frames: NDArray[np.uint8], proposals: VideoProposals, tracks: VideoTracks, every: int = 12, scale: int = 2
+) -> NDArray[np.uint8]:
+    """The last frame with earlier copies of all moving objects, the older the fainter.
+
+    Args:
+        frames: (T, 320, 480, 3) uint8 RGB.
+        proposals: with masks.
+        tracks: of the same video.
+        every: frames between two copies.
+        scale: of the picture's size.
+
+    Returns:
+        (320 scale, 480 scale, 3) uint8 RGB.
+    """
+    picture: NDArray[Any] = frames[-1].astype(float)
+    masks = _masks_of(proposals, tracks)
+    last = len(frames) - 1
+    for frame in range(last % every, last, every):
+        strength = 0.35 + 0.5 * frame / last
+        for track, rows in zip(tracks.tracks, masks, strict=True):
+            here, later = _place(track, frame), _place(track, min(frame + every, last))
+            if frame not in rows or here is None or later is None or np.linalg.norm(here - later) < LEAST_MOVE_PX:
+                continue
+            cover = cv2.GaussianBlur(_decode(rows[frame]).astype(np.float32), (3, 3), 0)[..., None] * strength
+            picture = picture * (1 - cover) + frames[frame] * cover
+    for track, rows in zip(tracks.tracks, masks, strict=True):  # the present lies on top
+        if last in rows and track.frame_index[-1] == last:
+            cover = cv2.GaussianBlur(_decode(rows[last]).astype(np.float32), (3, 3), 0)[..., None]
+            picture = picture * (1 - cover) + frames[last] * cover
+    size = (WIDTH_PX * scale, HEIGHT_PX * scale)
+    return np.asarray(cv2.resize(picture.round().astype(np.uint8), size, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def _place(track: Any, frame: int) -> NDArray[Any] | None:
+    if not track.frame_index[0] <= frame <= track.frame_index[-1]:
+        return None
+    return np.array([np.interp(frame, track.frame_index, track.centroid_px[:, k]) for k in range(2)])
+
+
+def _masks_of(proposals: VideoProposals, tracks: VideoTracks) -> list[dict[int, str]]:
+    """For each track its masks by frame: the proposal at the same box."""
+    if proposals.masks is None:
+        return [{} for _ in tracks.tracks]
+    by_place = {
+        (int(f), *map(int, box)): mask
+        for f, box, mask in zip(proposals.frame_index, proposals.box_xyxy_px, proposals.masks, strict=True)
+    }
+    found = []
+    for t in tracks.tracks:
+        keys = [(int(f), *map(int, box)) for f, box in zip(t.frame_index, t.box_xyxy_px, strict=True)]
+        found.append({key[0]: by_place[key] for key in keys if key in by_place})
+    return found
+
+
+def _decode(counts: str) -> NDArray[np.uint8]:
+    return np.asarray(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": counts.encode()}))
