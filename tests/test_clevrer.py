@@ -209,3 +209,22 @@ def test_broken_question_files_name_the_place(tmp_path, content, message) -> Non
     path.write_text(json.dumps(content))
     with pytest.raises(DataError, match=message):
         read_questions(path)
+
+
+def test_annotations_become_the_tracks_of_a_perfect_tracker() -> None:
+    from nsdr.clevrer.truth_tracks import tracks_from_annotation
+
+    def row(x: float, shown: bool) -> dict[str, object]:
+        return {"object_id": 0, "location": [x, 0.0, 0.2], "orientation": [0.0, 0.0, 0.0], "inside_camera_view": shown}
+
+    annotation = {
+        "object_property": [{"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}],
+        "motion_trajectory": [{"objects": [row(-0.1 * f, f >= 3)]} for f in range(10)],
+    }
+    tracks = tracks_from_annotation(annotation)
+    assert tracks.n_frames == 10
+    assert tracks.tracks[0].frame_index.tolist() == list(range(3, 10))
+    np.testing.assert_allclose(tracks.tracks[0].location_world[:, 0], -0.1 * np.arange(3, 10))
+    left, top, right, bottom = tracks.tracks[0].box_xyxy_px[0]
+    assert left < 240 < right
+    assert 30 < bottom - top < 70

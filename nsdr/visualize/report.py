@@ -55,7 +55,7 @@ def write_report(
     strobe = stroboscopic_picture(frames, perception.proposals, tracks)
     body = [
         "<h1>" + html.escape(answers[0].question if len(answers) == 1 else "What the system saw") + "</h1>",
-        *(_answer(answer, perception, frames) for answer in answers),
+        *(_summary(answer) for answer in answers),
         "<h2>Perception</h2><div class=row>",
         _figure(_png(strobe), "The video, stroboscopic: one copy every 12 frames."),
         _figure(
@@ -70,6 +70,7 @@ def write_report(
             for k in sorted(_removed(answers) or dynamics.counterfactual)
         ),
         "</div>",
+        *(_answer(answer, perception, frames) for answer in answers),
     ]
     page = f"<!doctype html><html lang=en><meta charset=utf-8><title>NS-DR</title><style>{STYLE}</style>{''.join(body)}</html>"
     with atomic_path(path) as temporary:
@@ -87,12 +88,18 @@ def _removed(answers: Sequence[Answer]) -> set[int]:
     return found
 
 
+def _summary(answer: Answer) -> str:
+    if answer.answer is not None:
+        return f"<p class=answer>Answer: <b>{html.escape(answer.answer)}</b></p>"
+    rows = (f"<tr class={c.answer}><td>{c.answer}<td>{html.escape(c.choice)}" for c in answer.choices)
+    return f"<table>{''.join(rows)}</table>"
+
+
 def _answer(answer: Answer, perception: Perception, frames: NDArray[np.uint8]) -> str:
-    parts = [f"<h2>{html.escape(answer.question)}</h2>"]
+    parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
     scene = perception.scene
     if answer.answer is not None:
-        parts.append(f"<p class=answer>Answer: <b>{html.escape(answer.answer)}</b></p>")
         parts.append(f"<p>{html.escape(explain(answer, scene))}</p>" + _trace(answer.trace, perception, frames))
     for choice in answer.choices:
         parts.append(f"<h3 class={choice.answer}>{html.escape(choice.choice)}: {choice.answer}</h3>")
@@ -106,7 +113,7 @@ def _trace(trace: Sequence[TraceStep], perception: Perception, frames: NDArray[n
         if not step.inputs and step.module == step.text:
             continue  # a word
         inputs = ", ".join(str(i + 1) for i in step.inputs)
-        shown = sorted({e.frame for e in step.events if e.frame < len(frames)})[:3]
+        shown = sorted({e.frame for e in step.events if e in perception.scene.events})[:3]
         pictures = "".join(f"<img alt='frame {f}' src='{_small(frames[f], perception, step, f)}'>" for f in shown)
         rows.append(
             f"<tr><td>{number}<td><code>{step.module}</code> {inputs}<td>{html.escape(step.text)}<td>{pictures}"

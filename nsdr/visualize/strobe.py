@@ -40,12 +40,10 @@ def stroboscopic_picture(
             here, later = _place(track, frame), _place(track, min(frame + every, last))
             if frame not in rows or here is None or later is None or np.linalg.norm(here - later) < LEAST_MOVE_PX:
                 continue
-            cover = cv2.GaussianBlur(_decode(rows[frame]).astype(np.float32), (3, 3), 0)[..., None] * strength
-            picture = picture * (1 - cover) + frames[frame] * cover
+            picture = _laid_on(picture, frames[frame], rows[frame], strength)
     for track, rows in zip(tracks.tracks, masks, strict=True):  # the present lies on top
         if last in rows and track.frame_index[-1] == last:
-            cover = cv2.GaussianBlur(_decode(rows[last]).astype(np.float32), (3, 3), 0)[..., None]
-            picture = picture * (1 - cover) + frames[last] * cover
+            picture = _laid_on(picture, frames[last], rows[last], 1.0)
     size = (WIDTH_PX * scale, HEIGHT_PX * scale)
     return np.asarray(cv2.resize(picture.round().astype(np.uint8), size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
@@ -71,5 +69,8 @@ def _masks_of(proposals: VideoProposals, tracks: VideoTracks) -> list[dict[int, 
     return found
 
 
-def _decode(counts: str) -> NDArray[np.uint8]:
-    return np.asarray(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": counts.encode()}))
+def _laid_on(picture: NDArray[Any], frame: NDArray[Any], counts: str, strength: float) -> NDArray[Any]:
+    """The picture with the masked part of a frame on it, as strong as given."""
+    mask = np.asarray(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": counts.encode()}), np.float32)
+    cover = cv2.GaussianBlur(mask, (3, 3), 0)[..., None] * strength
+    return np.asarray(picture * (1 - cover) + frame * cover)

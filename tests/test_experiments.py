@@ -1,0 +1,55 @@
+"""Tables from experiment files."""
+
+import json
+
+import pytest
+
+from nsdr import DataError
+from nsdr.examples import QUESTIONS
+from nsdr.experiments import run_experiment
+
+TEXT = """
+title: Example
+common: {questions: QUESTIONS, data: FOLDER, source: truth}
+rows:
+  - {name: truth}
+  - {name: guess, baseline: random}
+  - {name: elsewhere, published: [88.1, 87.6, 79.6, 82.9, 68.7, 74.1, 42.2]}
+"""
+
+
+@pytest.fixture
+def experiment(tmp_path):
+    path = tmp_path / "example.yaml"
+    path.write_text(TEXT.replace("QUESTIONS", str(QUESTIONS)).replace("FOLDER", str(QUESTIONS.parent)))
+    return path
+
+
+def test_rows_are_measured_once_and_again_when_they_change(experiment, tmp_path, monkeypatch) -> None:
+    table = run_experiment(experiment, tmp_path / "results").read_text()
+    assert "| truth | 100.0 | 100.0 / 100.0 |" in table
+    assert "| elsewhere | 88.1 | 87.6 / 79.6 | 82.9 / 68.7 | 74.1 / 42.2 |" in table
+    assert f"nsdr experiment {experiment}" in table
+    file = tmp_path / "results" / "example.json"
+    document = json.loads(file.read_text())
+    first = document["rows"][0]
+    assert {"seconds", "date", "version", "revision", "machine"} <= set(first)
+    document["rows"][0]["seconds"] = 12345  # only a kept row still has it
+    document["rows"] = document["rows"][:1]  # killed after the first row
+    file.write_text(json.dumps(document))
+    run_experiment(experiment, tmp_path / "results")
+    rows = json.loads(file.read_text())["rows"]
+    assert [r["settings"]["name"] for r in rows] == ["truth", "guess", "elsewhere"]
+    assert rows[0]["seconds"] == 12345
+    experiment.write_text(experiment.read_text().replace("{name: truth}", "{name: truth, types: [descriptive]}"))
+    run_experiment(experiment, tmp_path / "results")
+    assert json.loads(file.read_text())["rows"][0]["seconds"] != 12345
+
+
+def test_broken_experiments_are_named(experiment, tmp_path) -> None:
+    experiment.write_text(experiment.read_text().replace("baseline: random", "base: random"))
+    with pytest.raises(DataError, match=r"example\.yaml: not an experiment file .*base"):
+        run_experiment(experiment, tmp_path)
+    experiment.write_text(TEXT.replace("random", "clever"))
+    with pytest.raises(DataError):
+        run_experiment(experiment, tmp_path)
