@@ -121,7 +121,7 @@ def _parser() -> jsonargparse.ArgumentParser:
     evaluate.add_argument(
         "--source",
         required=True,
-        choices=["videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth"],
+        choices=["videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth", "scenes"],
         help="what scenes are made from",
     )
     evaluate.add_argument("--data", default=None, help="folder of these files (or one compact file)")

@@ -7,6 +7,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from nsdr import storage
 from nsdr.clevrer.annotations import read_annotation
 from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
@@ -147,7 +148,7 @@ def _reason(error: str) -> str:
     return f"{head.split(' ')[-1]}: {tail.rsplit('): ', 1)[-1]}" if "): " in tail else error[:100]
 
 
-SOURCES = ("videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth")
+SOURCES = ("videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth", "scenes")
 _FILE_NAMES = {
     "proposals": ("proposal_{:05d}.json", "sim_{:05d}.json", "proposal_{:05d}.json.gz", "sim_{:05d}.json.gz"),
     "predictions": ("sim_{:05d}.json",),
@@ -155,6 +156,7 @@ _FILE_NAMES = {
     "tracks": ("annotation_{:05d}.json",),
     "ground-truth": ("sim_{:05d}.json", "sim_{:05d}.json.gz"),
     "truth": ("truth_{:05d}.json",),
+    "scenes": ("scene_{:05d}.json",),
 }
 
 
@@ -179,7 +181,7 @@ def evaluate_file(
         source: what scenes are made from: "videos" (`video_N.mp4`), "proposals" (`proposal_N.json`, `sim_N.json`),
             "predictions" (`sim_N.json` of the dynamics predictor), "annotations", "ground-truth" (the truth block of
             `processed_proposals` files), or "truth" (our generator's `truth_N.json`); "tracks" takes the motion of
-            annotations as if it had been tracked.
+            annotations as if it had been tracked, "scenes" files saved by `nsdr parse-videos`.
         data: their folder; for "proposals" also a compact NPZ, for "ground-truth" also a gzipped list of blocks.
         programs: "parsed" or "gold".
         checkpoint: weights, where a network is needed.
@@ -261,6 +263,8 @@ def _scene_source(
         return lambda s: scene_from_predictions(read_predictions(_file(data, source, s.scene_index)))
     if source == "truth":
         return lambda s: scene_from_truth(read_json(_file(data, source, s.scene_index)))
+    if source == "scenes":
+        return lambda s: storage.load(Scene, _file(data, source, s.scene_index))
     if source not in SOURCES:
         raise DataError(f"source is {source!r}; expected one of {', '.join(SOURCES)}")
     from nsdr.pipeline import Pipeline

@@ -1,16 +1,17 @@
 """Tables from experiment files."""
 
 import json
+import shutil
 
 import pytest
 
 from nsdr import DataError
-from nsdr.examples import QUESTIONS
+from nsdr.examples import QUESTIONS, TRUTH
 from nsdr.experiments import run_experiment
 
 TEXT = """
 title: Example
-common: {questions: QUESTIONS, data: FOLDER, source: truth}
+common: {questions: QUESTIONS, data: FOLDER, source: scenes}
 rows:
   - {name: truth}
   - {name: guess, baseline: random}
@@ -21,7 +22,8 @@ rows:
 @pytest.fixture
 def experiment(tmp_path):
     path = tmp_path / "example.yaml"
-    path.write_text(TEXT.replace("QUESTIONS", str(QUESTIONS)).replace("FOLDER", str(QUESTIONS.parent)))
+    shutil.copy(TRUTH, tmp_path / "scene_500002.json")
+    path.write_text(TEXT.replace("QUESTIONS", str(QUESTIONS)).replace("FOLDER", str(tmp_path)))
     return path
 
 
