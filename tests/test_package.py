@@ -1,8 +1,12 @@
 import importlib
+import inspect
+import json
 import pkgutil
+import re
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 
@@ -88,3 +92,41 @@ def test_missing_and_corrupt_files_are_named(tmp_path) -> None:
     (tmp_path / "question_parser.json").write_text("[]")
     with pytest.raises(CheckpointError, match="not the description of a question_parser"):
         load_checkpoint(tmp_path, "question_parser")
+
+
+def public_functions():
+    """(full name, function or class) of everything that modules list in `__all__`, methods included."""
+    for info in pkgutil.walk_packages(nsdr.__path__, "nsdr."):
+        module = importlib.import_module(info.name)
+        for name in getattr(module, "__all__", []):
+            value = getattr(module, name)
+            if getattr(value, "__module__", None) != info.name or not callable(value):
+                continue
+            yield f"{info.name}.{name}", value
+            if inspect.isclass(value):
+                for key, method in vars(value).items():
+                    if not key.startswith("_") and inspect.isfunction(method):
+                        yield f"{info.name}.{name}.{key}", method
+
+
+def test_every_public_name_says_what_it_does_and_of_what_shape() -> None:
+    missing = []
+    for name, value in public_functions():
+        text = inspect.getdoc(value) or ""
+        if not text or (inspect.isclass(value) and not value.__doc__):
+            missing.append(f"{name}: no docstring")
+            continue
+        hints = {k: str(v) for k, v in getattr(value, "__annotations__", {}).items()}
+        arrays = [k for k, v in hints.items() if re.search("Array|Tensor", v) and not re.search("Callable|Mapping", v)]
+        if arrays and not re.search(r"\([\w.][\w .+*/-]*,[^)]*\)", text):
+            missing.append(f"{name}: no shape of {', '.join(arrays)}")
+    assert not missing, "\n".join(missing)
+
+
+def test_notebooks_are_stored_without_outputs() -> None:
+    files = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
+    assert len(files) == 3
+    for file in files:
+        for cell in json.loads(file.read_text())["cells"]:
+            assert not cell.get("outputs"), file
+            assert cell.get("execution_count") is None, file

@@ -65,5 +65,5 @@ def grid_from_pixels(pixels: ArrayLike) -> FloatArray:
 
 
 def pixels_from_grid(grid: ArrayLike) -> FloatArray:
-    """Inverse of `grid_from_pixels`."""
+    """Grid (..., 2) as (row, column) -> pixels (..., 2) as (column, row); inverse of `grid_from_pixels`."""
     return np.asarray(grid, float)[..., ::-1] / GRID_PER_PIXEL

@@ -78,8 +78,7 @@ class PaperPredictor:
         observed = self.observed_collisions(states) if observed is None else observed
         course = self._future(states, observed)
         course = with_observed_motion(course, observed_motion(states, observed))
-        counterfactual = {k: self._without(states, k) for k in range(len(states.objects))}
-        return DynamicsPrediction(states.objects, tracks.n_frames, course, counterfactual)
+        return DynamicsPrediction(states.objects, tracks.n_frames, course, dict(enumerate(self._without_each(states))))
 
     def continue_motion(self, states: MotionStates) -> Rollout:
         """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
@@ -91,7 +90,8 @@ class PaperPredictor:
         stride, samples = self.config.stride_frames, range(0, frames, self.config.stride_frames)
         if n < 2:
             return []
-        probability = np.stack([self._step(self._window(states, t), states, states.present[:, t])[1] for t in samples])
+        windows = np.stack([self._window(states, t) for t in samples])
+        probability = self._step(windows, states, states.present.T[samples])[1]
         events = []
         for i in range(n):
             for j in range(i + 1, n):
@@ -110,67 +110,79 @@ class PaperPredictor:
 
     @torch.no_grad()
     def _step(self, window: FloatArray, states: MotionStates, here: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-        """Boxes (n, 4) a step later, and collision probabilities (n, n) on the way."""
-        static = torch.from_numpy(object_features(states.objects))[None]
-        boxes, logits = self.model(
-            torch.from_numpy(window.astype(np.float32))[None], static, torch.from_numpy(np.array(here))[None]
-        )
-        possible = here[:, None] & here[None]
-        return boxes[0].numpy().astype(float), logits[0].sigmoid().numpy().astype(float) * possible
+        """Boxes (C, n, 4) a step later, and collision probabilities (C, n, n) on the way, of several courses at once."""
+        static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
+        boxes, logits = self.model(torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
+        possible = here[:, :, None] & here[:, None]
+        return boxes.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible
 
     def _future(self, states: MotionStates, observed: Sequence[Event]) -> Rollout:
         frames = states.present.shape[1]
         last = (frames - 1) // self.config.stride_frames * self.config.stride_frames
-        return self._rollout(states, np.array(states.present.any(1)), last, states.present[:, last], observed)
+        exists = states.present.any(1, keepdims=True).T
+        return self._rollouts(states, np.asarray(exists), last, states.present[:, last][None], observed)[0]
 
-    def _without(self, states: MotionStates, removed: int) -> Rollout:
-        exists = np.arange(len(states.objects)) != removed
-        start = (self.config.window - 1) * self.config.stride_frames
-        seen: Any = states.present[:, : start + 1].any(1)
-        return self._rollout(states, exists, start, np.array(exists & seen), None)
+    def _without_each(self, states: MotionStates) -> list[Rollout]:
+        start = min((self.config.window - 1) * self.config.stride_frames, states.present.shape[1] - 1)
+        exists = ~np.eye(len(states.objects), dtype=bool)
+        seen = states.present[:, : start + 1].any(1)
+        return self._rollouts(states, exists, start, np.logical_and(exists, seen), None)
 
-    def _rollout(
+    def _rollouts(
         self,
         states: MotionStates,
         exists: NDArray[np.bool_],
         start: int,
         here: NDArray[np.bool_],
         observed: Sequence[Event] | None,
-    ) -> Rollout:
-        """Predict on from frame `start`; the others of `exists` enter when they are first seen."""
-        n, frames = states.present.shape
-        stride = self.config.stride_frames
+    ) -> list[Rollout]:
+        """Predict several courses on from frame `start`; the others of `exists` (C, n) enter when they are first seen."""
+        (courses, n), frames = exists.shape, states.present.shape[1]
+        if not n:
+            empty = Rollout(np.zeros((0, self.horizon_frame + 1, 2)), np.zeros((0, self.horizon_frame + 1), bool), ())
+            return [empty] * courses
+        stride, here = self.config.stride_frames, here.copy()
         total = max(self.horizon_frame + 1, frames)
-        window = self._window(states, start)
-        here = here.copy()
-        boxes = np.full((n, total + stride, 4), np.nan)
-        known = scaled_boxes(states.box_px[:, : start + 1])
-        boxes[:, : start + 1] = np.where(states.present[:, : start + 1, None] & exists[:, None, None], known, np.nan)
-        collisions = list(observed or [])
-        met = {e.objects for e in collisions}
-        scores = np.zeros((n, n))
+        window = np.repeat(self._window(states, start)[None], courses, 0)
+        known = scaled_boxes(states.box_px)
+        boxes = np.full((courses, n, total + stride, 4), np.nan)
+        boxes[:, :, : start + 1] = np.where(
+            states.present[None, :, : start + 1, None] & exists[:, :, None, None], known[None, :, : start + 1], np.nan
+        )
+        collisions: list[list[Event]] = [list(observed or []) for _ in range(courses)]
+        met = [{e.objects for e in observed or ()} for _ in range(courses)]
+        scores = np.zeros((courses, n, n))
         first = np.where(states.present.any(1), states.present.argmax(1), total)
         for t in range(start, total - 1, stride):
-            for k in np.flatnonzero(exists & ~here & (first <= t)).tolist():
-                if t < frames and states.present[k, t]:  # it has come into view: it enters from observation
-                    window[k] = self._window(states, t)[k]
-                    boxes[k, first[k] : t + 1] = scaled_boxes(states.box_px[k, first[k] : t + 1])
-                    here[k] = True
+            if t < frames:  # what has come into view enters from observation
+                entering = exists & ~here & (first <= t) & states.present[:, t]
+                for i in np.flatnonzero(entering.any(0)).tolist():
+                    window[entering[:, i], i] = self._window(states, t)[i]
+                    boxes[entering[:, i], i, first[i] : t + 1] = known[i, first[i] : t + 1]
+                here |= entering
             following, probability = self._step(window, states, here)
             for k in range(1, stride + 1):
                 boxes[here, t + k] = (window[here, -1] * (stride - k) + following[here] * k) / stride
             np.maximum(scores, probability, out=scores)
-            for i, j in np.argwhere(np.triu(probability > self.config.collision_threshold, 1)).tolist():
-                if (i, j) not in met:
-                    met.add((i, j))
+            for c, i, j in np.argwhere(np.triu(probability > self.config.collision_threshold, 1)).tolist():
+                if (i, j) not in met[c]:
+                    met[c].add((i, j))
                     frame = t + (stride + 1) // 2
-                    collisions.append(Event("collision", max(frame, frames) if observed is not None else frame, (i, j)))
-            window = np.concatenate([window[:, 1:], following[:, None]], 1)
+                    collisions[c].append(Event("collision", frame if observed is None else max(frame, frames), (i, j)))
+            window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
         for event in observed or ():
-            scores[event.objects] = scores[event.objects[::-1]] = 0.0
-        pixels = boxes[:, :total, :2] * np.array(BOX_SCALE[:2]) + np.array(CENTRE_PX[:2])
+            i, j = event.objects
+            scores[:, i, j] = scores[:, j, i] = 0.0
+        pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array(CENTRE_PX[:2])
         inside = ((pixels >= 0) & (pixels < (WIDTH_PX, HEIGHT_PX))).all(-1)
         location = ground_from_pixels(np.nan_to_num(pixels, nan=-1.0) + np.array([0.0, ROW_OFFSET_PX]))
         location[np.isnan(pixels).any(-1)] = np.nan
-        unseen = scores if observed is not None else None
-        return Rollout(location, inside, tuple(sorted(collisions, key=lambda e: e.frame)), unseen)
+        return [
+            Rollout(
+                location[c],
+                inside[c],
+                tuple(sorted(collisions[c], key=lambda e: e.frame)),
+                None if observed is None else scores[c],
+            )
+            for c in range(courses)
+        ]

@@ -101,7 +101,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         return self.get(index, np.random.default_rng())
 
     def get(self, index: int, rng: np.random.Generator) -> tuple[Tensor, Target]:
-        """Item `index`, its augmentation drawn from `rng`."""
+        """Item `index`, a picture (3, 320, 480) in 0-1 and its target, the augmentation drawn from `rng`."""
         record = self.records[index]
         path = self.folder / "images" / record["file_name"]
         image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)

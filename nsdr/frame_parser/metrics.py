@@ -66,7 +66,7 @@ def detection_scores(
 def average_precision(model: nn.Module, frames: Iterable[tuple[Tensor, dict[str, Tensor]]]) -> dict[str, float]:
     """COCO's average precision of masks and boxes, all objects one class: `mask_ap`, `mask_ap50`, `box_ap`, `box_ap50`.
 
-    Computed by torchmetrics (extra `train`); empty where that is missing. Arguments as of `detection_scores`.
+    Computed by torchmetrics (extra `train`); empty where that is missing. `frames` are pairs of image (3, H, W) and target.
     """
     try:
         from torchmetrics.detection import MeanAveragePrecision

@@ -90,6 +90,7 @@ class SlimBackbone(nn.Module):
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
+        """(B, 3, H, W) normalised pictures -> feature maps by level, (B, channels, H / stride, W / stride)."""
         x = self.stem(images)
         features: OrderedDict[str, Tensor] = OrderedDict()
         for index, stage in enumerate(self.stages):
@@ -121,6 +122,7 @@ class TorchvisionBackbone(nn.Module):
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
+        """(B, 3, H, W) normalised pictures -> feature maps by level, (B, channels, H / stride, W / stride)."""
         levels: dict[str, Tensor] = self.pyramid(images)
         return {name: levels[name] for name in ("0", "1", "2")}
 

@@ -31,6 +31,7 @@ class AttributePredictor(nn.Module):
         self.heads = nn.ModuleDict({name: nn.Linear(in_features, len(words)) for name, words in ATTRIBUTES.items()})
 
     def forward(self, features: Tensor) -> dict[str, Tensor]:
+        """(N, features) of boxes -> logits: color (N, 8), material (N, 2), shape (N, 3)."""
         return {name: head(features) for name, head in self.heads.items()}
 
 
@@ -45,6 +46,7 @@ class JointAttributePredictor(nn.Module):
         self.head = nn.Linear(in_features, COMBINATIONS)
 
     def forward(self, features: Tensor) -> dict[str, Tensor]:
+        """(N, features) of boxes -> logits of the combinations: attribute (N, 48)."""
         return {"attribute": self.head(features)}
 
 

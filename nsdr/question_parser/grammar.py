@@ -74,9 +74,11 @@ class Grammar:
         return described(self.phrases.some(self.choose, use, without), plural=use == "counted")
 
     def in_or_out(self) -> tuple[str, str]:
+        """ "enter" or "exit" with its module."""
         return self.choose.pick([("enter", "filter_in"), ("exit", "filter_out")])
 
     def time(self) -> Pair:
+        """TIME: "when the video begins", "when the OBJ enters the scene", or nothing."""
         kind = self.choose.pick(["none", "video", "object"])
         if kind == "none":
             return "", ["null"]
@@ -88,6 +90,7 @@ class Grammar:
         return f" when {text} {verb}s the scene", ["events", *tokens, token, "unique", "get_frame"]
 
     def before_after(self) -> Pair:
+        """ "before|after the OBJ enters|exits the scene", or nothing."""
         if self.choose.pick([False, True], [0.65, 0.35]):
             return "", ["events"]
         text, tokens = self.one()
@@ -96,9 +99,11 @@ class Grammar:
         return f" {side} {text} {verb}s the scene", ["events", "events", *tokens, token, "unique", f"filter_{side}"]
 
     def motion(self) -> tuple[str, str]:
+        """ "moving" or "stationary" with its module."""
         return self.choose.pick([("moving", "filter_moving"), ("stationary", "filter_stationary")])
 
     def count_or_exist_events(self) -> Pair:
+        """ "How many OBJs enter the scene …?", "Are there any collisions …?" and so on."""
         when, events = self.before_after()
         last = self.choose.pick(["count", "exist"])
         if self.choose.pick([False, True], [0.75, 0.25]):
@@ -112,6 +117,7 @@ class Grammar:
         return f"Are there any {text} that {verb} the scene{when}?", program
 
     def count_or_exist_motion(self) -> Pair:
+        """ "How many OBJs are moving …?", "Are there any stationary OBJs …?" and so on."""
         when, frame = self.time()
         text, tokens = self.some("counted")
         word, token = self.motion()
@@ -123,28 +129,33 @@ class Grammar:
         return self.choose.vary(wordings), program
 
     def query(self) -> Pair:
+        """ "What is the color of REF?" and so on."""
         name = self.choose.pick(["color", "material", "shape"])
         text, tokens = self.choose.pick([self.collision_partner, self.enters_or_exits, self.moves_or_rests])(name)
         start = self.choose.vary([f"What is the {name} of", f"What {name} is"])
         return f"{start} the {text}?", [*tokens, f"query_{name}"]
 
     def ordered(self) -> Pair:
+        """ "first", "second" or "last" with its module, or the only one."""
         order = self.choose.pick(["", "first", "second", "last"])
         return (f"{order} ", [order, "filter_order"]) if order else ("", ["unique"])
 
     def collision_partner(self, _: str) -> Pair:
+        """REF: "the [first] object to collide with the OBJ"."""
         order, pick = self.ordered()
         text, tokens = self.one()
         program = ["events", *tokens, "filter_collision", *pick, *tokens, "get_col_partner"]
         return f"{order}object to collide with {text}", program
 
     def enters_or_exits(self, asked: str) -> Pair:
+        """REF: "the [first] OBJ that enters|exits the scene"; `asked` is the word not to name."""
         order, pick = self.ordered()
         verb, token = self.in_or_out()
         text, tokens = self.some("enters", asked)
         return f"{order}{text} that {verb}s the scene", ["events", "objects", *tokens, token, *pick, "get_object"]
 
     def moves_or_rests(self, asked: str) -> Pair:
+        """REF: "the moving OBJ TIME", "the OBJ that is stationary TIME"; `asked` is the word not to name."""
         text, tokens = self.some("moves", asked)
         when, frame = self.time()
         word, token = self.motion()
@@ -152,42 +163,50 @@ class Grammar:
         return phrase, ["objects", *tokens, *frame, token, "unique"]
 
     def collision(self) -> Pair:
+        """ "the collision between the OBJ and the OBJ" and its other wordings."""
         text, tokens = self.one()
         other, other_tokens = self.one()
         phrase = self.choose.vary([f"the collision between {text} and {other}", f"{text}'s colliding with {other}"])
         return phrase, ["events", *tokens, "filter_collision", *other_tokens, "filter_collision", "unique"]
 
     def entrance(self) -> Pair:
+        """ "the OBJ's entrance" and its other wordings."""
         text, tokens = self.one()
         phrase = self.choose.vary([f"{text}'s entrance", f"{text}'s entering the scene"])
         return phrase, ["events", *tokens, "filter_in", "unique"]
 
     def exit(self) -> Pair:
+        """ "the OBJ's exit" and its other wordings."""
         text, tokens = self.one()
         phrase = self.choose.vary([f"{text}'s exit", f"{text}'s exiting the scene"])
         return phrase, ["events", *tokens, "filter_out", "unique"]
 
     def presence(self) -> Pair:
+        """ "the presence of the OBJ"."""
         text, tokens = self.one()
         return f"the presence of {text}", tokens
 
     def happens(self) -> Pair:
+        """ "the OBJ and the OBJ collide" and its other wordings."""
         (first, tokens), (second, other_tokens) = self.one(), self.one()
         sentence = self.choose.vary([f"{first} collides with {second}", f"{first} and {second} collide"])
         program = ["all_events", *tokens, "filter_collision", *other_tokens, "filter_collision", "unique"]
         return sentence[0].upper() + sentence[1:], program
 
     def explanatory(self) -> Pair:
+        '''"Which of the following is [not] responsible for EVENT?"'''
         text, tokens = self.choose.pick([self.collision, self.exit], [2, 1])()
         negated = self.choose.pick([False, True])
         program = ["events", *tokens, "filter_ancestor", "belong_to", *(["negate"] if negated else [])]
         return f"Which of the following is {'not ' if negated else ''}responsible for {text}?", program
 
     def predictive(self) -> Pair:
+        """ "What will happen next?" and its other wording."""
         text = self.choose.vary(["What will happen next?", "Which event will happen next?"])
         return text, ["unseen_events", "belong_to"]
 
     def counterfactual(self) -> Pair:
+        """ "What will [not] happen without the OBJ?" and its other wordings."""
         text, tokens = self.one()
         negated = self.choose.pick([False, True])
         subject = self.choose.vary(["what", "which event", "which of the following"])
@@ -198,14 +217,17 @@ class Grammar:
         return sentence[0].upper() + sentence[1:], program
 
     def descriptive(self) -> Pair:
+        """Any descriptive question."""
         families = [self.count_or_exist_events, self.count_or_exist_motion, self.query]
         return self.choose.pick(families, [3, 3, 5])()
 
     def multiple_choice(self) -> Pair:
+        """Any multiple-choice question."""
         families = [self.explanatory, self.counterfactual, self.predictive]
         return self.choose.pick(families, [8, 8, 1])()
 
     def choice(self) -> Pair:
+        """Any option of a multiple-choice question."""
         families = [self.presence, self.collision, self.entrance, self.exit, self.happens]
         return self.choose.pick(families, [4, 2, 1, 1, 4])()
 

@@ -171,7 +171,7 @@ class DynamicsTask(MotionTask):
 
 
 def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
-    """Cross-entropy over pairs of existing objects, summed over pairs and averaged over scenes."""
+    """Cross-entropy of logits (B, N, N) over pairs of existing objects (B, N), summed over pairs, a mean over scenes."""
     n = logits.shape[1]
     upper = torch.triu(torch.ones(n, n, dtype=torch.bool, device=logits.device), 1)
     valid = exists[:, :, None] & exists[:, None] & upper

@@ -30,6 +30,7 @@ class PatchTask(MotionTask):
         self.boxes = scaled_boxes(continued_back(self.data.box_px, self.data.present, stride)).astype(np.float32)
 
     def batch(self, size: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        """Boxes (B, N, K, 4), reliable (B, N, K), static (B, N, 5), exists (B, N), until (B, N, N)."""
         c, steps = self.config.patches, self.config.rollout_steps
         scenes, times = self.pick(size, rng, before=2 * c.stride_frames, after=c.stride_frames)
         times = np.clip(times, 0, 127 - c.stride_frames * steps)
@@ -49,6 +50,7 @@ class PatchTask(MotionTask):
         }
 
     def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Squared errors of boxes (B, N, 4) and cross-entropy of collisions (B, N, N), as scalars."""
         device = next(model.parameters()).device
         b = {k: v.to(device) for k, v in batch.items()}
         c = self.config.patches
