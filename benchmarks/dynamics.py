@@ -1,6 +1,6 @@
-"""Observed collisions, rollouts and speed of the dynamics predictor on real proposals.
+"""Observed collisions, rollouts and speed of the dynamics backends on real proposals.
 
-`python benchmarks/dynamics.py --proposals FILE.npz --truth FILE.json.gz [--scenes 400]`
+`python benchmarks/dynamics.py --proposals FILE.npz --truth FILE.json.gz [--scenes 400] [--dynamics physics state]`
 
 Collisions count as right when the pair is the true one and the frames are at most 3 apart; the truth's objects are matched by
 their attributes. Rollouts start from the frames before 60, 80 and 100 and are compared with the real tracks, beside a
@@ -12,13 +12,15 @@ import time
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from nsdr import DynamicsPredictor, Event, track
+from nsdr import DynamicsPrediction, Event, Scene, track
 from nsdr.checkpoint import find_checkpoint
 from nsdr.clevrer.proposals import read_compact_proposals
 from nsdr.clevrer.scenes import scene_from_ground_truth
+from nsdr.dynamics.backends import load_backend
 from nsdr.dynamics.data import read_truth
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.states import MotionStates, states_from_tracks
@@ -42,31 +44,40 @@ def main() -> None:
     parser.add_argument("--proposals", type=Path, required=True)
     parser.add_argument("--truth", type=Path, required=True)
     parser.add_argument("--scenes", type=int, default=400)
+    parser.add_argument("--rollouts", type=int, default=60, help="scenes whose rollouts are measured")
+    parser.add_argument("--dynamics", nargs="+", default=["physics", "state"], help="backends, or their YAML files")
     options = parser.parse_args()
-    predictor = DynamicsPredictor.from_checkpoint(find_checkpoint("default"))
     truth = read_truth(options.truth)
-    pairs, states, seconds = [], [], 0.0
-    for video, proposals in islice(read_compact_proposals(options.proposals), options.scenes):
-        true = scene_from_ground_truth(truth[video], truth[video]["n_frames"])
-        tracks = track(proposals)
+    videos = list(islice(read_compact_proposals(options.proposals), options.scenes))
+    scenes = [(scene_from_ground_truth(truth[v], truth[v]["n_frames"]), track(p)) for v, p in videos]
+    states = [states_from_tracks(tracks) for _, tracks in scenes[:: max(len(scenes) // options.rollouts, 1)]]
+    print("rollouts, constant velocity: " + _text(rollout_errors(ConstantVelocity(), states)))
+    for name in options.dynamics:
+        backend: Any = load_backend(find_checkpoint("default"), name)
+        backend.predict(scenes[0][1])  # compiles
         start = time.process_time()
-        prediction = predictor.predict(tracks)
-        seconds += time.process_time() - start
-        # Objects that are not there get numbers that no true collision has.
-        number = {o.name: o.id for o in true.objects}
-        ids = [number.get(o.name, 100 + o.id) for o in prediction.objects]
-        found = [
-            replace(e, objects=tuple(sorted(ids[i] for i in e.objects)))
-            for e in prediction.observed.collisions
-            if e.frame < prediction.n_frames
-        ]
-        pairs.append((found, [e for e in true.events if e.kind == "collision"]))
-        states.append(states_from_tracks(tracks))
-    print(f"{len(pairs)} scenes: " + _text(collision_scores(pairs)))
-    print(f"{_errors(pairs)}; {seconds / len(pairs):.2f} s CPU a scene, all removals included")
-    some = states[:: max(len(states) // 60, 1)]
-    print("rollouts, median error: " + _text(rollout_errors(predictor, some)))
-    print("constant velocity:      " + _text(rollout_errors(ConstantVelocity(), some)))  # type: ignore[arg-type]
+        predictions = [backend.predict(tracks) for _, tracks in scenes]
+        seconds = (time.process_time() - start) / len(scenes)
+        pairs = [(_found(p, true), _true(true)) for p, (true, _) in zip(predictions, scenes, strict=True)]
+        print(f"{name}, {len(pairs)} scenes: {_text(collision_scores(pairs))}, {_errors(pairs)}")
+        print(f"  {seconds:.2f} s CPU a scene, all removals included")
+        if hasattr(backend, "continue_motion"):
+            print("  rollouts: " + _text(rollout_errors(backend, states)))
+
+
+def _found(prediction: DynamicsPrediction, true: Scene) -> list[Event]:
+    """Collisions during the video with the true objects' ids; objects that are not there get numbers that no true one has."""
+    number = {o.name: o.id for o in true.objects}
+    ids = [number.get(o.name, 100 + o.id) for o in prediction.objects]
+    return [
+        replace(e, objects=tuple(sorted(ids[i] for i in e.objects)))
+        for e in prediction.observed.collisions
+        if e.frame < prediction.n_frames
+    ]
+
+
+def _true(scene: Scene) -> list[Event]:
+    return [e for e in scene.events if e.kind == "collision"]
 
 
 def _text(values: dict[str, float]) -> str:

@@ -173,6 +173,7 @@ def evaluate_file(
     dynamics: str | Path = "physics",
     truth: tuple[str, str | Path] | None = None,
     made: MutableMapping[Any, Scene] | None = None,
+    every: int = 1,
 ) -> dict[str, Any]:
     """Score a question file on scenes from a source.
 
@@ -191,6 +192,7 @@ def evaluate_file(
         exclude: scene indices to leave out.
         dynamics: backend of the dynamics predictor, or its YAML file.
         made: scenes made before, to which new ones are added.
+        every: takes every so-manieth scene of those with such questions.
         truth: (source, data) of scenes whose observed collisions take the place of predicted ones.
 
     Raises:
@@ -205,7 +207,7 @@ def evaluate_file(
     if unknown:
         raise DataError(f"unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
     listed = [s for s in read_questions(questions) if s.scene_index not in exclude]
-    listed = [s for s in listed if any(q.type in types for q in s.questions)]
+    listed = [s for s in listed if any(q.type in types for q in s.questions)][::every]
     parse: Parse | None = None
     if programs == "parsed":
         from nsdr.checkpoint import find_checkpoint
@@ -274,7 +276,7 @@ def _scene_source(
     if source == "videos":
 
         def given(s: SceneQuestions) -> dict[str, Any]:
-            return {"video": data / s.video_filename}
+            return {"video": _video(data, s)}
     elif source == "tracks":
 
         def given(s: SceneQuestions) -> dict[str, Any]:
@@ -296,6 +298,13 @@ def _of(table: Mapping[int, Any], scene_index: int, data: Path) -> Any:
     if scene_index not in table:
         raise DataError(f"{data}: has no scene {scene_index}")
     return table[scene_index]
+
+
+def _video(folder: Path, s: SceneQuestions) -> Path:
+    """A scene's video, in the folder itself or the official sub-folders of 1,000."""
+    thousand = s.scene_index // 1000 * 1000
+    inside = folder / f"video_{thousand:05d}-{thousand + 1000:05d}" / s.video_filename
+    return inside if inside.exists() else folder / s.video_filename
 
 
 def _file(folder: Path, source: str, scene_index: int) -> Path:

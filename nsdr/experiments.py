@@ -36,6 +36,7 @@ class ExperimentRow:
         questions: question file.
         source, data, programs, checkpoint, dynamics, collisions, semantics, exclude: as of `evaluate_file`.
         types: question types to answer.
+        every: takes every so-manieth scene of those with such questions.
         truth_source, truth: scenes whose observed collisions take the place of predicted ones; "" for none.
         baseline: "random" or "frequent": Q-type baselines, whose frequencies are counted on the questions themselves.
         published: numbers to print instead of measuring, one for descriptive and two for each other type.
@@ -52,6 +53,7 @@ class ExperimentRow:
     semantics: str = "paper"
     exclude: Sequence[int] = ()
     types: Sequence[str] = QUESTION_TYPES
+    every: int = 1
     truth_source: str = ""
     truth: str = ""
     baseline: str = ""
@@ -124,6 +126,7 @@ def _measured(row: ExperimentRow, made: dict[Any, Scene]) -> dict[str, Any]:
             row.dynamics,
             truth,
             made,
+            row.every,
         )
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},

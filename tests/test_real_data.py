@@ -134,9 +134,9 @@ def test_real_proposals_are_answered_well(shared) -> None:
     found = {v: p for v, p in read_compact_proposals(shared / "real/proposals_dev.npz") if v in wanted}
     pairs = [(s, Executor(pipeline.perception(proposals=found[s.scene_index]).scene)) for s in scenes]
     report = evaluate(pairs, pipeline.question_parser.parse)
-    assert report["descriptive"]["accuracy"] > 0.82
-    assert report["explanatory"]["per_option"] > 0.88
-    assert report["counterfactual"]["per_option"] > 0.85
+    assert report["descriptive"]["accuracy"] > 0.94
+    assert report["explanatory"]["per_option"] > 0.95
+    assert report["counterfactual"]["per_option"] > 0.93
 
 
 @pytest.mark.parametrize("video", [0, 1000, 2000])

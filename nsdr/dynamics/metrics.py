@@ -41,6 +41,8 @@ def rollout_errors(
 ) -> dict[str, float]:
     """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames on.
 
+    Objects that have no place in the rollout are left out.
+
     The rollout sees the frames before `start` only.
     """
     distances: dict[int, list[float]] = {10: [], 25: [], 50: []}
@@ -64,6 +66,6 @@ def rollout_errors(
                 collected += np.hypot(difference[:, 0], difference[:, 1]).tolist()
     errors = {}
     for ahead, values in distances.items():
-        errors[f"rollout_error_{ahead}"] = float(np.median(values)) if values else float("nan")
-        errors[f"rollout_error_{ahead}_p90"] = float(np.quantile(values, 0.9)) if values else float("nan")
+        errors[f"rollout_error_{ahead}"] = float(np.nanmedian(values)) if values else float("nan")
+        errors[f"rollout_error_{ahead}_p90"] = float(np.nanquantile(values, 0.9)) if values else float("nan")
     return errors

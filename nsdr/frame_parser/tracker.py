@@ -35,7 +35,7 @@ class TrackerConfig:
 
     score: float = 0.9
     min_frames: int = 10
-    min_late_frames: int = 3
+    min_late_frames: int = 1
     max_gap_frames: int = 8
     reach_world: float = 0.25
     reach_world_per_frame: float = 0.1
