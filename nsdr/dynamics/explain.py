@@ -17,9 +17,7 @@ class ExplainConfig:
 
     Attributes:
         doubt: candidates less probable than this are never collisions, those more certain than 1 - doubt always are.
-        least_gain: the fit's cost must fall by so much for a further collision; by less, in proportion, for one with fewer
-            than `whole_frames` frames after it.
-        whole_frames: see `least_gain`.
+        least_gain: the fit's cost must fall by so much for a further collision.
         most_loss: and rise by no more than this without a collision that the fitted objects do not meet in.
         trials: fits beside the first, at most.
         fit: of the fits.
@@ -27,7 +25,6 @@ class ExplainConfig:
 
     doubt: float = 0.01
     least_gain: float = 0.3
-    whole_frames: int = 60
     most_loss: float = 0.1
     trials: int = 4
     fit: FitConfig = field(default_factory=FitConfig)
@@ -72,9 +69,7 @@ def explain(
             if listed:
                 better = trial.cost < current.cost + config.most_loss
             else:
-                left = states.present.shape[1] - events[pair].frame
-                gain = config.least_gain * min(1.0, left / config.whole_frames)
-                better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - gain
+                better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - config.least_gain
             if better:
                 chosen, current, changed = other, trial, True
             best = min(best, trial, key=lambda fit: fit.cost)
