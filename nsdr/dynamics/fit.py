@@ -44,7 +44,8 @@ class FitConfig:
         mass_deviation: of log masses (uniform 0.7-1.3: 0.17).
         rebound, rebound_deviation: what is expected of rebounds.
         robust_scale: residuals beyond so many deviations count less and less.
-        least_first_speed: objects start with 2.7 world units per second or more, or at rest; slower ones rest.
+        least_first_speed: objects start with 2.7 world units per second or more, or at rest: what comes out slower rests.
+        least_speed: and so does what is slower than this when it is seen before its first collision.
         margin_frames: so many frames after the collision that ends a window do not belong to it.
         evaluations: of the optimiser for each window.
         turns: first guesses of a cube's turn, over a quarter turn.
@@ -59,7 +60,8 @@ class FitConfig:
     rebound: float = 0.4
     rebound_deviation: float = 0.2
     robust_scale: float = 2.0
-    least_first_speed: float = 0.4
+    least_first_speed: float = 1.5
+    least_speed: float = 0.2
     margin_frames: int = 1
     evaluations: int = 25
     turns: int = 12
@@ -151,7 +153,8 @@ class _Problem:
         shape = self.objects[i].shape
         place, velocity, _ = fit_flight(shape, d.frame[mine], d.place[mine], d.weight[mine], self.reference[i])
         begin = fly(shape, np.hypot(*velocity), np.array(-self.reference[i] * FRAME_SECONDS))[1]
-        self.moving[i] = mine.sum() >= 3 and float(begin) > 1.5 and float(np.hypot(*velocity)) > 0.2
+        fast = float(begin) > self.config.least_first_speed and float(np.hypot(*velocity)) > self.config.least_speed
+        self.moving[i] = mine.sum() >= 3 and fast
         if not self.moving[i]:
             self.reference[i] = 0.0
             place = np.average(d.place[mine], axis=0, weights=d.weight[mine])
