@@ -1,7 +1,9 @@
 """Tables from experiment files."""
 
 import json
+import re
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -55,3 +57,12 @@ def test_broken_experiments_are_named(experiment, tmp_path) -> None:
     experiment.write_text(TEXT.replace("random", "clever"))
     with pytest.raises(DataError):
         run_experiment(experiment, tmp_path)
+
+
+def test_the_readme_shows_the_tables_as_they_were_measured() -> None:
+    root = Path(__file__).parent.parent
+    included = re.findall(r"<!-- (results/\w+\.md) -->\n(.*?)<!-- end -->", (root / "README.md").read_text(), re.DOTALL)
+    assert len(included) == 3
+    for name, text in included:
+        rows = [line for line in (root / name).read_text().splitlines() if line.startswith("|")]
+        assert [line for line in text.splitlines() if line.startswith("|")] == rows, name
