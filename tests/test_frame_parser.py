@@ -317,7 +317,8 @@ def test_an_object_that_enters_in_the_last_frames_is_kept() -> None:
 
     (late,) = track(at(range(122, 128), 16)).tracks
     assert late.frame_index.tolist() == list(range(122, 128))
-    assert track(at(range(126, 128), 16)).tracks == ()  # seen too little
+    assert len(track(at(range(127, 128), 16)).tracks) == 1
+    assert track(at(range(126, 128), 16), TrackerConfig(min_late_frames=3)).tracks == ()  # seen too little
     assert track(at(range(100, 106), 16)).tracks == ()  # not until the end
     assert track(at(range(122, 128), 200)).tracks == ()  # not from the border
 
