@@ -16,7 +16,7 @@ class ExplainConfig:
     """How collisions are found by fitting. The limits were set on left-out scenes of the `train` part.
 
     Attributes:
-        doubt: candidates less probable than this are never collisions, those more certain than 1 - doubt always are.
+        doubt: candidates less probable than this, or more than 1 - doubt, are taken as they are; the others are tried.
         least_gain: the fit's cost must fall by so much for a further collision.
         most_loss: and rise by no more than this without a collision that the fitted objects do not meet in.
         trials: fits beside the first, at most.

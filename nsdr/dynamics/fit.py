@@ -16,7 +16,8 @@ from scipy.optimize import least_squares
 from nsdr.clevrer.camera import CAMERA_MATRIX, FRAME_SECONDS, OBJECT_RADIUS_WORLD
 from nsdr.clevrer.vocab import SHAPES
 from nsdr.dynamics.flight import fit_flight, fly
-from nsdr.dynamics.planar import CUBE, CUBE_OUTLINE, PlanarBodies, PlanarMotion, planar_motion
+from nsdr.dynamics.outlines import CUBE, CUBE_OUTLINE
+from nsdr.dynamics.planar import PlanarBodies, PlanarMotion, planar_motion
 from nsdr.dynamics.states import MotionStates
 from nsdr.types import Event
 

@@ -159,9 +159,9 @@ class _World:
         drift, push, turn = c.place_noise_world * noise(n, 2), c.velocity_noise * noise(n, 2), c.yaw_noise * noise(n)
         moving = np.linalg.norm(self.velocity, axis=-1, keepdims=True) > 0
         if not c.shortcut and not exists.all():
-            rests = (np.linalg.norm(bodies.velocity, axis=1) > 0)[:, None]
+            moves = (np.linalg.norm(bodies.velocity, axis=1) > 0)[:, None]
             start = PlanarBodies(
-                bodies.shape, bodies.place + drift, bodies.velocity + push * rests, bodies.yaw + turn, bodies.spin, mass
+                bodies.shape, bodies.place + drift, bodies.velocity + push * moves, bodies.yaw + turn, bodies.spin, mass
             )
             return planar_motion(start, exists, self.total, self.fitted.rebound)
         script = Script(
