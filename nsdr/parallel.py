@@ -7,7 +7,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from threading import Thread
 from typing import Any, Generic, TypeVar
 
 from nsdr.errors import DataError
@@ -89,11 +90,20 @@ def _attempt(function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
         return Outcome(item, error=f"{type(e).__name__}: {e}")
 
 
-def _one_thread() -> None:
-    """Workers share the cores; libraries' own threads would only get into each other's way."""
+def _prepare_worker() -> None:
+    """Workers share the cores (libraries' own threads would only get into each other's way) and end with this program."""
     import cv2
 
     cv2.setNumThreads(1)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed program tells its workers nothing."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _with_processes(function: Callable[[Item], Any], items: Sequence[Item], workers: int) -> Iterator[Outcome[Item]]:
@@ -102,7 +112,7 @@ def _with_processes(function: Callable[[Item], Any], items: Sequence[Item], work
     while left:
         before = os.environ.get("OMP_NUM_THREADS")
         os.environ["OMP_NUM_THREADS"] = "1"  # for the children
-        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_one_thread)
+        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_prepare_worker)
         flying: dict[Future[Outcome[Item]], int] = {}
         try:
             while left or flying:

@@ -1,6 +1,8 @@
 """Task engines: failures, lost workers, a Ray cluster of two nodes."""
 
 import os
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
@@ -40,6 +42,11 @@ def wait_for(folder: str, number: int) -> int:
     return number
 
 
+def sleep_under_own_name(folder: str, number: int) -> None:
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(60)
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_tasks_end_and_failures_are_told(workers: int) -> None:
     outcomes = {o.item: o for o in run_tasks(double, range(5), workers=workers)}
@@ -69,6 +76,32 @@ def test_a_pool_that_breaks_while_tasks_are_handed_out_loses_none(monkeypatch) -
 def test_a_task_that_kills_every_worker_fails() -> None:
     outcomes = list(run_tasks(die, range(2), workers=2))
     assert [o.error for o in outcomes] == ["its worker process died 3 times"] * 2
+
+
+def running(pid: int) -> bool:
+    """Zombies, which nobody has waited for, do not count."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_killed_programs_workers_end(tmp_path) -> None:
+    program = (
+        f"import sys; from functools import partial; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "from test_parallel import run_tasks, sleep_under_own_name\n"
+        f"list(run_tasks(partial(sleep_under_own_name, {str(tmp_path)!r}), range(2), workers=2))"
+    )
+    with subprocess.Popen([sys.executable, "-c", program]) as parent:
+        until = time.monotonic() + 50
+        while len(workers := list(tmp_path.iterdir())) < 2 and time.monotonic() < until:
+            time.sleep(0.1)
+        parent.kill()
+    assert len(workers) == 2
+    until = time.monotonic() + 10
+    while any(running(int(w.name)) for w in workers) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not any(running(int(w.name)) for w in workers)
 
 
 def test_unknown_engines_are_refused() -> None:
