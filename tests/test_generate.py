@@ -15,7 +15,8 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
 from nsdr.clevrer.view import View, drawn_rotation
 from nsdr.cli import main
-from nsdr.files import read_json
+from nsdr.dynamics.data import read_motion_data
+from nsdr.files import read_json, write_json
 from nsdr.frame_parser.ground import outline
 from nsdr.frame_parser.video import read_video
 from nsdr.generate import dataset
@@ -372,3 +373,22 @@ def test_resimulation_finds_masses(scenes) -> None:
     ((expected, found),) = result.frames.values()
     assert expected == found
     assert result.error_world[:, -1].max() < 0.05
+
+
+def test_simulated_scenes_are_training_data_for_the_dynamics(
+    scenes: list[SimulatedScene], tiny_motion, tmp_path
+) -> None:
+    for k, scene in enumerate(scenes[:2]):
+        write_json(tmp_path / f"truth/truth_{k:05d}.json", truth_document(scene, k, View()))
+    data = read_motion_data(*tiny_motion, simulated=tmp_path / "truth")
+    assert data.scene.tolist() == [0, 1, 2, 3, -1, -1, -1, -1]
+    for k, scene in enumerate(scenes[:2]):
+        early, later = (data.states(4 + 2 * k + part)[1] for part in (0, 1))
+        true = sorted(c.frame for c in scene.motion.contacts)
+        assert sorted(e.frame for e in early) == [f for f in true if 0 < f < 128]
+        assert sorted(e.frame + 51 for e in later) == [f for f in true if 51 < f < 179]
+    (tmp_path / "truth/truth_00000.json").write_text("{}")
+    with pytest.raises(DataError, match="not a truth file of nsdr generate dataset"):
+        read_motion_data(*tiny_motion, simulated=tmp_path / "truth")
+    with pytest.raises(DataError, match="has no truth files"):
+        read_motion_data(*tiny_motion, simulated=tmp_path / "nothing")

@@ -1,6 +1,6 @@
 """Annotations as tracks: what a perfect frame parser and tracker would have seen."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.view import View, surface_points
 from nsdr.types import SceneObject, Track, VideoTracks
 
-__all__ = ["tracks_from_annotation"]
+__all__ = ["tracks_from_annotation", "tracks_from_motion"]
 
 
 def tracks_from_annotation(annotation: Mapping[str, Any]) -> VideoTracks:
@@ -18,10 +18,14 @@ def tracks_from_annotation(annotation: Mapping[str, Any]) -> VideoTracks:
     Args:
         annotation: checked content of an annotation file. Objects that are never in view are left out.
     """
+    return tracks_from_motion(annotation["object_property"], annotation["motion_trajectory"])
+
+
+def tracks_from_motion(objects: Sequence[Mapping[str, Any]], frames: Sequence[Mapping[str, Any]]) -> VideoTracks:
+    """The same from an annotation's, or a truth file's, lists of objects and frames."""
     view, picture = View(), np.array([WIDTH_PX, HEIGHT_PX])
-    frames = annotation["motion_trajectory"]
     tracks: list[Track] = []
-    for properties in sorted(annotation["object_property"], key=lambda p: int(p["object_id"])):
+    for properties in sorted(objects, key=lambda p: int(p["object_id"])):
         words = (properties["color"], properties["material"], properties["shape"])
         seen, places, boxes = [], [], []
         for f, frame in enumerate(frames):

@@ -1,8 +1,9 @@
-"""Real tracks with their true collisions, as training data for the dynamics predictor."""
+"""Real and simulated tracks with their true collisions, as training data for the dynamics predictor."""
 
 import gzip
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from nsdr.clevrer.proposals import read_compact_proposals
+from nsdr.clevrer.truth_tracks import tracks_from_motion
 from nsdr.dynamics.states import MotionStates, object_features, states_from_tracks
 from nsdr.errors import DataError
-from nsdr.files import atomic_path
+from nsdr.files import atomic_path, read_json
 from nsdr.frame_parser.tracker import track
 from nsdr.types import Event, SceneObject
 
@@ -21,6 +23,9 @@ __all__ = ["MotionData", "read_motion_data", "read_truth"]
 
 MAX_OBJECTS = 7
 NO_COLLISION = -1000
+FRAMES = 128
+SIMULATED_NOISE_WORLD = 0.005
+"""Of simulated places, about that of tracks of official proposals."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class MotionData:
     """States of many scenes, padded to `MAX_OBJECTS`.
 
     Attributes:
-        scene: (S,) int, video index.
+        scene: (S,) int, video index; -1 for simulated ones.
         location_world: (S, N, F, 2) float32.
         reliable, present: (S, N, F) bool.
         static: (S, N, 5) float32, one-hot shape and material.
@@ -89,7 +94,11 @@ def read_truth(path: str | Path) -> dict[int, dict[str, Any]]:
 
 
 def read_motion_data(
-    proposals: str | Path, truth: str | Path, cache: str | Path | None = None, limit: int | None = None
+    proposals: str | Path,
+    truth: str | Path,
+    cache: str | Path | None = None,
+    limit: int | None = None,
+    simulated: str | Path | None = None,
 ) -> MotionData:
     """Track the compact proposals of every video of normal length and join them with the true collisions.
 
@@ -98,6 +107,8 @@ def read_motion_data(
         truth: ground-truth blocks.
         cache: an NPZ that is read when it exists, and written otherwise.
         limit: stop after this many scenes.
+        simulated: folder of a data set of `nsdr generate dataset`; its scenes come last, each as its first and its last 128 of
+            179 frames, with noise.
 
     Raises:
         DataError: an unreadable file.
@@ -113,17 +124,47 @@ def read_motion_data(
         if limit is not None and len(rows["scene"]) >= limit:
             break
         block = blocks[video]
-        if block["n_frames"] != 128:
+        if block["n_frames"] != FRAMES:
             continue
         states = states_from_tracks(track(found))
         if 2 <= len(states.objects) <= MAX_OBJECTS:
             for name, value in _row(video, states, block).items():
                 rows[name].append(value)
+    for video, states, block in _simulated(simulated) if simulated else ():
+        for name, value in _row(video, states, block).items():
+            rows[name].append(value)
     data = MotionData(**{name: np.stack(values) for name, values in rows.items()})
     if cache is not None:
         with atomic_path(cache) as temporary:
             np.savez(temporary, **{name: getattr(data, name) for name in MotionData.__dataclass_fields__})
     return data
+
+
+def _simulated(folder: str | Path) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
+    """What `_row` needs of every truth file below a folder."""
+    files = sorted(Path(folder).rglob("truth_*.json"))
+    if not files:
+        raise DataError(f"{folder}: has no truth files (truth_N.json); make some with nsdr generate dataset")
+    rng = np.random.default_rng(0)
+    for file in tqdm(files, desc="simulated", unit="scene"):
+        truth = read_json(file)
+        try:
+            for first in (0, len(truth["frames"]) - FRAMES):
+                tracks = tracks_from_motion(truth["objects"], truth["frames"][first : first + FRAMES])
+                states = states_from_tracks(tracks)
+                if not 2 <= len(states.objects) <= MAX_OBJECTS:
+                    continue
+                noise = rng.normal(size=states.location_world.shape) * SIMULATED_NOISE_WORLD
+                collisions = [
+                    {"object": c["object_ids"], "frame": c["frame_id"] - first}
+                    for c in truth["collisions"]
+                    if first < c["frame_id"] < first + FRAMES
+                ]
+                objects = [{**o, "id": o["object_id"]} for o in truth["objects"]]
+                states = replace(states, location_world=states.location_world + noise)
+                yield -1, states, {"objects": objects, "collisions": collisions}
+        except (KeyError, TypeError, IndexError) as e:
+            raise DataError(f"{file}: not a truth file of nsdr generate dataset ({e!r})") from e
 
 
 def _row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, Any]:

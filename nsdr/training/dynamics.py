@@ -36,6 +36,7 @@ class DynamicsTraining:
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
         limit: use at most this many scenes; 0 for all.
+        simulated: folder of simulated scenes (`nsdr generate dataset --renderer none`) to train on, too; "" for none.
         rollout_steps: predictions in a row that the network is trained on.
         noise_world: standard deviation of noise added to the observed places (the patch network takes 50 px for a unit).
         evaluation_scenes: measured scenes (every 40th scene is kept out of training).
@@ -51,6 +52,7 @@ class DynamicsTraining:
     output: str = ""
     initial: str = ""
     limit: int = 0
+    simulated: str = ""
     rollout_steps: int = 5
     noise_world: float = 0.003
     evaluation_scenes: int = 100
@@ -69,8 +71,8 @@ class MotionTask(Task):
             network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
         self.model: nn.Module = network
         cache = f"{config.run_dir}/motion.npz"
-        data = read_motion_data(config.proposals, config.truth, cache, config.limit or None)
-        held_out = np.arange(len(data)) % 40 == 0
+        data = read_motion_data(config.proposals, config.truth, cache, config.limit or None, config.simulated or None)
+        held_out = (np.arange(len(data)) % 40 == 0) & (data.scene >= 0)
         self.data: MotionData = data.part(~held_out)
         self.held_out: MotionData = data.part(np.flatnonzero(held_out)[: config.evaluation_scenes])
         n = self.data.collision_frame.shape[1]
