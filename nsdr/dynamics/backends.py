@@ -9,7 +9,7 @@ from nsdr.checkpoint import find_checkpoint
 from nsdr.configuration import parse_config
 from nsdr.dynamics.physics import PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.predictor import DynamicsPredictor
-from nsdr.dynamics.velocity import VelocityConfig, VelocityEvents
+from nsdr.dynamics.velocity import MotionBackend, VelocityConfig, VelocityEvents
 from nsdr.errors import DataError
 from nsdr.types import DynamicsPrediction, VideoTracks
 
@@ -47,22 +47,26 @@ class BackendConfig:
     velocity: VelocityConfig = field(default_factory=VelocityConfig)
 
 
-def _physics(folder: Path, c: BackendConfig) -> Backend:
+def _physics(folder: Path, c: BackendConfig) -> MotionBackend:
     settings = replace(c.physics, shortcut=c.shortcut, horizon_frame=c.horizon_frame)
     return PhysicsPredictor(DynamicsPredictor.from_checkpoint(folder), settings)
 
 
-def _state(folder: Path, c: BackendConfig) -> Backend:
+def _state(folder: Path, c: BackendConfig) -> MotionBackend:
     return DynamicsPredictor.from_checkpoint(folder, c.shortcut, c.horizon_frame)
 
 
-def _paper(folder: Path, c: BackendConfig) -> Backend:
+def _paper(folder: Path, c: BackendConfig) -> MotionBackend:
     from nsdr.dynamics.paper import PaperPredictor
 
     return PaperPredictor.from_checkpoint(find_checkpoint(PAPER_CHECKPOINT), c.horizon_frame)
 
 
-BACKENDS: dict[str, Callable[[Path, BackendConfig], Backend]] = {"physics": _physics, "state": _state, "paper": _paper}
+BACKENDS: dict[str, Callable[[Path, BackendConfig], MotionBackend]] = {
+    "physics": _physics,
+    "state": _state,
+    "paper": _paper,
+}
 
 
 def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> Backend:

@@ -17,7 +17,6 @@ from nsdr.dynamics.states import (
     MotionStates,
     extended,
     object_features,
-    reliable_location,
     states_from_tracks,
     visible_frames,
 )
@@ -83,14 +82,15 @@ class DynamicsPredictor:
         """
         states = states_from_tracks(tracks)
         observed = self.observed_collisions(states) if observed is None else observed
-        rollouts = self._courses(states, observed, tracks.n_frames)
+        motion = observed_motion(states, observed)
+        rollouts = self._courses(states, observed, tracks.n_frames, motion.location_world)
         counterfactual = dict(enumerate(rollouts[1:]))
-        course = with_observed_motion(rollouts[0], observed_motion(states, observed))
+        course = with_observed_motion(rollouts[0], motion)
         return DynamicsPrediction(states.objects, tracks.n_frames, course, counterfactual)
 
     def continue_motion(self, states: MotionStates) -> Rollout:
         """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
-        return self._courses(states, [], states.present.shape[1], counterfactual=False)[0]
+        return self._courses(states, [], states.present.shape[1], states.location_world, counterfactual=False)[0]
 
     def observed_collisions(self, states: MotionStates) -> list[Event]:
         """Collisions during the video, in order of time; each pair at most once, at its most probable frame."""
@@ -122,9 +122,14 @@ class DynamicsPredictor:
 
     @torch.no_grad()
     def _courses(
-        self, states: MotionStates, observed: Sequence[Event], n_frames: int, counterfactual: bool = True
+        self,
+        states: MotionStates,
+        observed: Sequence[Event],
+        n_frames: int,
+        flown: FloatArray,
+        counterfactual: bool = True,
     ) -> list[Rollout]:
-        """The course of the world as it is, and without each object.
+        """The course of the world as it is, and without each object; observed motion is `flown` (n, F, 2) where known.
 
         An object is "free" from the frame on at which its motion is no longer the observed one: after the video, or from
         a collision that the removed object's absence changes.
@@ -188,9 +193,8 @@ class DynamicsPredictor:
         with np.errstate(invalid="ignore"):
             visible = np.where(free_frames, in_picture(location[:, :, :total]), visible) & exists[..., None]
         as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
-        location[:, :, :n_frames][as_observed] = np.broadcast_to(reliable_location(states), (courses, n, n_frames, 2))[
-            as_observed
-        ]
+        shown = np.where(np.isfinite(flown) & states.present[..., None], flown, states.location_world)
+        location[:, :, :n_frames][as_observed] = np.broadcast_to(shown, (courses, n, n_frames, 2))[as_observed]
         location[~exists] = np.nan
         for event in observed:  # a pair collides once
             scores[event.objects] = scores[event.objects[::-1]] = 0.0

@@ -10,7 +10,7 @@ from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.vocab import MATERIALS, SHAPES
 from nsdr.types import SceneObject, VideoTracks
 
-__all__ = ["MotionStates", "extended", "object_features", "reliable_location", "states_from_tracks", "visible_frames"]
+__all__ = ["MotionStates", "extended", "object_features", "states_from_tracks", "visible_frames"]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
@@ -90,19 +90,6 @@ def visible_frames(states: MotionStates) -> BoolArray:
         end = seen[-1] + LOST_EARLY_FRAMES if seen[-1] < frames - LOST_EARLY_FRAMES - 1 else frames - 1
         row[start : end + 1] = True
     return visible
-
-
-def reliable_location(states: MotionStates) -> FloatArray:
-    """(n, F, 2) places with the unreliable ones replaced by straight lines between reliable ones."""
-    location = states.location_world.copy()
-    every = np.arange(location.shape[1])
-    for places, reliable in zip(location, states.reliable, strict=True):
-        good = np.flatnonzero(reliable)
-        if len(good) > 1:
-            between = slice(good[0], good[-1] + 1)
-            for axis in range(2):
-                places[between, axis] = np.interp(every[between], good, places[good, axis])
-    return location
 
 
 def _overlapped(box: FloatArray, i: int) -> BoolArray:
