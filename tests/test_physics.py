@@ -7,13 +7,14 @@ import pytest
 import torch
 
 from nsdr import DataError, DynamicsPrediction, DynamicsPredictor, Event
+from nsdr.clevrer.camera import ground_from_pixels
 from nsdr.clevrer.vocab import SHAPES
 from nsdr.dynamics.backends import BackendConfig, load_backend
 from nsdr.dynamics.explain import explain
 from nsdr.dynamics.fit import fit_motion
 from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
-from nsdr.dynamics.paper import PaperPredictor, continued_back
-from nsdr.dynamics.patches import PatchConfig, PatchModel
+from nsdr.dynamics.paper import PaperPredictor, patch_boxes
+from nsdr.dynamics.patches import BOX_SCALE, PatchConfig, PatchModel
 from nsdr.dynamics.physics import PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.planar import NO_CONTACT, PlanarBodies, PlanarMotion, Script, planar_motion
 from nsdr.dynamics.states import MotionStates
@@ -188,14 +189,66 @@ def test_collisions_from_velocity_alone() -> None:
     assert [e.objects for e in found] == [(0, 1)]
     assert found[0].frame == pytest.approx(motion.contact[0, 1], abs=3)
     assert len(velocity_collisions(rollout, VelocityConfig("paper"))) == 1
+    place = motion.place.copy()
+    place[:, :4] = np.nan  # seen from frame 4 on
+    assert velocity_collisions(replace(rollout, location_world=place), VelocityConfig()) == found
 
 
-def test_boxes_are_continued_back_from_where_an_object_comes() -> None:
-    box = np.zeros((1, 20, 4))
-    box[0, :, 0] = np.where(np.arange(20) < 10, 100.0, 100.0 + 2.0 * (np.arange(20) - 10))
-    present = (np.arange(20) >= 10)[None]
-    back = continued_back(box, present, 5)
-    np.testing.assert_allclose(back[0, :, 0], 80 + 2.0 * np.arange(20))
+def test_patch_boxes_ignore_what_hides_an_object_and_reach_back_before_the_video() -> None:
+    place = np.zeros((1, 20, 2))
+    place[0, :, 1] = np.linspace(-0.5, 0.45, 20)  # along the picture's rows, to the right
+    box = np.full((1, 20, 4), 40.0)
+    reliable = np.ones((1, 20), bool)
+    box[0, 5:10, 2], reliable[0, 5:10] = 10.0, False  # half hidden
+    found = patch_boxes(place, box, reliable, 4)[0] * np.array(BOX_SCALE)
+    assert found.shape == (24, 4)
+    np.testing.assert_allclose(found[:, 2:], 40.0)
+    np.testing.assert_allclose(np.diff(found[:, 0]), found[1, 0] - found[0, 0], atol=1e-6)
+    np.testing.assert_allclose(found[14, 0], 0.0, atol=0.1 * abs(found[-1, 0]))
+
+
+class Clock(torch.nn.Module):
+    """A patch network that reads the time from where object 0 is (100 frames cross the picture), and sees one collision
+    at frame 60, but only after it; all keep their speed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.config = PatchConfig()
+
+    def forward(
+        self, boxes: torch.Tensor, static: torch.Tensor, exists: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        now = 50 * (boxes[:, 0, -1, 0] + 1)
+        logits = torch.full((*boxes.shape[:2], boxes.shape[1], 3), -9.0)
+        for k in (1, 2):
+            logits[(now - 5 * k < 60) & (now - 5 * k >= 55), ..., k] = 9.0
+        return 2 * boxes[:, :, -1] - boxes[:, :, -2], logits
+
+
+def clock_states(first_seen: int) -> MotionStates:
+    """Object 0 crosses the picture, object 1, not seen before a frame, goes the other way."""
+    columns = np.stack([np.arange(100) * 4.8, 480 - np.arange(100) * 4.8])
+    pixels = np.stack([columns, np.full((2, 100), 200.0)], -1)
+    present = np.ones((2, 100), bool)
+    present[1, :first_seen] = False
+    objects = tuple(SceneObject(i, COLORS[i], "metal", "sphere") for i in range(2))
+    box = np.concatenate([pixels, np.full((2, 100, 2), 40.0)], -1)
+    return MotionStates(objects, ground_from_pixels(pixels), present, present, present, box)
+
+
+def test_the_papers_observer_sees_collisions_by_what_comes_after_them() -> None:
+    events = PaperPredictor(Clock()).observed_collisions(clock_states(0))  # type: ignore[arg-type]
+    assert [e.objects for e in events] == [(0, 1)]
+    assert events[0].frame == pytest.approx(60, abs=3)
+
+
+def test_late_objects_enter_the_papers_rollouts_from_observation() -> None:
+    states = clock_states(31)
+    without_0, without_1 = PaperPredictor(Clock())._without_each(states)  # type: ignore[arg-type]
+    assert np.isnan(without_0.location_world[1, :31]).all()
+    assert np.isnan(without_1.location_world[1]).all()
+    np.testing.assert_allclose(without_0.location_world[1, 31:100], states.location_world[1, 31:], atol=1e-3)
+    np.testing.assert_allclose(without_1.location_world[0, :100], states.location_world[0], atol=1e-3)
 
 
 def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
@@ -207,9 +260,9 @@ def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
     places_2, logits_2 = model(boxes[:, order], static[:, order], exists)
     torch.testing.assert_close(places_2, places[:, order])
     torch.testing.assert_close(logits_2, logits[:, order][:, :, order])
-    patch = model._patch(boxes, static, boxes[:, :, -1, :2])
+    masks = model._masks(boxes, boxes[:, :, -1, :2])
     area = boxes[..., -1, 2] * boxes[..., -1, 3] * 50 * 50 / 4.0**2
-    torch.testing.assert_close(patch[:, :, 2].sum((-1, -2)), area)
+    torch.testing.assert_close(masks[:, :, 2].sum((-1, -2)), area)
 
 
 def test_backends_are_found_by_name_or_file(tmp_path) -> None:

@@ -1,6 +1,7 @@
 """The paper's dynamics predictor: one-step predictions of a patch network, rolled out from the first observations."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,48 +10,51 @@ import torch
 from numpy.typing import NDArray
 
 from nsdr.checkpoint import load_checkpoint
-from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels
+from nsdr.clevrer.camera import HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX, ground_from_pixels, pixels_from_world
 from nsdr.dynamics.observed import observed_motion, with_observed_motion
 from nsdr.dynamics.patches import BOX_SCALE, PatchConfig, PatchModel
 from nsdr.dynamics.predictor import HORIZON_FRAME
-from nsdr.dynamics.states import MotionStates, object_features, states_from_tracks
+from nsdr.dynamics.states import MotionStates, extended, object_features, states_from_tracks
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
-__all__ = ["PaperPredictor", "continued_back", "scaled_boxes"]
+__all__ = ["PaperPredictor", "patch_boxes"]
 
 FloatArray = NDArray[np.floating[Any]]
-CENTRE_PX = (WIDTH_PX / 2, HEIGHT_PX / 2, 0.0, 0.0)
-ROW_OFFSET_PX = 4.0
-"""The middle of a box lies this much above the image of the object's centre (mean over the picture; the camera looks down)."""
+BoolArray = NDArray[np.bool_]
+FAR = 3.0
+"""Boxes further out than this, in units of `BOX_SCALE`, stay there."""
 
 
-def scaled_boxes(box_px: FloatArray) -> FloatArray:
-    """(..., 4) boxes in pixels -> in units of `BOX_SCALE`."""
-    return (box_px - np.array(CENTRE_PX)) / np.array(BOX_SCALE)
-
-
-def continued_back(box_px: FloatArray, present: NDArray[np.bool_], stride_frames: int) -> FloatArray:
-    """(..., F, 4) boxes with those before an object was first seen continued backwards in a straight line.
+def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolArray, margin: int) -> FloatArray:
+    """Boxes as if nothing hid the objects, for patches: the centre's image, and the size that was last seen whole.
 
     Args:
-        box_px: (..., F, 4).
-        present: (..., F).
-        stride_frames: the line goes through the first box and the one so many frames later.
+        location_world: (..., F, 2).
+        box_px: (..., F, 4) as in `MotionStates`.
+        reliable: (..., F).
+        margin: continued so many frames before the first one in a straight line.
+
+    Returns:
+        (..., margin + F, 4) in units of `BOX_SCALE`.
     """
-    frames = np.arange(box_px.shape[-2])
-    first = present.argmax(-1)[..., None]
-    start = np.take_along_axis(box_px, first[..., None], -2)
-    later = np.take_along_axis(box_px, np.minimum(first + stride_frames, frames[-1])[..., None], -2)
-    before = start - (later - start) * ((first - frames) / stride_frames)[..., None]
-    return np.where((frames < first)[..., None], before, box_px)
+    place = extended(location_world, margin)[..., : margin + location_world.shape[-2], :]
+    pixels = pixels_from_world(np.concatenate([place, np.full_like(place[..., :1], OBJECT_RADIUS_WORLD)], -1))
+    every, size = np.arange(-margin, box_px.shape[-2]), np.zeros((*pixels.shape[:-1], 2))
+    for index in np.ndindex(*reliable.shape[:-1]):
+        seen = np.flatnonzero(reliable[index])
+        seen = seen if len(seen) else np.arange(box_px.shape[-2])
+        for axis in range(2):
+            size[(*index, slice(None), axis)] = np.interp(every, seen, box_px[index][seen, 2 + axis])
+    scaled = np.concatenate([pixels - np.array([WIDTH_PX / 2, HEIGHT_PX / 2]), size], -1) / np.array(BOX_SCALE)
+    return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
 
 
 class PaperPredictor:
     """PropNet over patches (paper, section 4.2).
 
-    Collisions of the video come from one-step predictions on the observed samples. The future is rolled out from the last
-    samples; with an object removed, its vertex and edges are erased and everything is rolled out from the first samples, while
-    objects that come into view later enter from observation.
+    Collisions of the video are judged on the observed samples. The future is rolled out from the last samples; with an object
+    removed, its vertex and edges are erased and everything is rolled out from the first samples, while objects that come into
+    view later enter from observation.
 
     Differs from the paper: see `PatchModel`; frames of collisions are interpolated within the step.
 
@@ -85,104 +89,116 @@ class PaperPredictor:
         return self._future(states, [])
 
     def observed_collisions(self, states: MotionStates) -> list[Event]:
-        """Collisions during the video: each pair at the sample from which its collision is most probable."""
+        """Collisions during the video: each pair in the step whose collision is most probable."""
         n, frames = states.present.shape
-        stride, samples = self.config.stride_frames, range(0, frames, self.config.stride_frames)
         if n < 2:
             return []
-        windows = np.stack([self._window(states, t) for t in samples])
-        probability = self._step(windows, states, states.present.T[samples])[1]
+        stride = self.config.stride_frames
+        samples = np.arange(frames - 1, 0, -stride)[::-1]
+        known = self._boxes(states)
+        windows = np.stack([self._window(known, t) for t in samples])
+        seen = self._step(windows, states, states.present.T[samples])[1]
+        return self._collisions(self._judged(seen)[:-1], samples)
+
+    def _judged(self, seen: FloatArray) -> FloatArray:
+        """Probabilities (S + 1, ...) of the steps that end at each of S samples, and of the one after the last.
+
+        A step is judged from its start, from its end and from a step later, when the effect is seen: the mean of these.
+
+        Args:
+            seen: (S, ..., window), what the network says at each sample of the step to come, the one that ended, and so on.
+        """
+        steps = len(seen) + 1
+        summed, judges = np.zeros((steps, *seen.shape[1:-1])), np.zeros((steps, *[1] * (seen.ndim - 2)))
+        for k in range(seen.shape[-1]):
+            first = max(1 - k, 0)
+            last = min(steps, steps - k)
+            summed[first:last] += seen[first + k - 1 : last + k - 1, ..., k]
+            judges[first:last] += 1
+        return summed / judges
+
+    def _collisions(self, probability: FloatArray, ends: NDArray[np.integer[Any]]) -> list[Event]:
+        """Each pair at most once, where its probability (steps, n, n) peaks, in steps that end at frames `ends`."""
         events = []
+        n = probability.shape[-1]
         for i in range(n):
             for j in range(i + 1, n):
                 k = int(probability[:, i, j].argmax())
                 if probability[k, i, j] > self.config.collision_threshold:
                     near = np.arange(max(k - 1, 0), min(k + 2, len(probability)))
-                    middle = np.average(near, weights=probability[near, i, j]) * stride + (stride + 1) / 2
-                    events.append(Event("collision", min(int(middle), frames - 1), (i, j)))
+                    end = np.average(ends[near], weights=probability[near, i, j])
+                    events.append(Event("collision", max(int(end - (self.config.stride_frames - 1) / 2), 0), (i, j)))
         return sorted(events, key=lambda e: e.frame)
 
-    def _window(self, states: MotionStates, t: int) -> FloatArray:
+    def _boxes(self, states: MotionStates) -> FloatArray:
+        """(n, margin + F, 4): `patch_boxes` from so many frames before the video on that windows reach back."""
+        margin = (self.config.window - 1) * self.config.stride_frames
+        return patch_boxes(states.location_world, states.box_px, states.reliable, margin)
+
+    def _window(self, known: FloatArray, t: int) -> FloatArray:
         """(n, window, 4) boxes up to frame t."""
-        past = t - self.config.stride_frames * np.arange(self.config.window - 1, -1, -1)
-        boxes = continued_back(states.box_px, states.present, self.config.stride_frames)
-        return scaled_boxes(boxes[:, np.maximum(past, 0)])
+        return known[:, t + self.config.stride_frames * np.arange(self.config.window)]
 
     @torch.no_grad()
-    def _step(self, window: FloatArray, states: MotionStates, here: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-        """Boxes (C, n, 4) a step later, and collision probabilities (C, n, n) on the way, of several courses at once."""
+    def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Boxes (C, n, 4) a step later, and collision probabilities (C, n, n, window), of several courses at once."""
         static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
         boxes, logits = self.model(torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
         possible = here[:, :, None] & here[:, None]
-        return boxes.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible
+        return boxes.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible[..., None]
 
     def _future(self, states: MotionStates, observed: Sequence[Event]) -> Rollout:
-        frames = states.present.shape[1]
-        last = (frames - 1) // self.config.stride_frames * self.config.stride_frames
+        last = states.present.shape[1] - 1
         exists = states.present.any(1, keepdims=True).T
         return self._rollouts(states, np.asarray(exists), last, states.present[:, last][None], observed)[0]
 
     def _without_each(self, states: MotionStates) -> list[Rollout]:
         start = min((self.config.window - 1) * self.config.stride_frames, states.present.shape[1] - 1)
         exists = ~np.eye(len(states.objects), dtype=bool)
-        seen = states.present[:, : start + 1].any(1)
-        return self._rollouts(states, exists, start, np.logical_and(exists, seen), None)
+        return self._rollouts(states, exists, start, np.zeros_like(exists), None)
 
     def _rollouts(
-        self,
-        states: MotionStates,
-        exists: NDArray[np.bool_],
-        start: int,
-        here: NDArray[np.bool_],
-        observed: Sequence[Event] | None,
+        self, states: MotionStates, exists: BoolArray, start: int, here: BoolArray, observed: Sequence[Event] | None
     ) -> list[Rollout]:
         """Predict several courses on from frame `start`; the others of `exists` (C, n) enter when they are first seen."""
         (courses, n), frames = exists.shape, states.present.shape[1]
         if not n:
             empty = Rollout(np.zeros((0, self.horizon_frame + 1, 2)), np.zeros((0, self.horizon_frame + 1), bool), ())
             return [empty] * courses
-        stride, here = self.config.stride_frames, here.copy()
-        total = max(self.horizon_frame + 1, frames)
-        window = np.repeat(self._window(states, start)[None], courses, 0)
-        known = scaled_boxes(states.box_px)
+        stride, here, known = self.config.stride_frames, here.copy(), self._boxes(states)
+        margin, total = known.shape[1] - frames, max(self.horizon_frame + 1, frames)
+        window = np.repeat(self._window(known, start)[None], courses, 0)
         boxes = np.full((courses, n, total + stride, 4), np.nan)
-        boxes[:, :, : start + 1] = np.where(
-            states.present[None, :, : start + 1, None] & exists[:, :, None, None], known[None, :, : start + 1], np.nan
-        )
-        collisions: list[list[Event]] = [list(observed or []) for _ in range(courses)]
-        met = [{e.objects for e in observed or ()} for _ in range(courses)]
-        scores = np.zeros((courses, n, n))
-        first = np.where(states.present.any(1), states.present.argmax(1), total)
+        detected, judgements = states.present.any(1), []
+        first = np.where(detected, states.present.argmax(1), total)
+        last = np.where(detected, frames - 1 - states.present[:, ::-1].argmax(1), -1)
         for t in range(start, total - 1, stride):
-            if t < frames:  # what has come into view enters from observation
-                entering = exists & ~here & (first <= t) & states.present[:, t]
-                for i in np.flatnonzero(entering.any(0)).tolist():
-                    window[entering[:, i], i] = self._window(states, t)[i]
-                    boxes[entering[:, i], i, first[i] : t + 1] = known[i, first[i] : t + 1]
-                here |= entering
+            # What has come into view is observed until its window is full.
+            follows = exists & (first <= t) & (t <= np.minimum(np.maximum(first + margin, start), last))
+            follows &= observed is None
+            for i in np.flatnonzero(follows.any(0)).tolist():
+                window[follows[:, i], i] = self._window(known, t)[i]
+                boxes[follows[:, i], i, first[i] : t + 1] = known[i, margin + first[i] : margin + t + 1]
+            here |= follows
             following, probability = self._step(window, states, here)
             for k in range(1, stride + 1):
                 boxes[here, t + k] = (window[here, -1] * (stride - k) + following[here] * k) / stride
-            np.maximum(scores, probability, out=scores)
-            for c, i, j in np.argwhere(np.triu(probability > self.config.collision_threshold, 1)).tolist():
-                if (i, j) not in met[c]:
-                    met[c].add((i, j))
-                    frame = t + (stride + 1) // 2
-                    collisions[c].append(Event("collision", frame if observed is None else max(frame, frames), (i, j)))
+            judgements.append(probability)
             window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
-        for event in observed or ():
-            i, j = event.objects
-            scores[:, i, j] = scores[:, j, i] = 0.0
-        pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array(CENTRE_PX[:2])
+        pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
         inside = ((pixels >= 0) & (pixels < (WIDTH_PX, HEIGHT_PX))).all(-1)
-        location = ground_from_pixels(np.nan_to_num(pixels, nan=-1.0) + np.array([0.0, ROW_OFFSET_PX]))
+        location = ground_from_pixels(np.nan_to_num(pixels, nan=-1.0))
         location[np.isnan(pixels).any(-1)] = np.nan
-        return [
-            Rollout(
-                location[c],
-                inside[c],
-                tuple(sorted(collisions[c], key=lambda e: e.frame)),
-                None if observed is None else scores[c],
-            )
-            for c in range(courses)
-        ]
+        judged, ends = self._judged(np.stack(judgements)), start + stride * np.arange(len(judgements) + 1)
+        rollouts = []
+        for c in range(courses):
+            if observed is None:
+                rollouts.append(Rollout(location[c], inside[c], tuple(self._collisions(judged[:, c], ends))))
+                continue
+            later = judged[1:, c]
+            for event in observed:
+                i, j = event.objects
+                later[:, i, j] = later[:, j, i] = 0.0
+            unseen = [replace(e, frame=max(e.frame, frames)) for e in self._collisions(later, ends[1:])]
+            rollouts.append(Rollout(location[c], inside[c], (*observed, *unseen), later.max(0)))
+        return rollouts

@@ -15,7 +15,9 @@ STATIC_FEATURES = 5
 BOX_SCALE = (WIDTH_PX / 2, HEIGHT_PX / 2, 50.0, 50.0)
 """Boxes are (column, row, width, height); centres from the picture's middle, all in these units: -1 to 1 or a little more."""
 STEP_SCALE = 0.1
-"""Unit of predicted changes: about a fast object's way in a step."""
+"""Unit of changes: about a fast object's way in a step."""
+REACH = 0.3
+"""Unit of the way from one object to another that is near."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class PatchConfig:
         window: samples that the network sees, the present included.
         patch_cells: side of a patch in cells.
         cell_px: side of a cell in pixels.
+        channels: of the three convolutions.
         collision_threshold: probability above which a pair collides.
     """
 
@@ -38,43 +41,47 @@ class PatchConfig:
     window: int = 3
     patch_cells: int = 24
     cell_px: float = 4.0
-    collision_threshold: float = 0.5
+    channels: tuple[int, int, int] = (16, 32, 64)
+    collision_threshold: float = 0.3
 
 
 class PatchEncoder(nn.Module):
-    """(..., channels, cells, cells) -> (..., hidden)."""
+    """Masks (..., samples, cells, cells) and features (..., F) -> (..., hidden)."""
 
-    def __init__(self, channels: int, cells: int, hidden: int) -> None:
+    def __init__(self, samples: int, features: int, config: PatchConfig) -> None:
         super().__init__()
-        widths = (channels, 32, 64, 128)
         layers: list[nn.Module] = []
-        for inputs, outputs in pairwise(widths):
+        for inputs, outputs in pairwise((samples, *config.channels)):
             layers += [nn.Conv2d(inputs, outputs, 4, stride=2, padding=1), nn.ReLU()]
         self.convolutions = nn.Sequential(*layers)
-        self.head = nn.Sequential(nn.Linear(widths[-1] * (cells // 8) ** 2, hidden), nn.ReLU())
+        flat = config.channels[-1] * (config.patch_cells // 8) ** 2
+        self.head = nn.Sequential(nn.Linear(flat + features, config.hidden), nn.ReLU())
 
-    def forward(self, patches: Tensor) -> Tensor:
-        """Encode each patch."""
-        maps = self.convolutions(patches.flatten(0, -4))
-        encoded: Tensor = self.head(maps.flatten(1))
-        return encoded.unflatten(0, patches.shape[:-3])
+    def forward(self, masks: Tensor, features: Tensor) -> Tensor:
+        """Encode each object or pair."""
+        maps = self.convolutions(masks.flatten(0, -4)).flatten(1).unflatten(0, masks.shape[:-3])
+        encoded: Tensor = self.head(torch.cat([maps, features], -1))
+        return encoded
 
 
 class PatchModel(nn.Module):
-    """Predicts every object's box one step later, and the collisions on the way.
+    """Predicts every object's box one step later, and the collisions on the way and in the steps of the window.
 
-    Differs from the paper: patches hold the mask drawn as its filled box, its position, and the object's material and shape,
-    but no image (the proposals that real training data consist of have no pixels); what is predicted is the change of
-    the box, from which the next patch is drawn, instead of the patch's pixels.
+    Differs from the paper: patches hold the mask drawn as its filled box, but no image (the proposals that real training
+    data consist of have no pixels); position, motion, material and shape join the convolutions' output instead of being
+    constant channels; what is predicted is the change of the box, from which the next patch is drawn, instead of the
+    patch's pixels; the relation predictor also tells the collisions of the window's own steps, whose effect it sees.
     """
 
     def __init__(self, config: PatchConfig) -> None:
         super().__init__()
         self.config = config
-        own = 3 * config.window + STATIC_FEATURES
-        cells, width = config.patch_cells, config.hidden
-        encoders = PatchEncoder(own, cells, width), PatchEncoder(2 * own, cells, width)
-        self.network = PropNet(*encoders, 4, 1, width, config.propagation_steps)
+        own = 2 * config.window + 2 + 2 * (config.window - 1) + STATIC_FEATURES
+        pair = 2 * config.window + 2 * (config.window - 1) + 2 * STATIC_FEATURES
+        self.object_encoder = PatchEncoder(config.window, own, config)
+        self.relation_encoder = PatchEncoder(2 * config.window, pair, config)
+        steps = config.propagation_steps
+        self.network = PropNet(nn.Identity(), nn.Identity(), 4, config.window, config.hidden, steps)
 
     def forward(self, boxes: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
         """One step.
@@ -85,22 +92,27 @@ class PatchModel(nn.Module):
             exists: (B, N) bool.
 
         Returns:
-            Boxes (B, N, 4) `stride_frames` later; collision logits (B, N, N), symmetric.
+            Boxes (B, N, 4) `stride_frames` later; collision logits (B, N, N, window), symmetric: of the step to come, of
+            the one that ended at present, and of the one before.
         """
         n = boxes.shape[1]
+        centre = boxes[..., :2]
+        motion = ((centre[:, :, 1:] - centre[:, :, :-1]) / STEP_SCALE).flatten(2)
         # Patches of a pair lie around the receiver, so that both masks show how near they are.
-        around = boxes[:, :, None, -1, :2].expand(-1, -1, n, -1)
-        seen_by_others = self._patch(
-            boxes[:, None].expand(-1, n, -1, -1, -1), static[:, None].expand(-1, n, -1, -1), around
-        )
-        own = self._patch(boxes, static, boxes[:, :, -1, :2])
-        pairs = torch.cat([own[:, :, None].expand(-1, -1, n, -1, -1, -1), seen_by_others], 3)
-        change, collision = self.network(own, pairs, exists)
+        around = centre[:, :, None, -1].expand(-1, -1, n, -1)
+        own = self._masks(boxes, centre[:, :, -1])
+        sent = self._masks(boxes[:, None].expand(-1, n, -1, -1, -1), around)
+        masks = torch.cat([own[:, :, None].expand(-1, -1, n, -1, -1, -1), sent], 3)
+        way = ((centre[:, None] - centre[:, :, None]) / REACH).clamp(-5, 5).flatten(3)
+        kinds = [static[:, :, None].expand(-1, -1, n, -1), static[:, None].expand(-1, n, -1, -1)]
+        objects = self.object_encoder(own, torch.cat([centre.flatten(2), boxes[:, :, -1, 2:], motion, static], -1))
+        pairs = self.relation_encoder(masks, torch.cat([way, motion[:, None] - motion[:, :, None], *kinds], -1))
+        change, collision = self.network(objects, pairs, exists)
         inertia = boxes[:, :, -1] - boxes[:, :, -2]
-        return boxes[:, :, -1] + inertia + change * STEP_SCALE, (collision + collision.transpose(1, 2))[..., 0] / 2
+        return boxes[:, :, -1] + inertia + change.float() * STEP_SCALE, (collision + collision.transpose(1, 2)) / 2
 
-    def _patch(self, boxes: Tensor, static: Tensor, around: Tensor) -> Tensor:
-        """(..., 3 window + 5, cells, cells): mask, column and row at each sample, and the object's features."""
+    def _masks(self, boxes: Tensor, around: Tensor) -> Tensor:
+        """(..., window, cells, cells): how much of each cell of the patch around a place the box covers at each sample."""
         c = self.config
         scale = torch.tensor(BOX_SCALE, device=boxes.device)
         centre, half = boxes[..., :2] * scale[:2], boxes[..., 2:] * scale[2:] / 2
@@ -111,7 +123,4 @@ class PatchModel(nn.Module):
             low = torch.maximum(edge, middle - half[..., axis, None])
             high = torch.minimum(edge + c.cell_px, middle + half[..., axis, None])
             covered.append((high - low).clamp(min=0) / c.cell_px)
-        mask = covered[1][..., :, None] * covered[0][..., None, :]
-        size = (c.patch_cells, c.patch_cells)
-        flat = torch.cat([boxes[..., :2].flatten(-2), static], -1)[..., None, None].expand(*boxes.shape[:-2], -1, *size)
-        return torch.cat([mask, flat], -3)
+        return covered[1][..., :, None] * covered[0][..., None, :]

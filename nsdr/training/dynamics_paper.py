@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nsdr.dynamics.paper import PaperPredictor, continued_back, scaled_boxes
+from nsdr.dynamics.paper import PaperPredictor, patch_boxes
 from nsdr.dynamics.patches import BOX_SCALE, STEP_SCALE, PatchModel
 from nsdr.training.dynamics import MotionTask, pair_loss
 
@@ -26,27 +26,32 @@ class PatchTask(MotionTask):
         torch.manual_seed(config.loop.seed)
         self.network = PatchModel(config.patches)
         super().__init__(config, self.network)
-        stride = config.patches.stride_frames
-        self.boxes = scaled_boxes(continued_back(self.data.box_px, self.data.present, stride)).astype(np.float32)
+        self.margin = (config.patches.window - 1) * config.patches.stride_frames
+        d = self.data
+        self.boxes = patch_boxes(d.location_world, d.box_px, d.reliable, self.margin).astype(np.float32)
+        self.count = d.exists.sum(1)
 
     def batch(self, size: int, rng: np.random.Generator) -> dict[str, Tensor]:
         """Boxes (B, N, K, 4), reliable (B, N, K), static (B, N, 5), exists (B, N), until (B, N, N)."""
         c, steps = self.config.patches, self.config.rollout_steps
-        scenes, times = self.pick(size, rng, before=2 * c.stride_frames, after=c.stride_frames)
-        times = np.clip(times, 0, 127 - c.stride_frames * steps)
-        offsets = np.arange(-c.window + 1, steps + 1) * c.stride_frames
-        index = np.maximum(times[:, None] + offsets, 0)
-        boxes = self.boxes[scenes[:, None], :, index].transpose(0, 2, 1, 3)
+        scenes, times = self.pick(16 * size, rng, before=2 * c.stride_frames, after=2 * c.stride_frames)
+        n = self.count[scenes[0]]  # scenes of one size need no padding
+        alike = np.flatnonzero(self.count[scenes] == n)[:size]
+        scenes, times = scenes[alike], np.clip(times[alike], 0, 127 - c.stride_frames * steps)
+        index = times[:, None] + np.arange(-c.window + 1, steps + 1) * c.stride_frames
+        boxes = self.boxes[scenes[:, None], :n, index + self.margin].transpose(0, 2, 1, 3)
         noise = self.config.noise_world * NOISE_PX_PER_WORLD / np.array(BOX_SCALE)
         boxes += (rng.normal(size=boxes.shape) * noise).astype(np.float32)
-        boxes[..., 0] *= rng.choice([-1.0, 1.0], size)[:, None, None]  # the camera looks along the x axis
-        reliable = self.data.reliable[scenes[:, None], :, index].transpose(0, 2, 1)
+        boxes[..., 0] *= rng.choice([-1.0, 1.0], len(scenes))[:, None, None]  # the camera looks along the x axis
+        reliable = self.data.reliable[scenes[:, None], :n, np.maximum(index, 0)].transpose(0, 2, 1)
+        exists = self.data.exists[scenes] & self.data.present[scenes, :, times]
+        until = (self.data.collision_frame[scenes] - times[:, None, None]).astype(np.int64)
         return {
             "boxes": torch.from_numpy(np.ascontiguousarray(boxes)),
             "reliable": torch.from_numpy(reliable),
-            "static": torch.from_numpy(self.data.static[scenes]),
-            "exists": torch.from_numpy(self.data.exists[scenes] & self.data.present[scenes, :, times]),
-            "until": torch.from_numpy((self.data.collision_frame[scenes] - times[:, None, None]).astype(np.int64)),
+            "static": torch.from_numpy(self.data.static[scenes, :n]),
+            "exists": torch.from_numpy(exists[:, :n]),
+            "until": torch.from_numpy(until[:, :n, :n]),
         }
 
     def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
@@ -60,9 +65,10 @@ class PatchTask(MotionTask):
             weight = (b["reliable"][:, :, c.window + step] & b["exists"]).float()
             error = ((following - b["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
             motion.append((error * weight).sum() / weight.sum().clamp(min=1))
-            until = b["until"] - c.stride_frames * step
-            collision.append(pair_loss(logits, (until >= 1) & (until <= c.stride_frames), b["exists"]))
-            window = torch.cat([window[:, :, 1:], following[:, :, None]], 2)
+            for k in range(c.window):
+                until = b["until"] + c.stride_frames * (k - step)
+                collision.append(pair_loss(logits[..., k], (until >= 1) & (until <= c.stride_frames), b["exists"]))
+            window = torch.cat([window[:, :, 1:], following[:, :, None].detach()], 2)
         return {"motion": torch.stack(motion).mean(), "collision": torch.stack(collision).mean()}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
