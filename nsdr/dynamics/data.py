@@ -2,7 +2,7 @@
 
 import gzip
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -116,6 +116,9 @@ def read_motion_data(
     if cache is not None and Path(cache).exists():
         with np.load(cache) as arrays:
             return MotionData(**{name: arrays[name] for name in MotionData.__dataclass_fields__})
+    files = sorted(Path(simulated).rglob("truth_*.json")) if simulated else []
+    if simulated and not files:
+        raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with nsdr generate dataset")
     blocks = read_truth(truth)
     rows: dict[str, list[Any]] = {name: [] for name in MotionData.__dataclass_fields__}
     for video, found in tqdm(
@@ -130,7 +133,7 @@ def read_motion_data(
         if 2 <= len(states.objects) <= MAX_OBJECTS:
             for name, value in _row(video, states, block).items():
                 rows[name].append(value)
-    for video, states, block in _simulated(simulated) if simulated else ():
+    for video, states, block in _simulated(files):
         for name, value in _row(video, states, block).items():
             rows[name].append(value)
     data = MotionData(**{name: np.stack(values) for name, values in rows.items()})
@@ -140,13 +143,10 @@ def read_motion_data(
     return data
 
 
-def _simulated(folder: str | Path) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
-    """What `_row` needs of every truth file below a folder."""
-    files = sorted(Path(folder).rglob("truth_*.json"))
-    if not files:
-        raise DataError(f"{folder}: has no truth files (truth_N.json); make some with nsdr generate dataset")
+def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
+    """What `_row` needs of every truth file."""
     rng = np.random.default_rng(0)
-    for file in tqdm(files, desc="simulated", unit="scene"):
+    for file in tqdm(files, desc="simulated", unit="scene", disable=not files):
         truth = read_json(file)
         try:
             for first in (0, len(truth["frames"]) - FRAMES):
