@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from nsdr import DynamicsPrediction, Event, Scene, track
-from nsdr.checkpoint import find_checkpoint
 from nsdr.clevrer.proposals import read_compact_proposals
 from nsdr.clevrer.scenes import scene_from_ground_truth
-from nsdr.dynamics.backends import load_backend
-from nsdr.dynamics.data import read_truth
+from nsdr.clevrer.truth_blocks import read_truth
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
-from nsdr.dynamics.states import MotionStates, states_from_tracks
+from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
+from nsdr.dynamics.registry import load_backend
+from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout
 
 
@@ -31,12 +31,12 @@ class ConstantVelocity:
     """Goes on as over the last nine frames."""
 
     def continue_motion(self, states: MotionStates) -> Rollout:
-        places = states.location_world
-        frames = places.shape[1]
-        velocity = (places[:, -1] - places[:, -9]) / 8
-        later = places[:, -1:] + velocity[:, None] * np.arange(1, 53)[:, None]
-        location = np.concatenate([places, later], 1)
-        return Rollout(location, np.ones((len(places), frames + 52), bool), ())
+        positions = states.location_world
+        frames = positions.shape[1]
+        velocity = (positions[:, -1] - positions[:, -9]) / 8
+        later = positions[:, -1:] + velocity[:, None] * np.arange(1, 53)[:, None]
+        location = np.concatenate([positions, later], 1)
+        return Rollout(location, np.ones((len(positions), frames + 52), bool), ())
 
 
 def main() -> None:

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from typing import Any
 
 from nsdr.clevrer.predictions import scene_from_predictions
-from nsdr.clevrer.vocab import COLORS, MATERIALS, SHAPES
 from nsdr.errors import ExecutionError
-from nsdr.question_parser.grammar import sample
+from nsdr.question_parser.grammar.templates import sample
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.official import official_world
+from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 OBJECTS = 5
 RELEASED_PROGRAMS_PER_S, RELEASED_SCENES_PER_S = 38_000, 250

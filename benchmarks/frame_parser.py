@@ -15,12 +15,12 @@ from tempfile import TemporaryDirectory
 import torch
 from torchvision.models.detection import maskrcnn_resnet50_fpn
 
-from nsdr.checkpoint import find_checkpoint
-from nsdr.frame_parser.data import FrameDataset
-from nsdr.frame_parser.frames import write_frames
+from nsdr.frame_parser.dataset import FrameDataset
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.frame_parser.video import read_video
+from nsdr.frame_parser.training_frames import write_frames
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.video import read_video
 
 
 def main() -> None:

@@ -10,13 +10,14 @@ import time
 from functools import partial
 
 from nsdr.clevrer.scenes import scene_from_truth
-from nsdr.clevrer.view import View
-from nsdr.generate.preview import render_preview
+from nsdr.generate.physics.bullet import Simulator
+from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.records import solids_at, truth_document
-from nsdr.generate.scene import SimulatedScene, simulate_scene
-from nsdr.generate.simulate import Simulator
+from nsdr.generate.render.preview import render_preview
+from nsdr.generate.render.view import View
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.parallel import run_tasks
+from nsdr.io.tasks import run_tasks
+from nsdr.world.camera import Camera
 
 FIRST_SEED = 510000
 
@@ -44,7 +45,7 @@ def main() -> None:
         seconds = time.perf_counter() - start
     print(f"{frames / seconds:.0f} preview frames/s on {os.cpu_count()} cores, the workers' start included")
     if options.output:
-        counts = count_scenes(scene_from_truth(truth_document(s, s.seed, View())) for s in scenes)
+        counts = count_scenes(scene_from_truth(truth_document(s, s.seed, Camera())) for s in scenes)
         write_statistics(options.output, counts, f"{len(scenes)} simulated scenes")
 
 

@@ -1,7 +1,7 @@
-"""Objects, collisions and ground-plane places against annotations.
+"""Objects, collisions and ground-plane positions against annotations.
 
 `python benchmarks/perception.py --annotations DIR --videos DIR` looks at `video_N.mp4` of every `annotation_N.json`;
-with `--proposals FILE.npz ...` it takes compact mask proposals instead and measures places alone.
+with `--proposals FILE.npz ...` it takes compact mask proposals instead and measures positions alone.
 """
 
 import argparse
@@ -20,14 +20,16 @@ from nsdr.clevrer.scenes import scene_from_annotation
 TOLERANCE_FRAMES = 3
 
 
-def place_errors(tracks: VideoTracks, annotation: dict[str, Any], true: Scene) -> Iterator[tuple[str, np.ndarray]]:
+def position_errors(tracks: VideoTracks, annotation: dict[str, Any], true: Scene) -> Iterator[tuple[str, np.ndarray]]:
     """(shape, distances in world units) of every track whose object is really there."""
     ids = {o.name: o.id for o in true.objects}
     for t in tracks.tracks:
         if t.object.name in ids:
             frames = [annotation["motion_trajectory"][f]["objects"] for f in t.frame_index]
-            places = [next(o["location"][:2] for o in rows if o["object_id"] == ids[t.object.name]) for rows in frames]
-            yield t.object.shape, np.linalg.norm(t.location_world - np.array(places), axis=1)
+            positions = [
+                next(o["location"][:2] for o in rows if o["object_id"] == ids[t.object.name]) for rows in frames
+            ]
+            yield t.object.shape, np.linalg.norm(t.location_world - np.array(positions), axis=1)
 
 
 def hits(scene: Scene) -> dict[tuple[str, ...], int]:
@@ -55,7 +57,7 @@ def main() -> None:
             video = options.videos / f"video_{index:05d}.mp4"
             if not video.exists():
                 continue
-            true, perception = scene_from_annotation(annotation), pipeline.perception(video)
+            true, perception = scene_from_annotation(annotation), pipeline.perceive(video)
             names, found = {o.name for o in true.objects}, {o.name for o in perception.scene.objects}
             true_hits, found_hits = hits(true), hits(perception.scene)
             counts["videos"] += 1
@@ -68,18 +70,18 @@ def main() -> None:
             )
             counts["collisions too many"] += len(found_hits.keys() - true_hits.keys())
             assert perception.tracks is not None
-            for shape, distances in place_errors(perception.tracks, annotation, true):
+            for shape, distances in position_errors(perception.tracks, annotation, true):
                 errors[shape] += distances.tolist()
         print(", ".join(f"{name}: {count}" for name, count in counts.items()))
     for path in options.proposals:
         for index, proposals in read_compact_proposals(path):
             if index in annotations:
                 true = scene_from_annotation(annotations[index])
-                for shape, distances in place_errors(track(proposals), annotations[index], true):
+                for shape, distances in position_errors(track(proposals), annotations[index], true):
                     errors[shape] += distances.tolist()
     for shape, distances in sorted(errors.items()):
         median, high = np.percentile(distances, [50, 95])
-        print(f"places of {shape}s: median error {median:.3f}, 95th percentile {high:.3f} world units")
+        print(f"positions of {shape}s: median error {median:.3f}, 95th percentile {high:.3f} world units")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from nsdr.dynamics.predictor import DynamicsPredictor
+    from nsdr.dynamics.propnet.state_predictor import StatePredictor
     from nsdr.errors import (
         CheckpointError,
         DataError,
@@ -27,11 +27,12 @@ if TYPE_CHECKING:
         VideoError,
     )
     from nsdr.frame_parser.parser import FrameParser
-    from nsdr.frame_parser.tracker import track
+    from nsdr.io.storage import load, save
     from nsdr.pipeline import Perception, Pipeline
     from nsdr.question_parser.parser import QuestionParser
-    from nsdr.storage import load, save
-    from nsdr.symbolic import Executor, Program, explain, format_trace, format_tree
+    from nsdr.symbolic import Executor, Program, format_trace, format_tree
+    from nsdr.symbolic.traces import explain
+    from nsdr.tracking.tracker import track
     from nsdr.types import (
         Answer,
         DynamicsPrediction,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     )
 
 _HOME = {
-    "nsdr.dynamics.predictor": ["DynamicsPredictor"],
+    "nsdr.dynamics.propnet.state_predictor": ["StatePredictor"],
     "nsdr.errors": [
         "CheckpointError",
         "DataError",
@@ -56,10 +57,10 @@ _HOME = {
         "VideoError",
     ],
     "nsdr.frame_parser.parser": ["FrameParser"],
-    "nsdr.frame_parser.tracker": ["track"],
+    "nsdr.tracking.tracker": ["track"],
     "nsdr.pipeline": ["Perception", "Pipeline"],
     "nsdr.question_parser.parser": ["QuestionParser"],
-    "nsdr.storage": ["load", "save"],
+    "nsdr.io.storage": ["load", "save"],
     "nsdr.symbolic": ["Executor", "Program", "explain", "format_trace", "format_tree"],
     "nsdr.types": [
         "Answer",
@@ -80,7 +81,6 @@ __all__ = [
     "CheckpointError",
     "DataError",
     "DynamicsPrediction",
-    "DynamicsPredictor",
     "Event",
     "ExecutionError",
     "Executor",
@@ -95,6 +95,7 @@ __all__ = [
     "Rollout",
     "Scene",
     "SceneObject",
+    "StatePredictor",
     "Track",
     "VideoError",
     "VideoProposals",

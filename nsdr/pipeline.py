@@ -6,15 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nsdr.checkpoint import find_checkpoint
-from nsdr.clevrer.scenes import scene_from_prediction
-from nsdr.dynamics.backends import Backend, BackendConfig, load_backend
+from nsdr.dynamics.base import DynamicsBackend
+from nsdr.dynamics.registry import BackendConfig, load_backend
+from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import QuestionError, VideoError
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.frame_parser.tracker import TrackerConfig, track
-from nsdr.frame_parser.video import read_frames
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.video import read_frames
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
+from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, VideoProposals, VideoTracks
 
 __all__ = ["Perception", "Pipeline"]
@@ -51,7 +52,7 @@ class Pipeline:
     def __init__(
         self,
         frame_parser: FrameParser,
-        dynamics: Backend,
+        dynamics: DynamicsBackend,
         question_parser: QuestionParser,
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
@@ -68,7 +69,7 @@ class Pipeline:
     def from_pretrained(
         cls, path_or_id: str | Path = "default", dynamics: str | Path | BackendConfig = "physics", **options: Any
     ) -> "Pipeline":
-        """Load the three parts from a checkpoint folder, its name, or a hub id (see `nsdr.checkpoint`).
+        """Load the three parts from a checkpoint folder, its name, or a hub id (see `nsdr.io.checkpoint`).
 
         Args:
             path_or_id: where the checkpoint is.
@@ -86,15 +87,15 @@ class Pipeline:
             **options,
         )
 
-    def perceive(self, video: str | Path) -> Scene:
+    def scene(self, video: str | Path) -> Scene:
         """The symbolic scene of a video file. Computed once for each content of the file.
 
         Raises:
             VideoError: the file cannot be read, or no object was found in it.
         """
-        return self.perception(video).scene
+        return self.perceive(video).scene
 
-    def perception(
+    def perceive(
         self,
         video: str | Path | None = None,
         proposals: VideoProposals | None = None,
@@ -133,7 +134,7 @@ class Pipeline:
             if true_scene is None:
                 dynamics = self.dynamics.predict(tracks)
             else:
-                dynamics = self.dynamics.predict(tracks, collisions_of(true_scene, tracks))  # type: ignore[call-arg]
+                dynamics = self.dynamics.predict(tracks, collisions_of(true_scene, tracks))
         perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics))
         if key is not None:
             self._kept[key] = perception
@@ -165,7 +166,7 @@ class Pipeline:
         if program is None and not question.strip():
             raise QuestionError("the question is empty")
         parsed, parsed_choices = self._programs(question, choices, program, choice_programs)
-        scene = video_or_scene if isinstance(video_or_scene, Scene) else self.perceive(video_or_scene)
+        scene = video_or_scene if isinstance(video_or_scene, Scene) else self.scene(video_or_scene)
         executor = Executor(scene, self.semantics)
         if parsed_choices is None:
             return executor.answer(parsed, question)

@@ -3,7 +3,7 @@
 video -> `VideoProposals` -> `VideoTracks` -> `DynamicsPrediction` -> `Scene` -> `Answer`
 
 Frames count from 0; the video shows frames below `n_frames`, later ones are unseen. Pixels are those of the 480x320
-picture, (column, row); world units are CLEVRER's ground plane (x towards the camera, y to the right of the picture).
+image, (column, row); world units are CLEVRER's ground plane (x towards the camera, y to the right of the image).
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.vocab import ATTRIBUTES
 from nsdr.errors import DataError
+from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
     "Answer",
@@ -93,7 +93,7 @@ class VideoProposals:
     Attributes:
         n_frames: frames of the video.
         frame_index: (N,) int.
-        attribute: (N,) int, `nsdr.clevrer.vocab.attribute_index` of the detected words.
+        attribute: (N,) int, `nsdr.world.vocabulary.attribute_index` of the detected words.
         score: (N,) float, 0-1.
         centroid_px: (N, 2) float, mean (column, row) of the mask's pixel centres.
         area_px: (N,) int, number of mask pixels.
@@ -183,7 +183,7 @@ class Event:
     """Something that happens at one frame.
 
     Attributes:
-        kind: "in" (enters the picture), "out" (leaves it) or "collision".
+        kind: "in" (enters the image), "out" (leaves it) or "collision".
         frame: frame index; unseen when it is at or beyond the video's length.
         objects: ids, one for "in" and "out", two ascending for "collision".
     """
@@ -205,7 +205,7 @@ class Rollout:
 
     Attributes:
         location_world: (n_objects, F, 2) float, NaN where an object is absent or unknown.
-        visible: (n_objects, F) bool, in the picture.
+        visible: (n_objects, F) bool, in the image.
         collisions: in order of time; pairs of object ids.
         unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: how probable a collision of each pair after the
             video seems; None where that is not known.
@@ -264,7 +264,7 @@ class Scene(_Picklable):
     Attributes:
         objects: identities, no attribute triple twice.
         n_frames: frames of the video.
-        visible: (n_objects, n_frames) bool, in the picture.
+        visible: (n_objects, n_frames) bool, in the image.
         moving: (n_objects, n_frames) bool, faster than the motion threshold; None where motion is not known.
         events: observed events (enter, exit, collision), by frame.
         unseen: collisions after the video; None where they are not known.

@@ -9,10 +9,10 @@ import pytest
 from pycocotools import mask as rle
 
 from nsdr import Event, Scene, SceneObject, load
-from nsdr.clevrer.vocab import COLORS_RGB
-from nsdr.examples import TRUTH
-from nsdr.frame_parser.ground import outline
+from nsdr.clevrer.example import TRUTH
 from nsdr.symbolic import Executor
+from nsdr.tracking.localization import outline
+from nsdr.world.vocabulary import COLORS_RGB
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -65,19 +65,19 @@ def executor(small_scene: Scene) -> Executor:
     return Executor(small_scene)
 
 
-def draw_frame(places: list[tuple[str, str, str, float, float]]) -> tuple[np.ndarray, list[dict[str, object]]]:
-    """A flat picture (320, 480, 3) RGB of (color, material, shape, x, y) objects, and their annotation."""
-    picture = np.full((320, 480, 3), 130, np.uint8)
+def draw_frame(positions: list[tuple[str, str, str, float, float]]) -> tuple[np.ndarray, list[dict[str, object]]]:
+    """A flat image (320, 480, 3) RGB of (color, material, shape, x, y) objects, and their annotation."""
+    image = np.full((320, 480, 3), 130, np.uint8)
     annotation = []
-    for color, material, shape, x, y in sorted(places, key=lambda p: p[3]):
+    for color, material, shape, x, y in sorted(positions, key=lambda p: p[3]):
         polygon = np.round(outline(shape, x, y)).astype(np.int32)
         mask = np.zeros((320, 480), np.uint8)
         cv2.fillPoly(mask, [polygon], 1)
-        picture[mask > 0] = COLORS_RGB[color]
+        image[mask > 0] = COLORS_RGB[color]
         counts = rle.encode(np.asfortranarray(mask))["counts"].decode()
         segmentation = {"size": [320, 480], "counts": counts}
         annotation.append({"color": color, "material": material, "shape": shape, "segmentation": segmentation})
-    return picture, annotation
+    return image, annotation
 
 
 @pytest.fixture
@@ -88,10 +88,10 @@ def tiny_frames(tmp_path: Path) -> Path:
     lines = []
     for number in range(6):
         shift = 0.1 * number
-        places = [("red", "rubber", "cube", -1.0 + shift, -0.8), ("cyan", "metal", "sphere", 0.5, 0.6 - shift)]
-        picture, annotation = draw_frame(places)
+        positions = [("red", "rubber", "cube", -1.0 + shift, -0.8), ("cyan", "metal", "sphere", 0.5, 0.6 - shift)]
+        image, annotation = draw_frame(positions)
         name = f"{number}.png"
-        cv2.imwrite(str(folder / "images" / name), picture[..., ::-1])
+        cv2.imwrite(str(folder / "images" / name), image[..., ::-1])
         scene = 20 if number >= 4 else 21
         lines.append(json.dumps({"file_name": name, "scene": scene, "frame": number, "objects": annotation}))
     (folder / "annotations_0.jsonl").write_text("\n".join(lines) + "\n")
@@ -103,7 +103,7 @@ def tiny_motion(tmp_path: Path) -> tuple[Path, Path]:
     """Compact proposals and truth of four made-up scenes: one object runs into a resting one at frame 40."""
     import gzip
 
-    from nsdr.clevrer.camera import pixels_from_world
+    from nsdr.world.camera import pixels_from_world
 
     rows = []
     truth = []

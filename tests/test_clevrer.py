@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
-from nsdr.clevrer import camera
+from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.proposals import (
     mask_numbers,
     proposals_document,
@@ -13,15 +13,10 @@ from nsdr.clevrer.proposals import (
     read_proposals,
 )
 from nsdr.clevrer.questions import read_questions
-from nsdr.clevrer.scenes import (
-    collisions_in_view,
-    enter_exit_events,
-    scene_from_annotation,
-    scene_from_ground_truth,
-    scene_from_prediction,
-)
-from nsdr.clevrer.vocab import attribute_index, attributes_of
-from nsdr.examples import QUESTIONS
+from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events, scene_from_annotation, scene_from_ground_truth
+from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.world import camera
+from nsdr.world.vocabulary import attribute_index, attributes_of
 
 
 def test_attribute_index_and_back() -> None:
@@ -41,9 +36,9 @@ def test_camera_matches_the_released_matrix() -> None:
 
 
 def test_ground_and_pixels_are_inverse() -> None:
-    places = np.random.default_rng(0).uniform(-2, 2, (50, 2))
-    world = np.concatenate([places, np.full((50, 1), camera.OBJECT_RADIUS_WORLD)], 1)
-    np.testing.assert_allclose(camera.ground_from_pixels(camera.pixels_from_world(world)), places, atol=1e-6)
+    positions = np.random.default_rng(0).uniform(-2, 2, (50, 2))
+    world = np.concatenate([positions, np.full((50, 1), camera.OBJECT_RADIUS_WORLD)], 1)
+    np.testing.assert_allclose(camera.ground_from_pixels(camera.pixels_from_world(world)), positions, atol=1e-6)
 
 
 def test_points_behind_the_camera_have_no_pixel() -> None:
@@ -157,7 +152,7 @@ def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:
     np.testing.assert_array_equal(back.attribute, proposals.attribute)
 
 
-def test_broken_proposals_name_the_place(tmp_path) -> None:
+def test_broken_proposals_name_the_position(tmp_path) -> None:
     path = tmp_path / "p.json"
     path.write_text(
         '{"frames": [{"frame_index": 0, "objects": [{"color": "pink", "material": "metal", "shape": "cube"}]}]}'
@@ -204,7 +199,7 @@ def test_questions_of_the_example() -> None:
         ),
     ],
 )
-def test_broken_question_files_name_the_place(tmp_path, content, message) -> None:
+def test_broken_question_files_name_the_position(tmp_path, content, message) -> None:
     path = tmp_path / "q.json"
     path.write_text(json.dumps(content))
     with pytest.raises(DataError, match=message):
@@ -212,7 +207,7 @@ def test_broken_question_files_name_the_place(tmp_path, content, message) -> Non
 
 
 def test_annotations_become_the_tracks_of_a_perfect_tracker() -> None:
-    from nsdr.clevrer.truth_tracks import tracks_from_annotation
+    from nsdr.tracking.truth_tracks import tracks_from_annotation
 
     def row(x: float, shown: bool) -> dict[str, object]:
         return {"object_id": 0, "location": [x, 0.0, 0.2], "orientation": [0.0, 0.0, 0.0], "inside_camera_view": shown}

@@ -3,8 +3,8 @@ import json
 import pytest
 
 from nsdr import Scene, load
-from nsdr.cli import main
-from nsdr.examples import QUESTIONS, TRUTH, VIDEO
+from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
+from nsdr.cli.main import main
 
 
 def run(capsys, *arguments: object) -> tuple[int, str, str]:
@@ -34,9 +34,9 @@ def test_answer_of_a_choice_question_as_json(capsys) -> None:
     assert answer["program"] == ["unseen_events", "belong_to"]
 
 
-def test_parse_video_writes_scene_proposals_and_picture(capsys, tmp_path) -> None:
-    scene, proposals, picture = (tmp_path / name for name in ("scene.json", "proposals.json", "picture.png"))
-    code, out, _ = run(capsys, "parse-video", VIDEO, "-o", scene, "--proposals-out", proposals, "--picture", picture)
+def test_parse_video_writes_scene_proposals_and_image(capsys, tmp_path) -> None:
+    scene, proposals, image = (tmp_path / name for name in ("scene.json", "proposals.json", "image.png"))
+    code, out, _ = run(capsys, "parse-video", VIDEO, "-o", scene, "--proposals-out", proposals, "--image", image)
     assert code == 0
     assert "6 objects" in out
     assert "purple metal cube enters (frame " in out
@@ -44,7 +44,7 @@ def test_parse_video_writes_scene_proposals_and_picture(capsys, tmp_path) -> Non
     document = json.loads(proposals.read_text())
     assert document["video_index"] == 500002
     assert len(document["frames"]) == 128
-    assert picture.stat().st_size > 10_000
+    assert image.stat().st_size > 10_000
     code, out, _ = run(capsys, "execute", "--scene", scene, "--program", "Count(Objects)")
     assert (code, out) == (0, "6\n")
 

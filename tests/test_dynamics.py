@@ -2,29 +2,30 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, DynamicsPredictor, Event
-from nsdr.clevrer.camera import ground_from_pixels, pixels_from_world
-from nsdr.clevrer.view import View
-from nsdr.dynamics.data import read_motion_data, read_truth
-from nsdr.dynamics.flight import fit_flight, fly
+from nsdr import DataError, Event, StatePredictor
+from nsdr.clevrer.truth_blocks import read_truth
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
-from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
-from nsdr.dynamics.observed import observed_motion
-from nsdr.dynamics.predictor import HORIZON_FRAME, in_picture
-from nsdr.dynamics.propnet import PropNet, mlp
-from nsdr.dynamics.states import MotionStates, extended, states_from_tracks, visible_frames
-from nsdr.frame_parser.tracker import track
+from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
+from nsdr.dynamics.physics.sliding import fit_sliding, slide
+from nsdr.dynamics.propnet.data import read_motion_dataset
+from nsdr.dynamics.propnet.layers import PropNet, mlp
+from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
+from nsdr.dynamics.track_smoothing import smooth_tracks
+from nsdr.tracking.tracker import track
+from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject, Track, VideoTracks
+from nsdr.world.camera import ground_from_pixels, pixels_from_world
+from nsdr.world.timeline import horizon_frame
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
 
-SMALL = DynamicsConfig(hidden=16)
+SMALL = StateModelConfig(hidden=16)
 
 
 @pytest.fixture
-def predictor() -> DynamicsPredictor:
+def predictor() -> StatePredictor:
     torch.manual_seed(0)
-    return DynamicsPredictor(DynamicsModel(SMALL))
+    return StatePredictor(StateModel(SMALL))
 
 
 def test_propnet_is_permutation_equivariant() -> None:
@@ -67,15 +68,6 @@ def test_states_interpolate_and_continue_in_a_straight_line() -> None:
     assert abs(step[32:] - step[28]).max() < 0.02
 
 
-def test_visible_frames_reach_a_little_beyond_the_detections() -> None:
-    rows = moving(range(5, 30), RED, 50, 4) + moving(range(1, 40), BLUE, 300, 0)
-    states = states_from_tracks(track(as_proposals(rows)))
-    visible = visible_frames(states)
-    by_color = {o.color: visible[o.id] for o in states.objects}
-    assert np.flatnonzero(by_color["red"])[[0, -1]].tolist() == [4, 31]
-    assert by_color["blue"].all()
-
-
 def test_a_covered_object_is_not_reliable() -> None:
     rows = moving(range(40), RED, 300, 0)
     near = [
@@ -89,9 +81,9 @@ def test_a_covered_object_is_not_reliable() -> None:
     assert states.reliable[1 - red].all()
 
 
-def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: DynamicsPredictor) -> None:
+def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: StatePredictor) -> None:
     prediction = predictor.predict(tracks())
-    assert prediction.observed.location_world.shape == (3, HORIZON_FRAME + 1, 2)
+    assert prediction.observed.location_world.shape == (3, horizon_frame(40) + 1, 2)
     assert not np.isnan(prediction.observed.location_world).any()
     assert set(prediction.counterfactual) == {0, 1, 2}
     for removed, rollout in prediction.counterfactual.items():
@@ -104,15 +96,15 @@ def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: D
 
 
 def test_prediction_is_the_same_twice_and_survives_saving(predictor, tmp_path) -> None:
-    from nsdr.checkpoint import save_checkpoint
+    from nsdr.io.checkpoint import save_checkpoint
 
     save_checkpoint(tmp_path, "dynamics", predictor.model.state_dict(), SMALL, {})
-    first, second = predictor.predict(tracks()), DynamicsPredictor.from_checkpoint(tmp_path).predict(tracks())
+    first, second = predictor.predict(tracks()), StatePredictor.from_checkpoint(tmp_path).predict(tracks())
     np.testing.assert_array_equal(first.observed.location_world, second.observed.location_world)
     assert first.observed.collisions == second.observed.collisions
 
 
-def test_a_video_with_one_object_or_none(predictor: DynamicsPredictor) -> None:
+def test_a_video_with_one_object_or_none(predictor: StatePredictor) -> None:
     one = predictor.predict(track(as_proposals(moving(range(40), RED, 50, 4))))
     assert one.observed.collisions == ()
     none = predictor.predict(VideoTracks(128, ()))
@@ -120,12 +112,12 @@ def test_a_video_with_one_object_or_none(predictor: DynamicsPredictor) -> None:
     assert dict(none.counterfactual) == {}
 
 
-class _Script(DynamicsModel):
+class _Script(StateModel):
     """Goes straight on; hits when centres come closer than a diameter."""
 
     def predict(self, window, reliable, static, exists):
-        place = 2 * window[:, :, -1] - window[:, :, -2]
-        return place, 50 * (0.4 - torch.cdist(place, place))
+        position = 2 * window[:, :, -1] - window[:, :, -2]
+        return position, 50 * (0.4 - torch.cdist(position, position))
 
     def observe(self, window, reliable, static, exists):
         middle = window[:, :, self.config.side_steps]
@@ -139,7 +131,7 @@ def test_removal_changes_only_what_depends_on_the_removed_object() -> None:
     rows += moving(range(n), BLUE, 300, 0) + moving(range(n), GREEN, 30, 0)
     video = track(as_proposals(rows, n))
     ids = {t.object.color: t.object.id for t in video.tracks}
-    prediction = DynamicsPredictor(_Script(SMALL)).predict(video)
+    prediction = StatePredictor(_Script(SMALL)).predict(video)
     hits = [e.objects for e in prediction.observed.collisions if e.frame < n]
     assert hits == [tuple(sorted((ids["red"], ids["blue"])))]
     without_green = prediction.counterfactual[ids["green"]]
@@ -151,10 +143,6 @@ def test_removal_changes_only_what_depends_on_the_removed_object() -> None:
     assert all(ids["blue"] not in e.objects for e in without_blue.collisions)
     red = without_blue.location_world[ids["red"]]
     assert np.linalg.norm(red[n - 1] - prediction.observed.location_world[ids["red"], n - 1]) > 0.1
-
-
-def test_in_picture() -> None:
-    assert in_picture(np.array([[0.0, 0.0], [0.0, 9.0], [30.0, 0.0]])).tolist() == [True, False, False]
 
 
 def test_collision_scores() -> None:
@@ -169,12 +157,12 @@ def test_collision_scores() -> None:
 
 
 def test_motion_data(tiny_motion, tmp_path) -> None:
-    data = read_motion_data(*tiny_motion, cache=tmp_path / "cache.npz")
+    data = read_motion_dataset(*tiny_motion, cache=tmp_path / "cache.npz")
     assert len(data) == 4
     states, events = data.states(0)
     assert len(states.objects) == 2
     assert [e.frame for e in events] == [40]
-    again = read_motion_data("not there", "nor there", cache=tmp_path / "cache.npz")
+    again = read_motion_dataset("not there", "nor there", cache=tmp_path / "cache.npz")
     np.testing.assert_array_equal(again.location_world, data.location_world)
     with pytest.raises(DataError, match="not a file of ground-truth blocks"):
         read_truth(tiny_motion[0])
@@ -182,17 +170,17 @@ def test_motion_data(tiny_motion, tmp_path) -> None:
 
 def test_rollout_errors_are_small_for_straight_motion() -> None:
     states = states_from_tracks(tracks(n_frames=60))
-    errors = rollout_errors(DynamicsPredictor(_Script(SMALL)), [states], starts=(40,))
+    errors = rollout_errors(StatePredictor(_Script(SMALL)), [states], starts=(40,))
     assert errors["rollout_error_10"] < 0.08
     assert np.isnan(errors["rollout_error_50"])
 
 
-def test_places_continue_in_straight_lines_beyond_the_video() -> None:
-    places = np.stack([np.arange(20.0), np.zeros(20)], 1)[None]
-    longer = extended(places, 3)
+def test_positions_continue_in_straight_lines_beyond_the_video() -> None:
+    positions = np.stack([np.arange(20.0), np.zeros(20)], 1)[None]
+    longer = extrapolate(positions, 3)
     np.testing.assert_allclose(longer[0, :, 0], np.arange(-3.0, 23.0))
-    assert extended(places[:, :1], 2).shape == (1, 5, 2)
-    assert extended(places, 0).shape == places.shape
+    assert extrapolate(positions[:, :1], 2).shape == (1, 5, 2)
+    assert extrapolate(positions, 0).shape == positions.shape
 
 
 @pytest.mark.parametrize("shape", ["cube", "cylinder", "sphere"])
@@ -202,45 +190,47 @@ def test_flights_follow_the_law_of_deceleration(shape: str) -> None:
     for _ in range(7000):
         speed = max(speed - (friction + 0.04 * speed + 0.04 * speed**2) * 2e-4, 0.0)
         way += speed * 2e-4
-    flown, then = fly(shape, np.array(1.2), np.array(1.4))
+    flown, then = slide(shape, np.array(1.2), np.array(1.4))
     assert float(flown) == pytest.approx(way, abs=2e-3)
     assert float(then) == pytest.approx(speed, abs=2e-3)
-    back, before = fly(shape, then, np.array(-1.4))
+    back, before = slide(shape, then, np.array(-1.4))
     assert float(before) == pytest.approx(1.2, abs=5e-3)
     assert float(back) == pytest.approx(-way, abs=5e-3)
 
 
 def test_objects_with_friction_stop_and_stay() -> None:
-    way, speed = fly("cube", np.array(0.2), np.array([0.5, 2.0, 9.0]))
+    way, speed = slide("cube", np.array(0.2), np.array([0.5, 2.0, 9.0]))
     assert speed.tolist()[1:] == [0.0, 0.0]
     assert way[1] == way[2]
 
 
-def test_a_flight_is_found_through_noise_and_wrong_places() -> None:
+def test_a_flight_is_found_through_noise_and_wrong_positions() -> None:
     rng = np.random.default_rng(0)
     frames = np.arange(40)
-    way, _ = fly("cylinder", np.array(2.0), frames * 0.028)
-    places = np.array([-1.0, 0.5]) + way[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
-    places[10:14] += 0.3
-    place, velocity, residual = fit_flight("cylinder", frames, places, np.ones(40), 0.0)
-    np.testing.assert_allclose(place, [-1.0, 0.5], atol=0.01)
+    way, _ = slide("cylinder", np.array(2.0), frames * 0.028)
+    positions = np.array([-1.0, 0.5]) + way[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
+    positions[10:14] += 0.3
+    position, velocity, residual = fit_sliding("cylinder", frames, positions, np.ones(40), 0.0)
+    np.testing.assert_allclose(position, [-1.0, 0.5], atol=0.01)
     np.testing.assert_allclose(velocity, [1.2, 1.6], atol=0.03)
     assert residual < 0.02
 
 
-def states_of(shape: str, places: np.ndarray, seen: np.ndarray) -> MotionStates:
-    """One object at places (F, 2), detected in some frames."""
-    present = np.zeros(len(places), bool)
+def states_of(shape: str, positions: np.ndarray, seen: np.ndarray) -> MotionStates:
+    """One object at positions (F, 2), detected in some frames."""
+    present = np.zeros(len(positions), bool)
     present[np.flatnonzero(seen)[0] : np.flatnonzero(seen)[-1] + 1] = True
     o = SceneObject(0, "red", "metal", shape)
-    return MotionStates((o,), places[None].copy(), seen[None], seen[None], present[None], np.zeros((1, len(seen), 4)))
+    return MotionStates(
+        (o,), positions[None].copy(), seen[None], seen[None], present[None], np.zeros((1, len(seen), 4))
+    )
 
 
 def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
     rng = np.random.default_rng(1)
-    way, _ = fly("cube", np.array(0.5), np.maximum(np.arange(128) - 50, 0) * 0.028)
-    places = np.stack([way, 0 * way], 1) + rng.normal(size=(128, 2)) * 0.005
-    motion = observed_motion(states_of("cube", places, np.ones(128, bool)), [Event("collision", 50, (0, 1))])
+    way, _ = slide("cube", np.array(0.5), np.maximum(np.arange(128) - 50, 0) * 0.028)
+    positions = np.stack([way, 0 * way], 1) + rng.normal(size=(128, 2)) * 0.005
+    motion = smooth_tracks(states_of("cube", positions, np.ones(128, bool)), [Event("collision", 50, (0, 1))])
     moving = np.linalg.norm(motion.velocity_world_per_s[0], axis=1) > 0.02
     assert not moving[:50].any()
     assert moving[52:95].all()
@@ -249,20 +239,20 @@ def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
 
 
 def test_entrances_and_exits_come_from_the_flight() -> None:
-    way, _ = fly("sphere", np.array(2.8), np.arange(128) * 0.028)
-    places = np.stack([0 * way, -3.2 + way], 1)  # from the left to the right
-    shown = View().shows("sphere", np.concatenate([places, np.full((128, 1), 0.2)], 1), np.zeros(128))
+    way, _ = slide("sphere", np.array(2.8), np.arange(128) * 0.028)
+    positions = np.stack([0 * way, -3.2 + way], 1)  # from the left to the right
+    shown = in_image("sphere", np.concatenate([positions, np.full((128, 1), 0.2)], 1), np.zeros(128))
     first, last = np.flatnonzero(shown)[[0, -1]]
     seen = shown.copy()
     seen[: first + 4] = seen[last - 3 :] = False  # detected late, lost early
-    motion = observed_motion(states_of("sphere", places, seen), [])
+    motion = smooth_tracks(states_of("sphere", positions, seen), [])
     found = np.flatnonzero(motion.visible[0])
     assert abs(int(found[0]) - int(first)) <= 1
     assert abs(int(found[-1]) - int(last)) <= 1
     assert first > 0
 
 
-def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: DynamicsPredictor) -> None:
+def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: StatePredictor) -> None:
     (x, y) = ground_from_pixels([471.0, 150.0])
     u, v = pixels_from_world([x, y, 0.2])
     box = np.tile([int(u) - 17, int(v) - 17, 480, int(v) + 17], (128, 1))

@@ -11,21 +11,11 @@ from hypothesis import strategies as st
 
 import nsdr.clevrer
 import nsdr.symbolic
-from nsdr import (
-    Event,
-    ExecutionError,
-    Executor,
-    ProgramError,
-    Scene,
-    SceneObject,
-    explain,
-    format_trace,
-    format_tree,
-)
+from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, explain, format_trace, format_tree
+from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.questions import read_questions
-from nsdr.clevrer.vocab import COLORS, MATERIALS, SHAPES
-from nsdr.examples import QUESTIONS
 from nsdr.symbolic.causal import ancestor_sets, direct_causes
+from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 RED_CUBE = "objects red filter_color cube filter_shape unique"
 BLUE = "objects blue filter_color unique"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from nsdr import DataError
-from nsdr.examples import QUESTIONS, TRUTH
-from nsdr.experiments import run_experiment
+from nsdr.clevrer.example import QUESTIONS, TRUTH
+from nsdr.evaluation.experiments import run_experiment
 
 TEXT = """
 title: Example

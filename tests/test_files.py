@@ -12,13 +12,13 @@ from nsdr import DataError
 from nsdr.clevrer.annotations import check_ground_truth, read_annotation, write_annotation
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.download import download
+from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.proposals import read_ground_truth
 from nsdr.clevrer.questions import read_questions, write_questions
 from nsdr.clevrer.schema import CHUNK_CHARACTERS, iterate_list
 from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
-from nsdr.cli import main
-from nsdr.evaluate import evaluate, evaluate_file
-from nsdr.examples import QUESTIONS, VIDEO
+from nsdr.cli.main import main
+from nsdr.evaluation.score import evaluate, evaluate_file
 from nsdr.symbolic import Executor
 
 from .test_clevrer import square
@@ -286,7 +286,7 @@ def test_annotations_round_trip(tmp_path) -> None:
         (lambda a: a["collision"][0].update(object_ids=[1, 1]), "expected two different object ids"),
     ],
 )
-def test_broken_annotations_name_the_place(tmp_path, change, message) -> None:
+def test_broken_annotations_name_the_position(tmp_path, change, message) -> None:
     broken = annotation()
     change(broken)
     (tmp_path / "a.json").write_text(json.dumps(broken))

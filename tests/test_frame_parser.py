@@ -8,20 +8,21 @@ import pytest
 import torch
 
 from nsdr import DataError, VideoError, VideoProposals
-from nsdr.clevrer.camera import ground_from_pixels
 from nsdr.clevrer.proposals import proposals_document, proposals_from_rows
-from nsdr.clevrer.vocab import attribute_index
-from nsdr.files import write_json
-from nsdr.frame_parser.data import AugmentConfig, FrameDataset
-from nsdr.frame_parser.frames import write_frames
-from nsdr.frame_parser.ground import ground_location, hidden_sides, outline
+from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, TorchvisionBackbone, build_frame_parser
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.frame_parser.roi_heads import AttributePredictor, JointAttributePredictor, attribute_probabilities
-from nsdr.frame_parser.tracker import TrackerConfig, track
-from nsdr.frame_parser.video import read_video
-from nsdr.generate import encode
+from nsdr.frame_parser.training_frames import write_frames
+from nsdr.io import video as encode
+from nsdr.io.files import write_json
+from nsdr.io.video import read_video
+from nsdr.tracking.localization import ground_location, outline
+from nsdr.tracking.tracker import TrackerConfig, track
+from nsdr.tracking.visibility import hidden_sides
+from nsdr.world.camera import ground_from_pixels
+from nsdr.world.vocabulary import attribute_index
 
 TINY = FrameParserConfig(
     widths=(16, 16, 16, 32), blocks=1, fpn_channels=16, box_features=32, mask_channels=16, mask_layers=1
@@ -128,9 +129,9 @@ def test_coco_files_are_read_like_json_lines(tiny_frames) -> None:
 
 def test_videos_with_proposals_become_frames(tmp_path, tiny_frames) -> None:
     record = FrameDataset(tiny_frames, "all").records[0]
-    picture = cv2.imread(str(tiny_frames / "images" / record["file_name"]), cv2.IMREAD_COLOR_RGB)
+    image = cv2.imread(str(tiny_frames / "images" / record["file_name"]), cv2.IMREAD_COLOR_RGB)
     videos, proposals = tmp_path / "videos", tmp_path / "proposals"
-    encode.write_video(videos / "video_00007.mp4", [picture] * 20)
+    encode.write_video(videos / "video_00007.mp4", [image] * 20)
     rows = [
         (f, attribute_index(o["color"], o["material"], o["shape"]), 1.0, o["segmentation"]["counts"])
         for f in range(20)
@@ -218,7 +219,7 @@ def test_dataset_errors_name_the_file(tiny_frames, tmp_path) -> None:
     with pytest.raises(DataError, match="expected train, evaluation or all"):
         FrameDataset(tiny_frames, "test")
     (tiny_frames / "images" / "0.png").unlink()
-    with pytest.raises(DataError, match=r"0\.png: no readable picture"):
+    with pytest.raises(DataError, match=r"0\.png: no readable image"):
         FrameDataset(tiny_frames, "train")[0]
     (tiny_frames / "annotations_0.jsonl").write_text("{}\n")
     with pytest.raises(DataError, match="line 1: not a frame record"):
@@ -257,7 +258,7 @@ def test_scores_of_perfect_and_wrong_detections(tiny_frames) -> None:
 
 @pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
 @pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (-2.0, 1.5), (1.5, -0.8)])
-def test_outline_centroid_gives_the_place(shape: str, x: float, y: float) -> None:
+def test_outline_centroid_gives_the_position(shape: str, x: float, y: float) -> None:
     mask = np.zeros((320, 480), np.uint8)
     cv2.fillPoly(mask, [np.round(outline(shape, x, y, 0.4) * 16).astype(np.int32)], 1, shift=4)
     rows, columns = np.nonzero(mask)
@@ -266,7 +267,7 @@ def test_outline_centroid_gives_the_place(shape: str, x: float, y: float) -> Non
     np.testing.assert_allclose(ground_location(shape, centroid, box)[0], [x, y], atol=0.03)
 
 
-def test_an_outline_cut_by_the_border_gives_the_place_by_its_free_edge() -> None:
+def test_an_outline_cut_by_the_border_gives_the_position_by_its_free_edge() -> None:
     expected = ground_from_pixels([474.0, 160.0])
     polygon = outline("sphere", *expected)
     centroid = np.array([[470.0, 160.0]])  # of the visible part, too far left
@@ -275,7 +276,7 @@ def test_an_outline_cut_by_the_border_gives_the_place_by_its_free_edge() -> None
 
 
 def moving(frames, attribute: int, x0: float, speed: float, score: float = 0.99):
-    """Rows of one object that moves to the right of the picture at a speed in pixels a frame."""
+    """Rows of one object that moves to the right of the image at a speed in pixels a frame."""
     rows = []
     for f in frames:
         x = x0 + speed * f
@@ -348,9 +349,9 @@ def test_proposals_from_empty_masks_are_left_out() -> None:
 def write_video(path, frames: int = 128, size=(480, 320), rate: float = 25.0) -> None:
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
     for f in range(frames):
-        picture = np.full((size[1], size[0], 3), 120, np.uint8)
-        cv2.circle(picture, (size[0] // 2, size[1] // 2), 10 + f % 20, (0, 0, 255), -1)
-        writer.write(picture)
+        image = np.full((size[1], size[0], 3), 120, np.uint8)
+        cv2.circle(image, (size[0] // 2, size[1] // 2), 10 + f % 20, (0, 0, 255), -1)
+        writer.write(image)
     writer.release()
 
 
@@ -403,12 +404,12 @@ def test_masks_are_pasted_where_training_read_them() -> None:
 
     from nsdr.frame_parser.parser import _pasted
 
-    picture = np.zeros((320, 480), np.uint8)
-    cv2.ellipse(picture, (200, 120), (31, 24), 20, 0, 360, 1, -1)
-    rows, columns = np.nonzero(picture)
+    image = np.zeros((320, 480), np.uint8)
+    cv2.ellipse(image, (200, 120), (31, 24), 20, 0, 360, 1, -1)
+    rows, columns = np.nonzero(image)
     for shift in (0.0, 0.3, 0.7):
         box = torch.tensor([[0.0, 165 + shift, 90 - shift, 238 - shift, 152 + shift]])
-        small = roi_align(torch.from_numpy(picture)[None, None].float(), box, (28, 28), 1.0)[0, 0]
+        small = roi_align(torch.from_numpy(image)[None, None].float(), box, (28, 28), 1.0)[0, 0]
         pasted = _pasted(small.numpy(), box[0, 1:].numpy())
         found_rows, found_columns = np.nonzero(pasted)
         assert abs(found_columns.mean() - columns.mean()) < 0.1

@@ -10,28 +10,28 @@ import numpy as np
 import pytest
 
 from nsdr import DataError
-from nsdr.clevrer.camera import pixels_from_world
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.view import View, drawn_rotation
-from nsdr.cli import main
-from nsdr.dynamics.data import read_motion_data
-from nsdr.files import read_json, write_json
-from nsdr.frame_parser.ground import outline
-from nsdr.frame_parser.video import read_video
+from nsdr.cli.main import main
+from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
-from nsdr.generate.hulls import hull_vertices
-from nsdr.generate.preview import render_preview
-from nsdr.generate.raycast import Solid, instance_ids
+from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
+from nsdr.generate.physics.resimulate import resimulate
+from nsdr.generate.physics.scene import SceneConfig, SimulatedScene, simulate_scene
 from nsdr.generate.records import truth_document
-from nsdr.generate.resimulate import resimulate
-from nsdr.generate.scene import SceneConfig, SimulatedScene, simulate_scene
-from nsdr.generate.simulate import Body, PhysicsConfig, Simulator
+from nsdr.generate.render.preview import render_preview
+from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, released_statistics
-from nsdr.generate.view import RenderConfig, view_of
+from nsdr.io.files import read_json, write_json
+from nsdr.io.video import read_video
 from nsdr.symbolic import Executor
+from nsdr.tracking.localization import outline
+from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
+from nsdr.world.camera import Camera, pixels_from_world
+from nsdr.world.shapes import hull_vertices, rendered_rotation
 
 
 def ball(x: float, y: float, vx: float = 0.0, vy: float = 0.0, mass: float = 1.0) -> Body:
@@ -107,7 +107,7 @@ def test_scenes_follow_the_papers_construction(scenes) -> None:
 def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) -> None:
     found = 0
     for simulated in scenes:
-        scene = scene_from_truth(truth_document(simulated, simulated.seed, View()))
+        scene = scene_from_truth(truth_document(simulated, simulated.seed, Camera()))
         executor = Executor(scene)
 
         def one(i: int, scene=scene) -> list[str]:
@@ -159,14 +159,14 @@ def test_impossible_controls_are_refused(values, message) -> None:
 
 
 def test_a_configuration_without_scenes_ends_with_an_error(monkeypatch) -> None:
-    monkeypatch.setattr("nsdr.generate.scene.RESTARTS", 2)
+    monkeypatch.setattr("nsdr.generate.physics.scene.RESTARTS", 2)
     with pytest.raises(DataError, match="seed 1: no scene found in 2 tries"):
         simulate_scene(1, SceneConfig(area=(5.0, 5.1, 5.0, 5.1)))
 
 
 def test_clevrers_view_is_its_camera() -> None:
     points = np.random.default_rng(0).uniform(-2, 2, (50, 3))
-    np.testing.assert_allclose(View().pixels(points), pixels_from_world(points), atol=1e-3)
+    np.testing.assert_allclose(Camera().pixels(points), pixels_from_world(points), atol=1e-3)
     assert view_of(RenderConfig(), 7) == View()
     jittered = RenderConfig(camera_jitter=0.2, light_jitter=0.5)
     assert view_of(jittered, 7) == view_of(jittered, 7) != view_of(jittered, 8)
@@ -174,10 +174,10 @@ def test_clevrers_view_is_its_camera() -> None:
         RenderConfig(width=320, height=320)
 
 
-def test_visibility_ends_where_the_outline_leaves_the_picture() -> None:
+def test_visibility_ends_where_the_outline_leaves_the_image() -> None:
     x = np.full(41, 0.0)
     y = np.linspace(1.8, 2.8, 41)
-    shown = View().shows("sphere", np.stack([x, y, np.full(41, 0.2)], 1), np.zeros(41))
+    shown = in_image("sphere", np.stack([x, y, np.full(41, 0.2)], 1), np.zeros(41))
     inside = [outline("sphere", 0.0, v)[:, 0].min() < 480 for v in y]
     np.testing.assert_array_equal(shown, inside)
     assert shown[0]
@@ -187,10 +187,10 @@ def test_visibility_ends_where_the_outline_leaves_the_picture() -> None:
 @pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
 def test_masks_are_the_outlines(shape: str) -> None:
     orientation = np.array([np.pi / 2 if shape == "cylinder" else 0.0, 0.0, 0.4])
-    place = np.array([0.3, -0.5, 0.2])
-    mask = instance_ids([Solid(shape, place, drawn_rotation(shape, orientation).as_matrix())], View()) == 0
+    position = np.array([0.3, -0.5, 0.2])
+    mask = instance_ids([Solid(shape, position, rendered_rotation(shape, orientation).as_matrix())], Camera()) == 0
     drawn = np.zeros((320, 480), np.uint8)
-    polygon = outline(shape, place[0], place[1], 0.4)
+    polygon = outline(shape, position[0], position[1], 0.4)
     cv2.fillPoly(drawn, [np.round((polygon - 0.5) * 16).astype(np.int32)], 1, shift=4)
     union = (mask | (drawn > 0)).sum()
     assert (mask & (drawn > 0)).sum() / union > 0.95
@@ -198,24 +198,24 @@ def test_masks_are_the_outlines(shape: str) -> None:
 
 def test_nearer_objects_cover_farther_ones() -> None:
     back, front = (Solid("sphere", np.array([x, 0.0, 0.2]), np.eye(3)) for x in (-0.4, 0.0))
-    alone = (instance_ids([back], View()) == 0).sum()
-    both = instance_ids([back, front], View())
+    alone = (instance_ids([back], Camera()) == 0).sum()
+    both = instance_ids([back, front], Camera())
     assert 0 < (both == 0).sum() < alone
-    assert (both == 1).sum() == (instance_ids([front], View()) == 0).sum()
+    assert (both == 1).sum() == (instance_ids([front], Camera()) == 0).sum()
 
 
 def test_the_preview_looks_like_its_objects() -> None:
     objects = (SceneObject(0, "red", "rubber", "cube"), SceneObject(1, "cyan", "metal", "sphere"))
     solids = [Solid("cube", np.array([0.0, -0.8, 0.2]), np.eye(3)), Solid("sphere", np.array([0, 0.8, 0.2]), np.eye(3))]
-    picture = render_preview(objects, solids, View())
+    image = render_preview(objects, solids, View())
     empty = render_preview((), (), View())
-    assert picture.shape == empty.shape == (320, 480, 3)
+    assert image.shape == empty.shape == (320, 480, 3)
     assert 115 < empty.mean() < 150  # the release's empty scene has 133
-    ids = instance_ids(solids, View())
-    red, cyan = picture[ids == 0].mean(0), picture[ids == 1].mean(0)
+    ids = instance_ids(solids, Camera())
+    red, cyan = image[ids == 0].mean(0), image[ids == 1].mean(0)
     assert red[0] > 1.5 * red[1]
     assert cyan[1] > 1.5 * cyan[0]
-    assert (empty[ids < 0].astype(int) - picture[ids < 0]).max() > 20  # shadows
+    assert (empty[ids < 0].astype(int) - image[ids < 0]).max() > 20  # shadows
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +306,7 @@ def test_blender_frames_resume(tiny, tmp_path, monkeypatch, scenes) -> None:
 def test_missing_blender_is_told_with_its_remedy(monkeypatch) -> None:
     import sys
 
-    from nsdr.generate.blender import Blender
+    from nsdr.generate.render.blender import Blender
 
     monkeypatch.setitem(sys.modules, "bpy", None)
     with pytest.raises(DataError, match=r"pip install 'nsdr\[render\]'.*or choose renderer: preview"):
@@ -343,11 +343,11 @@ def test_statistics_count_what_scenes_hold(small_scene) -> None:
 
 
 def test_physics_is_configurable() -> None:
-    def last_speed(config: PhysicsConfig) -> float:
+    def last_speed(config: BulletConfig) -> float:
         with Simulator(config) as simulator:
             return float(simulator.run([cube(-2, 0, 2.0)], 40).velocity[0, -1, 0])
 
-    assert last_speed(PhysicsConfig(friction=0.1)) < last_speed(PhysicsConfig()) - 0.3
+    assert last_speed(BulletConfig(friction=0.1)) < last_speed(BulletConfig()) - 0.3
 
 
 def test_resimulation_finds_masses(scenes) -> None:
@@ -379,8 +379,8 @@ def test_simulated_scenes_are_training_data_for_the_dynamics(
     scenes: list[SimulatedScene], tiny_motion, tmp_path
 ) -> None:
     for k, scene in enumerate(scenes[:2]):
-        write_json(tmp_path / f"truth/truth_{k:05d}.json", truth_document(scene, k, View()))
-    data = read_motion_data(*tiny_motion, simulated=tmp_path / "truth")
+        write_json(tmp_path / f"truth/truth_{k:05d}.json", truth_document(scene, k, Camera()))
+    data = read_motion_dataset(*tiny_motion, simulated=tmp_path / "truth")
     assert data.scene.tolist() == [0, 1, 2, 3, -1, -1, -1, -1]
     for k, scene in enumerate(scenes[:2]):
         early, later = (data.states(4 + 2 * k + part)[1] for part in (0, 1))
@@ -389,6 +389,6 @@ def test_simulated_scenes_are_training_data_for_the_dynamics(
         assert sorted(e.frame + 51 for e in later) == [f for f in true if 51 < f < 179]
     (tmp_path / "truth/truth_00000.json").write_text("{}")
     with pytest.raises(DataError, match="not a truth file of nsdr generate dataset"):
-        read_motion_data(*tiny_motion, simulated=tmp_path / "truth")
+        read_motion_dataset(*tiny_motion, simulated=tmp_path / "truth")
     with pytest.raises(DataError, match="has no truth files"):
-        read_motion_data(*tiny_motion, simulated=tmp_path / "nothing")
+        read_motion_dataset(*tiny_motion, simulated=tmp_path / "nothing")

@@ -5,14 +5,10 @@ from typing import Any
 import pytest
 
 from nsdr import DataError, ExecutionError, Executor, Scene
-from nsdr.clevrer.predictions import (
-    check_predictions,
-    predictions_document,
-    read_predictions,
-    scene_from_predictions,
-)
-from nsdr.files import write_json
-from nsdr.symbolic.official import official_world, velocity_collisions
+from nsdr.clevrer.predictions import check_predictions, predictions_document, read_predictions, scene_from_predictions
+from nsdr.clevrer.velocity_rule import velocity_collisions
+from nsdr.io.files import write_json
+from nsdr.symbolic.official import official_world
 
 from .test_dynamics import SMALL, _Script, tracks
 
@@ -143,9 +139,9 @@ def test_paper_semantics_of_the_same_file(document: dict[str, Any]) -> None:
 
 
 def test_our_predictions_are_written_as_such_a_file(tmp_path) -> None:
-    from nsdr import DynamicsPredictor
+    from nsdr import StatePredictor
 
-    prediction = DynamicsPredictor(_Script(SMALL)).predict(tracks(128))
+    prediction = StatePredictor(_Script(SMALL)).predict(tracks(128))
     written = predictions_document(prediction)
     check_predictions(written)
     write_json(tmp_path / "sim_00000.json", written)
@@ -174,7 +170,7 @@ def test_our_predictions_are_written_as_such_a_file(tmp_path) -> None:
         ),
     ],
 )
-def test_broken_prediction_files_name_the_place(document, tmp_path, change, message) -> None:
+def test_broken_prediction_files_name_the_position(document, tmp_path, change, message) -> None:
     change(document)
     write_json(tmp_path / "sim.json", document)
     with pytest.raises(DataError, match=rf"sim\.json: {message}"):

@@ -12,7 +12,7 @@ import pytest
 
 import nsdr
 from nsdr import CheckpointError
-from nsdr.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
 from nsdr.question_parser.model import QuestionParserConfig
 
 
@@ -43,7 +43,7 @@ def test_import_is_light() -> None:
 
 
 def test_using_does_not_load_training() -> None:
-    code = "import nsdr.pipeline, nsdr.cli, nsdr.evaluate, sys; sys.exit('nsdr.training' in sys.modules)"
+    code = "import nsdr.pipeline, nsdr.cli.main, nsdr.evaluation.score, sys; sys.exit('nsdr.training' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

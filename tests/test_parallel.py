@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from nsdr import DataError, parallel
-from nsdr.parallel import run_tasks
+from nsdr import DataError
+from nsdr.io import tasks as parallel
+from nsdr.io.tasks import run_tasks
 
 
 def double(number: int) -> int:

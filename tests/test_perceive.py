@@ -5,16 +5,16 @@ import json
 import pytest
 
 from nsdr import DataError, Executor, Scene, load
+from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
-from nsdr.cli import main
-from nsdr.examples import VIDEO
-from nsdr.generate.encode import write_video
-from nsdr.perceive import parse_videos, predict_dynamics
+from nsdr.cli.main import main
+from nsdr.evaluation.batch import parse_videos, predict_dynamics
+from nsdr.io.video import write_video
 
 
 @pytest.fixture
 def videos(tmp_path):
-    from nsdr.frame_parser.video import read_video
+    from nsdr.io.video import read_video
 
     folder = tmp_path / "videos"
     frames = read_video(VIDEO)[40:60]

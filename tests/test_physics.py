@@ -6,47 +6,47 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, DynamicsPrediction, DynamicsPredictor, Event
-from nsdr.clevrer.camera import ground_from_pixels
-from nsdr.clevrer.vocab import SHAPES
-from nsdr.dynamics.backends import BackendConfig, load_backend
-from nsdr.dynamics.explain import explain
-from nsdr.dynamics.fit import fit_motion
-from nsdr.dynamics.model import DynamicsConfig, DynamicsModel
-from nsdr.dynamics.paper import PaperPredictor, patch_boxes
-from nsdr.dynamics.patches import BOX_SCALE, PatchConfig, PatchModel
-from nsdr.dynamics.physics import PhysicsConfig, PhysicsPredictor
-from nsdr.dynamics.planar import NO_CONTACT, PlanarBodies, PlanarMotion, Script, planar_motion
-from nsdr.dynamics.states import MotionStates
-from nsdr.dynamics.velocity import VelocityConfig, VelocityEvents, velocity_collisions
+from nsdr import DataError, DynamicsPrediction, Event, StatePredictor
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.collision_search import search_collisions
+from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
+from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
+from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
+from nsdr.dynamics.registry import BackendConfig, load_backend
+from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents, velocity_collisions
 from nsdr.types import Rollout, SceneObject, VideoTracks
+from nsdr.world.camera import ground_from_pixels
+from nsdr.world.vocabulary import SHAPES
 
 from .test_dynamics import tracks
 
 COLORS = ("red", "blue", "green", "gray")
 
 
-def bodies(*rows: tuple[str, float, float, float, float], yaw: float = 0.3) -> PlanarBodies:
+def bodies(*rows: tuple[str, float, float, float, float], yaw: float = 0.3) -> BodyStates:
     """Rows of (shape, x, y, vx, vy); masses 1."""
     shape = np.array([SHAPES.index(r[0]) for r in rows])
     numbers = np.array([r[1:] for r in rows], float)
     n = len(rows)
     turn = np.where(shape == 0, yaw, 0.0)
-    return PlanarBodies(shape, numbers[:, :2], numbers[:, 2:], turn, np.zeros(n), np.ones(n))
+    return BodyStates(shape, numbers[:, :2], numbers[:, 2:], turn, np.zeros(n), np.ones(n))
 
 
-def run(start: PlanarBodies, n_frames: int = 128, **options: object) -> PlanarMotion:
-    return planar_motion(start, np.ones(len(start.shape), bool), n_frames, **options)  # type: ignore[arg-type]
+def run(start: BodyStates, n_frames: int = 128, **options: object) -> SimulatedMotion:
+    return simulate(start, np.ones(len(start.shape), bool), n_frames, **options)  # type: ignore[arg-type]
 
 
-def seen(motion: PlanarMotion, shape: np.ndarray, noise: float = 0.003) -> MotionStates:
+def seen(motion: SimulatedMotion, shape: np.ndarray, noise: float = 0.003) -> MotionStates:
     """What a tracker would measure of a run, boxes left out (zero width)."""
     rng = np.random.default_rng(0)
     n, frames = motion.yaw.shape
     objects = tuple(SceneObject(i, COLORS[i], "metal", SHAPES[k]) for i, k in enumerate(shape))
-    place = motion.place + rng.normal(size=motion.place.shape) * noise
+    position = motion.position + rng.normal(size=motion.position.shape) * noise
     all_frames = np.ones((n, frames), bool)
-    return MotionStates(objects, place, all_frames, all_frames, all_frames, np.zeros((n, frames, 4)))
+    return MotionStates(objects, position, all_frames, all_frames, all_frames, np.zeros((n, frames, 4)))
 
 
 TWO = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0))
@@ -54,17 +54,17 @@ TWO = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0))
 
 @pytest.mark.parametrize("shapes", [("sphere", "sphere"), ("cylinder", "sphere"), ("sphere", "cube"), ("cube", "cube")])
 def test_runs_follow_bullet(shapes: tuple[str, str]) -> None:
-    from nsdr.generate.simulate import Body, Simulator
+    from nsdr.generate.physics.bullet import Body, Simulator
 
     start = bodies((shapes[0], -1.2, 0.12, 2.0, 0.0), (shapes[1], 0.0, 0.0, 0.0, 0.0))
     planar = run(start, 50)
     turn = [(np.pi / 2, 0.0, 0.0) if s == "cylinder" else (0.0, 0.0, float(start.yaw[i])) for i, s in enumerate(shapes)]
-    places = [(*start.place[i], 0.2) for i in range(2)]
+    positions = [(*start.position[i], 0.2) for i in range(2)]
     with Simulator() as simulator:
-        solid = [Body(s, places[i], turn[i], (*start.velocity[i], 0.0)) for i, s in enumerate(shapes)]
+        solid = [Body(s, positions[i], turn[i], (*start.velocity[i], 0.0)) for i, s in enumerate(shapes)]
         true = simulator.run(solid, 50)
     assert abs(planar.contact[0, 1] - true.contacts[0].frame) <= 1
-    assert np.linalg.norm(planar.place[:, 40] - true.location_world[:, 40, :2], axis=-1).max() < 0.12
+    assert np.linalg.norm(planar.position[:, 40] - true.location_world[:, 40, :2], axis=-1).max() < 0.12
 
 
 def test_momentum_is_kept_and_a_given_rebound_is_met() -> None:
@@ -74,53 +74,55 @@ def test_momentum_is_kept_and_a_given_rebound_is_met() -> None:
         hit = int(motion.contact[0, 1])
         before, after = motion.velocity[:, hit - 1], motion.velocity[:, hit + 1]
         np.testing.assert_allclose(before.sum(0), after.sum(0), atol=0.02)
-        normal = motion.place[1, hit] - motion.place[0, hit]
+        normal = motion.position[1, hit] - motion.position[0, hit]
         normal = normal / np.linalg.norm(normal)
         assert (after[1] - after[0]) @ normal == pytest.approx(rebound * (before[0] - before[1]) @ normal, abs=0.06)
 
 
 def test_motion_is_a_smooth_function_of_the_start_with_given_rebounds() -> None:
     def end(shift: float) -> np.ndarray:
-        moved = replace(TWO, place=TWO.place + np.array([[shift, 0.0], [0.0, 0.0]]))
-        return run(moved, 60, rebound=np.full((2, 2), 0.4)).place[:, -1]
+        moved = replace(TWO, position=TWO.position + np.array([[shift, 0.0], [0.0, 0.0]]))
+        return run(moved, 60, rebound=np.full((2, 2), 0.4)).position[:, -1]
 
     ends = np.array([end(s) for s in np.linspace(0, 0.02, 41)])
     assert np.abs(np.diff(ends, axis=0)).max() < 0.003
 
 
-def test_scripted_objects_keep_their_motion_until_something_meets_them() -> None:
+def test_prescribed_objects_keep_their_motion_until_something_meets_them() -> None:
     free = run(TWO, 60)
     alone = run(bodies(("sphere", 3.0, 3.0, 0.0, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0)), 60)
-    script = Script(
-        np.stack([free.place[0], alone.place[1]]),
+    prescribed = PrescribedMotion(
+        np.stack([free.position[0], alone.position[1]]),
         np.stack([free.velocity[0], alone.velocity[1]]),
         alone.yaw,
         alone.spin,
         np.array([0, 59]),
         np.zeros((0, 3), np.int64),
     )
-    motion = run(TWO, 60, script=script)
-    np.testing.assert_allclose(motion.place, free.place, atol=1e-9)
+    motion = run(TWO, 60, prescribed=prescribed)
+    np.testing.assert_allclose(motion.position, free.position, atol=1e-9)
     assert motion.free_from[1] == pytest.approx(free.contact[0, 1], abs=1)
 
 
-def test_without_its_partner_a_scripted_collision_does_not_happen() -> None:
+def test_without_its_partner_a_prescribed_collision_does_not_happen() -> None:
     free = run(TWO, 60)
     hit = int(free.contact[0, 1])
-    script = Script(free.place, free.velocity, free.yaw, free.spin, np.array([59, 59]), np.array([[0, 1, hit]]))
-    both = run(TWO, 60, script=script)
+    prescribed = PrescribedMotion(
+        free.position, free.velocity, free.yaw, free.spin, np.array([59, 59]), np.array([[0, 1, hit]])
+    )
+    both = run(TWO, 60, prescribed=prescribed)
     assert both.contact[0, 1] == hit
     assert (both.free_from == 59).all()
-    alone = planar_motion(TWO, np.array([True, False]), 60, None, script)
+    alone = simulate(TWO, np.array([True, False]), 60, None, prescribed)
     assert alone.contact[0, 1] == NO_CONTACT
-    assert alone.place[0, 50, 0] > 1.0  # it goes on past the other's place
+    assert alone.position[0, 50, 0] > 1.0  # it goes on past the other's position
 
 
 def test_a_fit_finds_masses_and_rebounds_through_noise() -> None:
     start = replace(TWO, mass=np.array([1.2, 0.8]))
     motion = run(start, rebound=np.full((2, 2), 0.5))
     hit = int(motion.contact[0, 1])
-    fit = fit_motion(seen(motion, start.shape), [Event("collision", hit, (0, 1))])
+    fit = fit_trajectories(seen(motion, start.shape), [Event("collision", hit, (0, 1))])
     assert np.nanmax(fit.error_world) < 0.006
     assert fit.bodies.mass[0] / fit.bodies.mass[1] == pytest.approx(1.5, abs=0.2)
     assert fit.rebound[0, 1] == pytest.approx(0.5, abs=0.05)
@@ -133,25 +135,25 @@ def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> 
     hit = int(motion.contact[0, 1])
     states = seen(motion, three.shape)
     candidates = [(Event("collision", hit, (0, 1)), 0.3), (Event("collision", hit + 20, (1, 2)), 0.7)]
-    found, fit = explain(states, candidates)
+    found, fit = search_collisions(states, candidates)
     assert [e.objects for e in found] == [(0, 1)]
     assert fit.cost < 0.2
 
 
 @pytest.fixture
-def observer() -> DynamicsPredictor:
+def observer() -> StatePredictor:
     torch.manual_seed(0)
-    return DynamicsPredictor(DynamicsModel(DynamicsConfig(hidden=16, collision_threshold=0.999)))
+    return StatePredictor(StateModel(StateModelConfig(hidden=16, collision_threshold=0.999)))
 
 
 @pytest.fixture
-def paper() -> PaperPredictor:
+def paper() -> PatchPredictor:
     torch.manual_seed(0)
-    return PaperPredictor(PatchModel(PatchConfig(hidden=16, collision_threshold=0.9)))
+    return PatchPredictor(PatchModel(PatchModelConfig(hidden=16, collision_threshold=0.9)))
 
 
 @pytest.mark.parametrize("name", ["physics", "no shortcut", "paper", "velocity", "velocity of the paper"])
-def test_backends_keep_the_contract(name: str, observer: DynamicsPredictor, paper: PaperPredictor) -> None:
+def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: PatchPredictor) -> None:
     physics = PhysicsPredictor(observer, PhysicsConfig(runs=3, shortcut=name != "no shortcut"))
     backend = {
         "paper": paper,
@@ -160,7 +162,7 @@ def test_backends_keep_the_contract(name: str, observer: DynamicsPredictor, pape
     }.get(name, physics)
     video = tracks(60)
     prediction = backend.predict(video)
-    assert prediction.observed.location_world.shape == (3, 180, 2)
+    assert prediction.observed.location_world.shape == (3, 85, 2)
     assert sorted(prediction.counterfactual) == [0, 1, 2]
     for k, rollout in prediction.counterfactual.items():
         assert np.isnan(rollout.location_world[k]).all()
@@ -173,9 +175,11 @@ def test_backends_keep_the_contract(name: str, observer: DynamicsPredictor, pape
     assert empty.objects == ()
 
 
-def test_physics_predicts_a_meeting_after_the_video(observer: DynamicsPredictor) -> None:
+def test_physics_predicts_a_meeting_after_the_video(observer: StatePredictor) -> None:
     start = bodies(("sphere", -3.6, 0.0, 1.0, 0.0), ("sphere", 0.5, 0.0, 0.0, 0.0), ("sphere", 0.0, -1.5, 0.0, 0.0))
-    rollout = PhysicsPredictor(observer, PhysicsConfig(runs=10)).continue_motion(seen(run(start), start.shape))
+    rollout = PhysicsPredictor(observer, PhysicsConfig(runs=10, horizon_frame=179)).continue_motion(
+        seen(run(start), start.shape)
+    )
     assert [e.objects for e in rollout.collisions] == [(0, 1)]
     assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contact[0, 1], abs=2)
     assert rollout.unseen_scores is not None
@@ -184,23 +188,23 @@ def test_physics_predicts_a_meeting_after_the_video(observer: DynamicsPredictor)
 
 def test_collisions_from_velocity_alone() -> None:
     motion = run(TWO)
-    rollout = Rollout(motion.place, np.ones((2, 128), bool), ())
+    rollout = Rollout(motion.position, np.ones((2, 128), bool), ())
     found = velocity_collisions(rollout, VelocityConfig())
     assert [e.objects for e in found] == [(0, 1)]
     assert found[0].frame == pytest.approx(motion.contact[0, 1], abs=3)
     assert len(velocity_collisions(rollout, VelocityConfig("paper"))) == 1
-    place = motion.place.copy()
-    place[:, :4] = np.nan  # seen from frame 4 on
-    assert velocity_collisions(replace(rollout, location_world=place), VelocityConfig()) == found
+    position = motion.position.copy()
+    position[:, :4] = np.nan  # seen from frame 4 on
+    assert velocity_collisions(replace(rollout, location_world=position), VelocityConfig()) == found
 
 
 def test_patch_boxes_ignore_what_hides_an_object_and_reach_back_before_the_video() -> None:
-    place = np.zeros((1, 20, 2))
-    place[0, :, 1] = np.linspace(-0.5, 0.45, 20)  # along the picture's rows, to the right
+    position = np.zeros((1, 20, 2))
+    position[0, :, 1] = np.linspace(-0.5, 0.45, 20)  # along the image's rows, to the right
     box = np.full((1, 20, 4), 40.0)
     reliable = np.ones((1, 20), bool)
     box[0, 5:10, 2], reliable[0, 5:10] = 10.0, False  # half hidden
-    found = patch_boxes(place, box, reliable, 4)[0] * np.array(BOX_SCALE)
+    found = patch_boxes(position, box, reliable, 4)[0] * np.array(BOX_SCALE)
     assert found.shape == (24, 4)
     np.testing.assert_allclose(found[:, 2:], 40.0)
     np.testing.assert_allclose(np.diff(found[:, 0]), found[1, 0] - found[0, 0], atol=1e-6)
@@ -208,12 +212,12 @@ def test_patch_boxes_ignore_what_hides_an_object_and_reach_back_before_the_video
 
 
 class Clock(torch.nn.Module):
-    """A patch network that reads the time from where object 0 is (100 frames cross the picture), and sees one collision
+    """A patch network that reads the time from where object 0 is (100 frames cross the image), and sees one collision
     at frame 60, but only after it; all keep their speed."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.config = PatchConfig()
+        self.config = PatchModelConfig()
 
     def forward(
         self, boxes: torch.Tensor, static: torch.Tensor, exists: torch.Tensor
@@ -226,7 +230,7 @@ class Clock(torch.nn.Module):
 
 
 def clock_states(first_seen: int) -> MotionStates:
-    """Object 0 crosses the picture, object 1, not seen before a frame, goes the other way."""
+    """Object 0 crosses the image, object 1, not seen before a frame, goes the other way."""
     columns = np.stack([np.arange(100) * 4.8, 480 - np.arange(100) * 4.8])
     pixels = np.stack([columns, np.full((2, 100), 200.0)], -1)
     present = np.ones((2, 100), bool)
@@ -237,14 +241,14 @@ def clock_states(first_seen: int) -> MotionStates:
 
 
 def test_the_papers_observer_sees_collisions_by_what_comes_after_them() -> None:
-    events = PaperPredictor(Clock()).observed_collisions(clock_states(0))  # type: ignore[arg-type]
+    events = PatchPredictor(Clock()).observed_collisions(clock_states(0))  # type: ignore[arg-type]
     assert [e.objects for e in events] == [(0, 1)]
     assert events[0].frame == pytest.approx(60, abs=3)
 
 
 def test_late_objects_enter_the_papers_rollouts_from_observation() -> None:
     states = clock_states(31)
-    without_0, without_1 = PaperPredictor(Clock())._without_each(states)  # type: ignore[arg-type]
+    without_0, without_1 = PatchPredictor(Clock())._without_each(states)  # type: ignore[arg-type]
     assert np.isnan(without_0.location_world[1, :31]).all()
     assert np.isnan(without_1.location_world[1]).all()
     np.testing.assert_allclose(without_0.location_world[1, 31:100], states.location_world[1, 31:], atol=1e-3)
@@ -253,12 +257,12 @@ def test_late_objects_enter_the_papers_rollouts_from_observation() -> None:
 
 def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
     torch.manual_seed(0)
-    model = PatchModel(PatchConfig(hidden=16))
+    model = PatchModel(PatchModelConfig(hidden=16))
     boxes, static = torch.rand(1, 4, 3, 4) * 0.5, torch.rand(1, 4, 5)
     exists, order = torch.ones(1, 4, dtype=torch.bool), torch.tensor([2, 0, 3, 1])
-    places, logits = model(boxes, static, exists)
-    places_2, logits_2 = model(boxes[:, order], static[:, order], exists)
-    torch.testing.assert_close(places_2, places[:, order])
+    positions, logits = model(boxes, static, exists)
+    positions_2, logits_2 = model(boxes[:, order], static[:, order], exists)
+    torch.testing.assert_close(positions_2, positions[:, order])
     torch.testing.assert_close(logits_2, logits[:, order][:, :, order])
     masks = model._masks(boxes, boxes[:, :, -1, :2])
     area = boxes[..., -1, 2] * boxes[..., -1, 3] * 50 * 50 / 4.0**2
@@ -266,16 +270,16 @@ def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
 
 
 def test_backends_are_found_by_name_or_file(tmp_path) -> None:
-    from nsdr.checkpoint import find_checkpoint
+    from nsdr.io.checkpoint import find_checkpoint
 
     folder = find_checkpoint()
     assert isinstance(load_backend(folder), PhysicsPredictor)
-    assert isinstance(load_backend(folder, "state"), DynamicsPredictor)
+    assert isinstance(load_backend(folder, "state"), StatePredictor)
     file = tmp_path / "mine.yaml"
     file.write_text("backend: state\nshortcut: false\nhorizon_frame: 150\ncollisions: velocity\n")
     backend = load_backend(folder, file)
     assert isinstance(backend, VelocityEvents)
-    assert isinstance(backend.backend, DynamicsPredictor)
+    assert isinstance(backend.backend, StatePredictor)
     assert (backend.backend.shortcut, backend.backend.horizon_frame) == (False, 150)
     assert load_backend(folder, "configs/dynamics/physics.yaml").config == PhysicsConfig()  # type: ignore[attr-defined]
     with pytest.raises(DataError, match="'magic': expected physics, state, paper"):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from nsdr import Pipeline, Program, QuestionError, Scene, VideoError
+from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.questions import read_questions
-from nsdr.examples import QUESTIONS, VIDEO
 from nsdr.pipeline import Perception
 
 
@@ -16,7 +16,7 @@ def pipeline() -> Pipeline:
 
 @pytest.fixture(scope="module")
 def perception(pipeline: Pipeline) -> Perception:
-    return pipeline.perception(VIDEO)
+    return pipeline.perceive(VIDEO)
 
 
 def test_the_clips_objects_are_found(perception: Perception, example_scene: Scene) -> None:
@@ -41,8 +41,8 @@ def test_perceiving_is_done_once(pipeline: Pipeline, perception: Perception, mon
         raise AssertionError("parsed again")
 
     monkeypatch.setattr(pipeline.frame_parser, "parse", never)
-    assert pipeline.perception(VIDEO) is perception
-    assert pipeline.perceive(VIDEO) is perception.scene
+    assert pipeline.perceive(VIDEO) is perception
+    assert pipeline.scene(VIDEO) is perception.scene
 
 
 def test_every_stage_can_be_given(pipeline: Pipeline, perception: Perception) -> None:
@@ -52,7 +52,7 @@ def test_every_stage_can_be_given(pipeline: Pipeline, perception: Perception) ->
         {"tracks": perception.tracks},
         {"dynamics": perception.dynamics},
     ):
-        again = pipeline.perception(**given)
+        again = pipeline.perceive(**given)
         assert again.scene.events == scene.events
         assert again.scene.objects == scene.objects
     answer = pipeline.answer(scene, program=Program.parse("objects count"))
@@ -93,20 +93,20 @@ def test_a_video_without_objects_is_a_clear_error(pipeline: Pipeline, tmp_path) 
         writer.write(np.full((320, 480, 3), 130, np.uint8))
     writer.release()
     with pytest.raises(VideoError, match=r"gray\.mp4: no objects found"):
-        pipeline.perceive(tmp_path / "gray.mp4")
+        pipeline.scene(tmp_path / "gray.mp4")
 
 
 def test_a_missing_video_is_a_clear_error(pipeline: Pipeline, tmp_path) -> None:
     with pytest.raises(VideoError, match=r"none\.mp4: no such file"):
-        pipeline.perceive(tmp_path / "none.mp4")
+        pipeline.scene(tmp_path / "none.mp4")
     with pytest.raises(VideoError, match="give a video"):
-        pipeline.perception()
+        pipeline.perceive()
 
 
 def test_a_short_video_works(pipeline: Pipeline, tmp_path) -> None:
     import cv2
 
-    from nsdr.frame_parser.video import read_video
+    from nsdr.io.video import read_video
 
     frames = read_video(VIDEO)[:40]
     writer = cv2.VideoWriter(str(tmp_path / "short.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 25, (480, 320))
@@ -114,5 +114,5 @@ def test_a_short_video_works(pipeline: Pipeline, tmp_path) -> None:
         writer.write(frame[..., ::-1])
     writer.release()
     with pytest.warns(UserWarning, match="40 frames"):
-        scene = pipeline.perceive(tmp_path / "short.mp4")
+        scene = pipeline.scene(tmp_path / "short.mp4")
     assert scene.n_frames == 40

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import nsdr
-from nsdr.examples import VIDEO
+from nsdr.clevrer.example import VIDEO
 
 PAGE = Path(__file__).parent.parent / "docs" / "plugins.md"
 

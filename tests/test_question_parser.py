@@ -4,11 +4,11 @@ import pytest
 import torch
 
 from nsdr import CheckpointError, Program, QuestionError, QuestionParser
-from nsdr.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
 from nsdr.question_parser.constraint import allowed, first_stack, following
-from nsdr.question_parser.grammar import TEXT_KINDS, sample
+from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
+from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
-from nsdr.question_parser.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.parser import build_networks, pad
 from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS, Tokenizer, split_words
 

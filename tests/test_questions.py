@@ -8,26 +8,26 @@ from collections import Counter
 import pytest
 
 from nsdr import DataError, Event, Executor, Scene, SceneObject
-from nsdr.baselines import PUBLISHED_Q_TYPE, q_type_baselines
+from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, q_type_baselines
 from nsdr.clevrer.questions import read_questions, without_answers
 from nsdr.clevrer.scenes import scene_from_truth
-from nsdr.clevrer.view import View
-from nsdr.clevrer.vocab import ATTRIBUTES, COLORS, MATERIALS, SHAPES
-from nsdr.cli import main
-from nsdr.generate.question_candidates import descriptive_questions, multiple_choice_questions
-from nsdr.generate.question_statistics import count_questions
-from nsdr.generate.questions import QuestionConfig, find_candidates, generate_questions
+from nsdr.cli.main import main
+from nsdr.generate.physics.bullet import Simulator
+from nsdr.generate.physics.scene import SceneConfig, simulate_scene
+from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
+from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions
+from nsdr.generate.questions.statistics import count_questions
 from nsdr.generate.records import truth_document
-from nsdr.generate.scene import SceneConfig, simulate_scene
-from nsdr.generate.simulate import Simulator
-from nsdr.question_parser.grammar import Grammar, described, every
+from nsdr.question_parser.grammar.templates import Grammar, described, every
+from nsdr.world.camera import Camera
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 
 @pytest.fixture(scope="module")
 def truths() -> list[dict]:
     with Simulator() as simulator:
         scenes = [simulate_scene(seed, SceneConfig(), simulator) for seed in range(500500, 500512)]
-    return [truth_document(scene, number, View()) for number, scene in enumerate(scenes)]
+    return [truth_document(scene, number, Camera()) for number, scene in enumerate(scenes)]
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,7 @@ def test_baselines_count_on_other_questions_when_given(generated) -> None:
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"), ({"most_options": 1}, "at least 2")],
+    [({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"), ({"max_options": 1}, "at least 2")],
 )
 def test_bad_question_options_are_refused(values, message) -> None:
     with pytest.raises(DataError, match=message):

@@ -10,13 +10,13 @@ from nsdr.clevrer.annotations import check_ground_truth, read_annotation
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.questions import read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
-from nsdr.clevrer.view import View
-from nsdr.dynamics.data import read_truth
-from nsdr.evaluate import evaluate, evaluate_file
-from nsdr.frame_parser.tracker import track
-from nsdr.generate.resimulate import resimulate
-from nsdr.generate.simulate import Simulator
+from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.evaluation.score import evaluate, evaluate_file
+from nsdr.generate.physics.bullet import Simulator
+from nsdr.generate.physics.resimulate import resimulate
 from nsdr.symbolic import Executor
+from nsdr.tracking.tracker import track
+from nsdr.tracking.visibility import in_image
 
 pytestmark = pytest.mark.real_data
 MOTION = {"filter_moving", "filter_stationary"}
@@ -49,7 +49,7 @@ def test_true_scenes_answer_all_questions_without_motion(shared) -> None:
 
 def test_the_question_parser_is_exact_on_real_questions(shared) -> None:
     from nsdr import QuestionParser
-    from nsdr.checkpoint import find_checkpoint
+    from nsdr.io.checkpoint import find_checkpoint
 
     parser = QuestionParser.from_checkpoint(find_checkpoint("default"))
     texts: dict[str, list] = {"descriptive": [], "multiple_choice": [], "choice": []}
@@ -132,7 +132,7 @@ def test_real_proposals_are_answered_well(shared) -> None:
     scenes = read_questions(shared / "real/questions/mixed_dev.json")[::8]
     wanted = {s.scene_index for s in scenes}
     found = {v: p for v, p in read_compact_proposals(shared / "real/proposals_dev.npz") if v in wanted}
-    pairs = [(s, Executor(pipeline.perception(proposals=found[s.scene_index]).scene)) for s in scenes]
+    pairs = [(s, Executor(pipeline.perceive(proposals=found[s.scene_index]).scene)) for s in scenes]
     report = evaluate(pairs, pipeline.question_parser.parse)
     assert report["descriptive"]["accuracy"] > 0.94
     assert report["explanatory"]["per_option"] > 0.95
@@ -145,7 +145,7 @@ def test_original_videos_go_through(shared, video: int) -> None:
 
     annotation = read_annotation(shared / f"real/annotations/annotation_{video:05d}.json")
     true = scene_from_annotation(annotation)
-    scene = Pipeline.from_pretrained().perceive(shared / f"real/videos/video_{video:05d}.mp4")
+    scene = Pipeline.from_pretrained().scene(shared / f"real/videos/video_{video:05d}.mp4")
     names, found = {o.name for o in true.objects}, {o.name for o in scene.objects}
     assert len(names & found) >= len(names) - 1
     assert len(found - names) <= 1
@@ -175,7 +175,7 @@ def test_visibility_is_the_releases(shared) -> None:
         for i, o in enumerate(annotation["object_property"]):
             rows = [frame["objects"][i] for frame in annotation["motion_trajectory"]]
             yaw = np.array([row["orientation"][2] for row in rows])
-            shown = View().shows(o["shape"], np.array([row["location"] for row in rows]), yaw)
+            shown = in_image(o["shape"], np.array([row["location"] for row in rows]), yaw)
             wrong += (shown != [row["inside_camera_view"] for row in rows]).sum()
             total += len(rows)
     assert total == 6400

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from nsdr import DataError
-from nsdr.clevrer.view import View
-from nsdr.generate.blender import Blender
-from nsdr.generate.raycast import Solid, instance_ids
-from nsdr.generate.view import RenderConfig
+from nsdr.generate.render.blender import Blender
+from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.view import RenderConfig, View
 from nsdr.types import SceneObject
+from nsdr.world.camera import Camera
 
 pytestmark = pytest.mark.render
 
@@ -27,9 +27,9 @@ def test_renders_match_the_release_and_the_masks(with_assets: bool, shared: Path
     objects = (SceneObject(0, "yellow", "rubber", "sphere"), SceneObject(1, "red", "metal", "cube"))
     solids = [Solid("sphere", np.array([0.5, -0.8, 0.2]), np.eye(3)), Solid("cube", np.array([0, 0.8, 0.2]), np.eye(3))]
     blender.render(objects, solids, View(), tmp_path / "two.png")
-    picture = cv2.imread(str(tmp_path / "two.png"), cv2.IMREAD_COLOR_RGB).astype(float)
-    ids = instance_ids(solids, View())
-    yellow, red = picture[ids == 0].mean(0), picture[ids == 1].mean(0)
+    image = cv2.imread(str(tmp_path / "two.png"), cv2.IMREAD_COLOR_RGB).astype(float)
+    ids = instance_ids(solids, Camera())
+    yellow, red = image[ids == 0].mean(0), image[ids == 1].mean(0)
     assert min(yellow[0], yellow[1]) > 1.5 * yellow[2]
     assert red[0] > 1.5 * red[1]
 

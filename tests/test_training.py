@@ -9,9 +9,10 @@ import torch
 from jsonargparse import ArgumentError
 from safetensors.torch import load_file
 
-from nsdr import DataError, DynamicsPredictor, FrameParser, QuestionParser
-from nsdr.dynamics.paper import PaperPredictor
-from nsdr.training import dynamics, dynamics_paper, frame_parser, question_parser
+from nsdr import DataError, FrameParser, QuestionParser, StatePredictor
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.training import dynamics, frame_parser, question_parser
+from nsdr.training import patch_dynamics as dynamics_paper
 from nsdr.training.loop import LoopConfig, Task, learning_rate_at, train
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
@@ -47,7 +48,7 @@ def test_frame_parser_trains_and_its_checkpoint_loads(tiny_frames, tmp_path) -> 
 def test_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_path) -> None:
     arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", "--model.hidden", "16"])
-    DynamicsPredictor.from_checkpoint(output)
+    StatePredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "loss/observed", "collision_f1"} <= set(lines(tmp_path / "run")[-1])
 
 
@@ -55,7 +56,7 @@ def test_the_papers_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_pa
     arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
     small = ["--network", "paper", "--patches.hidden", "16", "--rollout_steps", "2"]
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", *small])
-    PaperPredictor.from_checkpoint(output)
+    PatchPredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "collision_f1", "rollout_error_25_p90"} <= set(lines(tmp_path / "run")[-1])
     with pytest.raises(DataError, match="network is 'big'; expected state or paper"):
         dynamics.main([*arguments, "--network", "big"])
@@ -137,11 +138,11 @@ def test_shipped_configurations_are_read(part, monkeypatch) -> None:
         raise Reached
 
     name = part.__name__.rsplit(".", 1)[-1]
-    task = {"frame_parser": "FrameParserTask", "dynamics": "DynamicsTask", "question_parser": "QuestionParserTask"}[
+    task = {"frame_parser": "FrameParserTask", "dynamics": "StateModelTask", "question_parser": "QuestionParserTask"}[
         name
     ]
     monkeypatch.setattr(part, task, stop)
-    monkeypatch.setattr(dynamics_paper, "PatchTask", stop)
+    monkeypatch.setattr(dynamics_paper, "PatchModelTask", stop)
     files = sorted((Path(__file__).parent.parent / "configs" / name).glob("*.yaml"))
     files = [f for f in files if f.name != "physics.yaml"]  # nothing in it is trained
     assert files

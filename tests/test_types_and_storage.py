@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from nsdr import DataError, DynamicsPrediction, Event, Rollout, Scene, SceneObject, VideoProposals, load, save
-from nsdr.frame_parser.tracker import track
+from nsdr.tracking.tracker import track
 from nsdr.types import VideoTracks
 
 

@@ -1,36 +1,36 @@
-"""Pictures, videos and reports; looked at by hand, here only for what they must hold."""
+"""Images, videos and reports; looked at by hand, here only for what they must hold."""
 
 import cv2
 import numpy as np
 import pytest
 
-from nsdr.cli import main
-from nsdr.examples import VIDEO
-from nsdr.frame_parser.video import read_video
+from nsdr.clevrer.example import VIDEO
+from nsdr.cli.main import main
+from nsdr.io.video import read_video
 from nsdr.pipeline import Pipeline
-from nsdr.visualize import stroboscopic_picture
+from nsdr.visualize import stroboscopic_image
 
 
 @pytest.fixture(scope="module")
 def seen():
     pipeline = Pipeline.from_pretrained()
-    return read_video(VIDEO), pipeline.perception(VIDEO)
+    return read_video(VIDEO), pipeline.perceive(VIDEO)
 
 
-def test_stroboscopic_picture_shows_where_objects_were(seen) -> None:
+def test_stroboscopic_image_shows_where_objects_were(seen) -> None:
     frames, p = seen
-    picture = stroboscopic_picture(frames, p.proposals, p.tracks, every=16, scale=1)
-    assert picture.shape == (320, 480, 3)
-    changed = np.abs(picture.astype(int) - frames[-1].astype(int)).max(-1) > 12
+    image = stroboscopic_image(frames, p.proposals, p.tracks, every=16, scale=1)
+    assert image.shape == (320, 480, 3)
+    changed = np.abs(image.astype(int) - frames[-1].astype(int)).max(-1) > 12
     mover = max(p.tracks.tracks, key=lambda t: float(np.ptp(t.centroid_px, axis=0).max()))
     x, y = mover.centroid_px[np.flatnonzero(mover.frame_index % 16 == 127 % 16)[1]].astype(int)
     assert changed[y - 4 : y + 4, x - 4 : x + 4].any()
 
 
-@pytest.mark.parametrize("picture", ["strobe", "last", "plan", "causal"])
-def test_pictures(picture, tmp_path, capsys) -> None:
-    file = tmp_path / "new" / f"{picture}.png"
-    assert main(["visualize", str(VIDEO), "--picture", picture, "-o", str(file)]) == 0
+@pytest.mark.parametrize("image", ["strobe", "last", "plan", "causal"])
+def test_images(image, tmp_path, capsys) -> None:
+    file = tmp_path / "new" / f"{image}.png"
+    assert main(["visualize", str(VIDEO), "--image", image, "-o", str(file)]) == 0
     assert cv2.imread(str(file)).std() > 5
 
 
@@ -42,7 +42,7 @@ def test_video_has_all_frames(tmp_path, capsys) -> None:
     assert size == [128, 960, 640]
 
 
-def test_report_holds_question_program_trace_and_pictures(tmp_path, capsys) -> None:
+def test_report_holds_question_program_trace_and_images(tmp_path, capsys) -> None:
     file = tmp_path / "report.html"
     question = ["-q", "How many collisions happen?"]
     assert main(["visualize", str(VIDEO), *question, "-o", str(file)]) == 0

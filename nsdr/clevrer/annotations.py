@@ -5,11 +5,11 @@ from typing import Any
 
 from nsdr.clevrer.schema import check_objects, get
 from nsdr.errors import DataError
-from nsdr.files import read_json, write_json
+from nsdr.io.files import read_json, write_json
+from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["check_annotation", "check_ground_truth", "read_annotation", "write_annotation"]
 
-VIDEO_FRAMES = 128
 IRREGULAR_VIDEOS = (7648, 9777, 10800)
 """Released videos of other lengths, which differ even between their video and proposal files: any length will do."""
 VECTORS = ("location", "orientation", "velocity", "angular_velocity")
@@ -19,7 +19,7 @@ def read_annotation(path: str | Path) -> dict[str, Any]:
     """The content of an annotation file, checked (see `nsdr.clevrer.scenes.scene_from_annotation`).
 
     Raises:
-        DataError: names the file, the place inside the JSON and what was expected there.
+        DataError: names the file, the position inside the JSON and what was expected there.
     """
     annotation = read_json(path)
     try:
@@ -43,7 +43,7 @@ def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
         n_frames: length of the data set's videos; the release's irregular ones may have another.
 
     Raises:
-        DataError: names the place inside and what was expected there.
+        DataError: names the position inside and what was expected there.
     """
     video = get(annotation, "scene_index", int, "annotation")
     get(annotation, "video_filename", str, "annotation")
@@ -57,11 +57,11 @@ def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
             raise DataError(f"{where}.frame_id: expected {f}, got {frame['frame_id']}")
         rows = get(frame, "objects", list, where)
         for i, row in enumerate(rows):
-            place = f"{where}.objects[{i}]"
-            _check_index(get(row, "object_id", int, place), len(objects), f"{place}.object_id")
-            get(row, "inside_camera_view", bool, place)
+            position = f"{where}.objects[{i}]"
+            _check_index(get(row, "object_id", int, position), len(objects), f"{position}.object_id")
+            get(row, "inside_camera_view", bool, position)
             for name in VECTORS:
-                _check_vector(get(row, name, list, place), f"{place}.{name}")
+                _check_vector(get(row, name, list, position), f"{position}.{name}")
     for c, collision in enumerate(get(annotation, "collision", list, "annotation")):
         where = f"collision[{c}]"
         _check_pair(get(collision, "object_ids", list, where), len(objects), f"{where}.object_ids")
@@ -72,19 +72,19 @@ def check_ground_truth(block: Any, where: str = "ground_truth") -> None:
     """Demand the form of a `ground_truth` block.
 
     Raises:
-        DataError: names the place inside and what was expected there.
+        DataError: names the position inside and what was expected there.
     """
     objects = check_objects(get(block, "objects", list, where), "id", f"{where}.objects")
     for i, event in enumerate(get(block, "in_outs", list, where)):
-        place = f"{where}.in_outs[{i}]"
-        get(event, "frame", int, place)
-        _check_index(get(event, "object", int, place), len(objects), f"{place}.object")
-        if get(event, "type", str, place) not in ("in", "out"):
-            raise DataError(f"{place}.type: expected in or out, got {event['type']!r}")
+        position = f"{where}.in_outs[{i}]"
+        get(event, "frame", int, position)
+        _check_index(get(event, "object", int, position), len(objects), f"{position}.object")
+        if get(event, "type", str, position) not in ("in", "out"):
+            raise DataError(f"{position}.type: expected in or out, got {event['type']!r}")
     for i, event in enumerate(get(block, "collisions", list, where)):
-        place = f"{where}.collisions[{i}]"
-        get(event, "frame", int, place)
-        _check_pair(get(event, "object", list, place), len(objects), f"{place}.object")
+        position = f"{where}.collisions[{i}]"
+        get(event, "frame", int, position)
+        _check_pair(get(event, "object", list, position), len(objects), f"{position}.object")
 
 
 def _check_index(index: int, n: int, where: str) -> None:

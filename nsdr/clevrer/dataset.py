@@ -7,13 +7,14 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from nsdr.clevrer.annotations import VIDEO_FRAMES, check_annotation
+from nsdr.clevrer.annotations import check_annotation
 from nsdr.clevrer.proposals import parse_proposals
 from nsdr.clevrer.questions import SceneQuestions, iterate_questions
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
-from nsdr.files import parse_json, read_json
+from nsdr.io.files import parse_json, read_json
 from nsdr.types import VideoProposals
+from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"]
 
@@ -144,7 +145,7 @@ class Split:
             return entry.path
         target = entry.path.parent / entry.path.stem / entry.member
         if not target.exists():
-            from nsdr.files import atomic_path
+            from nsdr.io.files import atomic_path
 
             with atomic_path(target) as temporary:
                 temporary.write_bytes(entry.read())

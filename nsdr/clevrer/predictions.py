@@ -11,18 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from nsdr.clevrer.camera import (
-    OBJECT_RADIUS_WORLD,
-    grid_from_pixels,
-    ground_from_pixels,
-    pixels_from_grid,
-    pixels_from_world,
-)
-from nsdr.clevrer.scenes import MOVING_SPEED_WORLD_PER_S, collisions_in_view, enter_exit_events, speed_world_per_s
+from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
 from nsdr.clevrer.schema import get, scene_object
 from nsdr.errors import DataError
-from nsdr.files import read_json
+from nsdr.io.files import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
+from nsdr.world.camera import grid_from_pixels, ground_from_pixels, pixels_from_grid, pixels_from_world
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, OBJECT_RADIUS_WORLD
 
 __all__ = ["SAMPLE_FRAMES", "predictions_document", "read_predictions", "scene_from_predictions"]
 
@@ -36,7 +31,7 @@ def read_predictions(path: str | Path) -> dict[str, Any]:
     """The content of a prediction file, checked.
 
     Raises:
-        DataError: names the file, the place inside the JSON and what was expected there.
+        DataError: names the file, the position inside the JSON and what was expected there.
     """
     document = read_json(path)
     try:
@@ -50,7 +45,7 @@ def check_predictions(document: Any) -> None:
     """Demand the form of a prediction file.
 
     Raises:
-        DataError: names the place inside and what was expected there.
+        DataError: names the position inside and what was expected there.
     """
     objects = get(document, "objects", list, "file")
     for i, o in enumerate(objects):
@@ -63,9 +58,9 @@ def check_predictions(document: Any) -> None:
             raise DataError(f"{where}.what_if: expected {expected}, got {what_if}")
         for s, sample in enumerate(get(prediction, "trajectory", list, where)):
             for i, o in enumerate(get(sample, "objects", list, f"{where}.trajectory[{s}]")):
-                place = f"{where}.trajectory[{s}].objects[{i}]"
-                scene_object(o, i, place)
-                get(o, "x", (int, float), place), get(o, "y", (int, float), place)
+                position = f"{where}.trajectory[{s}].objects[{i}]"
+                scene_object(o, i, position)
+                get(o, "x", (int, float), position), get(o, "y", (int, float), position)
         for c, collision in enumerate(get(prediction, "collisions", list, where)):
             pair = get(collision, "objects", list, f"{where}.collisions[{c}]")
             if len(pair) != 2:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.clevrer.annotations import check_ground_truth
-from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.schema import get, scene_object
-from nsdr.clevrer.vocab import attribute_index, attributes_of
 from nsdr.errors import DataError
-from nsdr.files import parse_json
+from nsdr.io.files import parse_json
 from nsdr.types import VideoProposals
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.vocabulary import attribute_index, attributes_of
 
 __all__ = [
     "mask_numbers",
@@ -32,7 +32,7 @@ def read_proposals(path: str | Path) -> VideoProposals:
     """Read `proposal_N.json` or the research code's `sim_N.json`, also gzipped.
 
     Raises:
-        DataError: not a proposal file; names the file, the place inside and what was expected.
+        DataError: not a proposal file; names the file, the position inside and what was expected.
     """
     return parse_proposals(_bytes(path), str(path))
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from nsdr.clevrer.schema import get, iterate_list
 from nsdr.errors import DataError
-from nsdr.files import write_json
+from nsdr.io.files import write_json
 
 __all__ = [
     "QUESTION_TYPES",
@@ -59,7 +59,7 @@ def iterate_questions(path: str | Path) -> Iterator[SceneQuestions]:
     """Scenes of a question file one by one; large files are never held whole.
 
     Raises:
-        DataError: names the file, the place inside the JSON, and what was expected there.
+        DataError: names the file, the position inside the JSON, and what was expected there.
     """
     for i, scene in enumerate(iterate_list(path)):
         yield _scene(scene, f"{path}: [{i}]")
@@ -116,12 +116,12 @@ def _question(question: Any, where: str) -> Question:
         raise DataError(f"{where}.question_type: {kind!r}; expected one of {', '.join(QUESTION_TYPES)}")
     choices = []
     for i, choice in enumerate(question.get("choices") or []):
-        place = f"{where}.choices[{i}]"
+        position = f"{where}.choices[{i}]"
         answer = choice.get("answer") if isinstance(choice, dict) else None
         if answer not in (None, "correct", "wrong"):
-            raise DataError(f"{place}.answer: {answer!r}; expected correct or wrong")
-        text, number = get(choice, "choice", str, place), get(choice, "choice_id", int, place)
-        choices.append(Choice(number, text, _program(choice, place), answer))
+            raise DataError(f"{position}.answer: {answer!r}; expected correct or wrong")
+        text, number = get(choice, "choice", str, position), get(choice, "choice_id", int, position)
+        choices.append(Choice(number, text, _program(choice, position), answer))
     if bool(choices) == (kind == "descriptive"):
         raise DataError(f"{where}: a {kind} question with {len(choices)} choices")
     return Question(

@@ -9,27 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nsdr.clevrer.camera import FRAME_SECONDS
 from nsdr.errors import DataError
-from nsdr.types import DynamicsPrediction, Event, Scene, SceneObject
+from nsdr.types import Event, Scene, SceneObject
+from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
 __all__ = [
-    "MOVING_SPEED_WORLD_PER_S",
     "collisions_in_view",
     "enter_exit_events",
     "scene_from_annotation",
     "scene_from_ground_truth",
-    "scene_from_prediction",
     "scene_from_truth",
     "speed_world_per_s",
 ]
-
-MOVING_SPEED_WORLD_PER_S = 0.02
-"""An object moves when its speed on the ground exceeds this (annotation's unit)."""
-
-PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
-SPEED_WINDOW_FRAMES = 11
-"""The same for measured positions, whose noise makes resting objects seem to creep; both fitted on ten real annotations."""
 
 
 def enter_exit_events(visible: NDArray[np.bool_]) -> list[Event]:
@@ -99,48 +90,9 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
     return Scene(objects, n_frames, visible, moving, tuple(events), unseen, counterfactual)
 
 
-def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
-    """Scene of the dynamics predictor's output: observed, unseen and counterfactual events, and motion.
-
-    An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, it moves when it is
-    faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the one asked about and in those from it on: so
-    it rests until it is hit, and rests as soon as it has stopped.
-    """
-    n_frames = prediction.n_frames
-    visible = prediction.observed.visible[:, :n_frames]
-    moving = _speed(prediction.observed.location_world[:, :n_frames]) > PREDICTED_MOVING_SPEED_WORLD_PER_S
-    if prediction.observed.speed_world_per_s is not None:
-        speed = prediction.observed.speed_world_per_s[:, :n_frames]
-        moving = np.where(np.isnan(speed), moving, np.nan_to_num(speed) > MOVING_SPEED_WORLD_PER_S)
-    collisions = prediction.observed.collisions
-    events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
-    unseen = tuple(e for e in collisions if n_frames <= e.frame)
-    counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
-    scores = prediction.observed.unseen_scores
-    return Scene(prediction.objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, scores)
-
-
 def speed_world_per_s(step_world: NDArray[Any], frames: ArrayLike) -> NDArray[Any]:
     """Speed in world units per second of steps (..., 2) on the ground that take a number of frames (broadcast)."""
     return np.asarray(np.linalg.norm(step_world / (np.asarray(frames) * FRAME_SECONDS), axis=-1))
-
-
-def _speed(location_world: NDArray[np.floating[Any]], window: int = SPEED_WINDOW_FRAMES) -> NDArray[np.floating[Any]]:
-    """Speed (n, F) in world units per second: the smaller one of the frames before and the frames after.
-
-    Each is the slope of the least-squares line through `window` frames that end or start at the frame.
-    """
-    n, frames = location_world.shape[:2]
-    window = min(window, frames)
-    if window < 2:
-        return np.zeros((n, frames))
-    time = (np.arange(window) - (window - 1) / 2) * FRAME_SECONDS
-    pieces = np.lib.stride_tricks.sliding_window_view(location_world, window, axis=1)  # (n, F - window + 1, 2, window)
-    slope = np.linalg.norm(pieces @ (time / (time @ time)), axis=-1)
-    missing = np.full((n, window - 1), np.inf)
-    speed = np.minimum(np.concatenate([missing, slope], 1), np.concatenate([slope, missing], 1))
-    # Where a short video has neither window, the nearest one will do.
-    return np.where(np.isinf(speed), slope[:, :1], speed)
 
 
 def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = 128) -> Scene:

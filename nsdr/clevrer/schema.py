@@ -1,13 +1,13 @@
-"""Checked access to values inside JSON documents: errors name the place and what was expected."""
+"""Checked access to values inside JSON documents: errors name the position and what was expected."""
 
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from nsdr.clevrer.vocab import ATTRIBUTES
 from nsdr.errors import DataError
 from nsdr.types import SceneObject
+from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["check_objects", "get", "iterate_list", "scene_object"]
 
@@ -80,36 +80,36 @@ def iterate_list(path: str | Path) -> Iterator[Any]:
 
 def _items(file: IO[str], name: str) -> Iterator[Any]:
     decoder = json.JSONDecoder()
-    text, place, number, ended = "", 0, 0, False
+    text, position, number, ended = "", 0, 0, False
 
     def more() -> bool:
         """Read on; False at the end of the file."""
-        nonlocal text, place, ended
+        nonlocal text, position, ended
         piece = file.read(CHUNK_CHARACTERS)
         ended = not piece
-        text, place = text[place:] + piece, 0
+        text, position = text[position:] + piece, 0
         return not ended
 
     def next_mark() -> str:
         """The next character that is no white space."""
-        nonlocal place
+        nonlocal position
         while True:
-            while place < len(text) and text[place].isspace():
-                place += 1
-            if place < len(text):
-                return text[place]
+            while position < len(text) and text[position].isspace():
+                position += 1
+            if position < len(text):
+                return text[position]
             if not more():
                 return ""
 
     if next_mark() != "[":
         raise DataError(f"{name}: expected a JSON list")
-    place += 1
+    position += 1
     if next_mark() == "]":
         return
     while True:
         next_mark()
         try:
-            item, end = decoder.raw_decode(text, place)
+            item, end = decoder.raw_decode(text, position)
             # A number at the end of the piece may go on in the next one.
             complete = end < len(text) or ended
         except json.JSONDecodeError as e:
@@ -120,10 +120,10 @@ def _items(file: IO[str], name: str) -> Iterator[Any]:
             more()
             continue
         yield item
-        place, number = end, number + 1
+        position, number = end, number + 1
         mark = next_mark()
         if mark == "]":
             return
         if mark != ",":
             raise DataError(f"{name}: [{number}]: expected , or ], got {mark!r}; the file may be cut off")
-        place += 1
+        position += 1

@@ -6,13 +6,13 @@ from typing import Any
 
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
-from nsdr.files import read_json, write_json
+from nsdr.io.files import read_json, write_json
 
 __all__ = ["read_submission", "submission_document", "write_submission"]
 
 
 def submission_document(results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The submission of results as `nsdr.evaluate.evaluate` lists them; scenes and questions in ascending order.
+    """The submission of results as `nsdr.evaluation.score.evaluate` lists them; scenes and questions in ascending order.
 
     Args:
         results: each with `scene_index`, `question_id`, and `answer` or `choices: [{choice_id, answer}]`.
@@ -40,7 +40,7 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
     """The content of a submission file, checked.
 
     Raises:
-        DataError: names the file, the place inside the JSON and what was expected there.
+        DataError: names the file, the position inside the JSON and what was expected there.
     """
     content = read_json(path)
     if not isinstance(content, list):
@@ -49,13 +49,15 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
         where = f"{path}: [{s}]"
         get(scene, "scene_index", int, where)
         for q, question in enumerate(get(scene, "questions", list, where)):
-            place = f"{where}.questions[{q}]"
-            get(question, "question_id", int, place)
+            position = f"{where}.questions[{q}]"
+            get(question, "question_id", int, position)
             if "choices" not in question:
-                get(question, "answer", str, place)
+                get(question, "answer", str, position)
                 continue
-            for c, choice in enumerate(get(question, "choices", list, place)):
-                get(choice, "choice_id", int, f"{place}.choices[{c}]")
-                if get(choice, "answer", str, f"{place}.choices[{c}]") not in ("correct", "wrong"):
-                    raise DataError(f"{place}.choices[{c}].answer: expected correct or wrong, got {choice['answer']!r}")
+            for c, choice in enumerate(get(question, "choices", list, position)):
+                get(choice, "choice_id", int, f"{position}.choices[{c}]")
+                if get(choice, "answer", str, f"{position}.choices[{c}]") not in ("correct", "wrong"):
+                    raise DataError(
+                        f"{position}.choices[{c}].answer: expected correct or wrong, got {choice['answer']!r}"
+                    )
     return content

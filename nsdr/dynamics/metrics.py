@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from nsdr.dynamics.states import MotionStates
+from nsdr.dynamics.motion_states import MotionStates
 from nsdr.types import Event, Rollout
 
 __all__ = ["collision_scores", "rollout_errors"]
@@ -41,7 +41,7 @@ def rollout_errors(
 ) -> dict[str, float]:
     """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames on.
 
-    Objects that have no place in the rollout are left out.
+    Objects that have no position in the rollout are left out.
 
     The rollout sees the frames before `start` only.
     """

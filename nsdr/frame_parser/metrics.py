@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torchvision.ops import box_iou
 
-from nsdr.clevrer.vocab import ATTRIBUTES, attributes_of
+from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 __all__ = ["average_precision", "detection_scores"]
 

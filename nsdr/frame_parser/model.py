@@ -90,7 +90,7 @@ class SlimBackbone(nn.Module):
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """(B, 3, H, W) normalised pictures -> feature maps by level, (B, channels, H / stride, W / stride)."""
+        """(B, 3, H, W) normalised images -> feature maps by level, (B, channels, H / stride, W / stride)."""
         x = self.stem(images)
         features: OrderedDict[str, Tensor] = OrderedDict()
         for index, stage in enumerate(self.stages):
@@ -122,7 +122,7 @@ class TorchvisionBackbone(nn.Module):
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """(B, 3, H, W) normalised pictures -> feature maps by level, (B, channels, H / stride, W / stride)."""
+        """(B, 3, H, W) normalised images -> feature maps by level, (B, channels, H / stride, W / stride)."""
         levels: dict[str, Tensor] = self.pyramid(images)
         return {name: levels[name] for name in ("0", "1", "2")}
 
@@ -138,7 +138,7 @@ def _stage(in_channels: int, channels: int, blocks: int, stride: int) -> nn.Sequ
 
 
 def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
-    """Mask R-CNN for one class "object" with colour, material and shape heads, for 480x320 pictures, not upscaled.
+    """Mask R-CNN for one class "object" with colour, material and shape heads, for 480x320 images, not upscaled.
 
     Training: `model(images, targets)` returns the losses by name. Evaluation: `model(images)` returns a list of
     detections (see `AttributeRoIHeads`). Images are (3, 320, 480) float RGB in 0-1.

@@ -14,13 +14,13 @@ from pycocotools import mask as rle
 from torch import nn
 from tqdm import tqdm
 
-from nsdr.checkpoint import load_checkpoint
-from nsdr.clevrer.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.clevrer.proposals import proposals_from_rows
 from nsdr.errors import DataError
-from nsdr.frame_parser.data import image_tensor
+from nsdr.frame_parser.dataset import image_tensor
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.io.checkpoint import load_checkpoint
 from nsdr.types import VideoProposals
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["FrameParser"]
 
@@ -126,7 +126,7 @@ def _pasted(mask: NDArray[np.float32], box_xyxy_px: NDArray[np.float32]) -> NDAr
     torchvision's own pasting cuts boxes to whole pixels, which shifts masks by half a pixel and makes them jitter by as much.
     Its training targets (RoIAlign, not aligned) read the value of pixel i at the coordinate i: so does this.
     """
-    picture = np.zeros((HEIGHT_PX, WIDTH_PX), np.uint8, order="F")
+    image = np.zeros((HEIGHT_PX, WIDTH_PX), np.uint8, order="F")
     x0, y0, x1, y1 = box_xyxy_px.astype(float)
     columns = np.arange(max(int(x0) - 1, 0), min(int(x1) + 2, WIDTH_PX))
     rows = np.arange(max(int(y0) - 1, 0), min(int(y1) + 2, HEIGHT_PX))
@@ -134,5 +134,5 @@ def _pasted(mask: NDArray[np.float32], box_xyxy_px: NDArray[np.float32]) -> NDAr
     v = ((rows - y0) / (y1 - y0) * mask.shape[0] - 0.5).astype(np.float32)
     map_u, map_v = np.meshgrid(u, v)
     values = cv2.remap(mask, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-    picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = values > MASK_THRESHOLD
-    return picture
+    image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = values > MASK_THRESHOLD
+    return image

@@ -13,7 +13,7 @@ from torchvision.models.detection.roi_heads import (
 )
 from torchvision.ops import boxes as box_ops
 
-from nsdr.clevrer.vocab import ATTRIBUTES, COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 __all__ = ["AttributePredictor", "AttributeRoIHeads", "JointAttributePredictor"]
 
@@ -68,7 +68,7 @@ class AttributeRoIHeads(RoIHeads):
     """Second stage of Mask R-CNN for one class "object", with attributes.
 
     Targets carry `boxes` (N, 4) xyxy px, `labels` (N,) all 1, `masks` (N, H, W) uint8, and `color`, `material`,
-    `shape` (N,) int64 indices in the order of `nsdr.clevrer.vocab`. Detections carry `boxes`, `scores` (N,),
+    `shape` (N,) int64 indices in the order of `nsdr.world.vocabulary`. Detections carry `boxes`, `scores` (N,),
     `masks` (N, 1, H, W), for each attribute its probabilities (N, number of words), and `attribute` (N, 48).
 
     Differs from the paper: three heads by default; `JointAttributePredictor` is the paper's one label for each of the 48

@@ -19,18 +19,18 @@ from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.questions import without_answers, write_questions
 from nsdr.clevrer.scenes import scene_from_truth
-from nsdr.clevrer.view import View
 from nsdr.errors import DataError
-from nsdr.files import read_json, write_json
-from nsdr.generate.encode import write_video
-from nsdr.generate.preview import render_preview
-from nsdr.generate.question_statistics import write_question_statistics
-from nsdr.generate.questions import Candidates, QuestionConfig, find_candidates, select_questions
+from nsdr.generate.physics.scene import SceneConfig, SimulatedScene, simulate_scene
+from nsdr.generate.questions.selection import Candidates, QuestionConfig, find_candidates, select_questions
+from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import annotation_document, frame_masks, proposal_document, solids_at, truth_document
-from nsdr.generate.scene import SceneConfig, SimulatedScene, simulate_scene
+from nsdr.generate.render.preview import render_preview
+from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.generate.view import RenderConfig, view_of
-from nsdr.parallel import run_in_order, run_tasks
+from nsdr.io.files import read_json, write_json
+from nsdr.io.tasks import run_in_order, run_tasks
+from nsdr.io.video import write_video
+from nsdr.world.camera import Camera
 
 __all__ = ["DatasetConfig", "Files", "generate_dataset", "make_video"]
 
@@ -215,7 +215,7 @@ def make_video(config: DatasetConfig, split: str, index: int) -> None:
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)
     # Files are in the release's pixels, whatever the video's are.
-    plain = View(view.eye_world)
+    plain = Camera(view.camera.eye_world)
     if config.renderer != "none" and not files.video.exists():
         frames = (
             _preview_frames if config.renderer == "preview" else partial(_blender_frames, config.render, files.work)
@@ -242,14 +242,14 @@ def _blender_frames(config: RenderConfig, work: Path, scene: SimulatedScene, vie
         path = work / f"{f:03d}.png"
         if not path.exists():
             _blender(config).render(scene.objects, solids_at(scene, f), view, path)
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        if picture is None:
-            raise DataError(f"{path}: Blender wrote no readable picture")
-        yield np.asarray(picture, np.uint8)
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+        if image is None:
+            raise DataError(f"{path}: Blender wrote no readable image")
+        yield np.asarray(image, np.uint8)
 
 
 @lru_cache(maxsize=1)
 def _blender(config: RenderConfig) -> Any:
-    from nsdr.generate.blender import Blender
+    from nsdr.generate.render.blender import Blender
 
     return Blender(config)

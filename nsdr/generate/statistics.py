@@ -1,4 +1,4 @@
-"""Statistics of scenes, beside those of the release: a Markdown table and a picture."""
+"""Statistics of scenes, beside those of the release: a Markdown table and a image."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from nsdr.files import atomic_path, parse_json
+from nsdr.io.files import atomic_path, parse_json
 from nsdr.types import Scene
 
 __all__ = ["bar_charts", "count_scenes", "released_statistics", "write_statistics"]
@@ -69,7 +69,7 @@ def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
     folder, released = Path(folder), released_statistics()
     with atomic_path(folder / "statistics.md") as temporary:
         temporary.write_text(_markdown(counts, released, title))
-    _picture(folder / "statistics.png", counts, released)
+    _image(folder / "statistics.png", counts, released)
 
 
 def _keys(*tables: Mapping[str, float]) -> list[str]:
@@ -91,7 +91,7 @@ def _markdown(counts: Counts, released: Counts, title: str) -> str:
     return "\n".join(lines)
 
 
-def _picture(path: Path, counts: Counts, released: Counts) -> None:
+def _image(path: Path, counts: Counts, released: Counts) -> None:
     bar_charts(
         path,
         [
@@ -117,8 +117,8 @@ def bar_charts(path: str | Path, charts: Sequence[tuple[str, Mapping[str, Mappin
         keys = _keys(*shown.values())
         width = 0.8 / max(len(shown), 1)
         for s, (name, values) in enumerate(shown.items()):
-            places = [k + (s - (len(shown) - 1) / 2) * width for k in range(len(keys))]
-            axes.bar(places, [100 * values.get(k, 0) for k in keys], width, label=name)
+            positions = [k + (s - (len(shown) - 1) / 2) * width for k in range(len(keys))]
+            axes.bar(positions, [100 * values.get(k, 0) for k in keys], width, label=name)
         crowded = len(keys) > 8 or sum(map(len, keys)) > 50
         axes.set_xticks(range(len(keys)), keys, fontsize=7, rotation=45 if crowded else 0)
         axes.set_title(title, fontsize=9)

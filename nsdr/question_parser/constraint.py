@@ -18,7 +18,7 @@ _RESULTS = {
     "multiple_choice": {Kind.BOOLEAN},
     "choice": {Kind.OBJECT, Kind.EVENT},
 }
-MOST_VALUES = 5
+MAX_VALUES = 5
 """No program of the grammar holds more values at a time."""
 
 
@@ -54,7 +54,7 @@ def allowed(stack: Stack, kind: str, at_start: bool) -> NDArray[np.bool_]:
         elif _fits(stack, name):
             after = following(stack, i)
             assert after is not None
-            mask[i] = len(after) <= MOST_VALUES and _can_end(after, kind)
+            mask[i] = len(after) <= MAX_VALUES and _can_end(after, kind)
     return mask
 
 

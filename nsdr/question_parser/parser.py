@@ -7,18 +7,18 @@ from typing import Any
 import torch
 from torch import nn
 
-from nsdr.checkpoint import load_checkpoint
 from nsdr.errors import CheckpointError, ProgramError, QuestionError
-from nsdr.question_parser.grammar import TEXT_KINDS
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer
 from nsdr.symbolic.program import Program
 
 __all__ = ["QuestionParser", "build_networks", "pad"]
 
-LEAST_PROBABILITY = 0.9
+MIN_PROBABILITY = 0.9
 """Measured with the default weights: 2,877 real texts have 0.98 or more, sentences without sense 0.8 or less."""
-MOST_TEXTS_AT_ONCE = 512
+MAX_BATCH_TEXTS = 512
 REMEDY = 'word it as CLEVRER\'s questions are, such as "How many cubes enter the scene?"'
 
 
@@ -39,7 +39,7 @@ class QuestionParser:
     Args:
         tokenizer: word vocabulary.
         networks: as `build_networks` makes them.
-        least_probability: programs that are less probable are refused.
+        min_probability: programs that are less probable are refused.
         constrained: decode well-typed programs only.
         beam: hypotheses of the search; 1 is greedy.
         unknown: "error", or "ignore" to warn and go on without words that are not known.
@@ -49,7 +49,7 @@ class QuestionParser:
         self,
         tokenizer: Tokenizer,
         networks: nn.ModuleDict,
-        least_probability: float = LEAST_PROBABILITY,
+        min_probability: float = MIN_PROBABILITY,
         constrained: bool = True,
         beam: int = 1,
         unknown: str = "error",
@@ -59,7 +59,7 @@ class QuestionParser:
         if beam < 1:
             raise QuestionError(f"beam is {beam}; expected at least 1")
         self.tokenizer = tokenizer
-        self.least_probability = least_probability
+        self.min_probability = min_probability
         self.constrained, self.beam, self.unknown = constrained, beam, unknown
         self.networks = networks.eval()
 
@@ -105,8 +105,8 @@ class QuestionParser:
             raise QuestionError(f"kind is {kind!r}; expected one of {', '.join(TEXT_KINDS)}")
         network: Any = self.networks[kind]
         found: list[tuple[list[str], float]] = []
-        for start in range(0, len(texts), MOST_TEXTS_AT_ONCE):
-            words = pad([self.tokenizer.encode(t, self.unknown) for t in texts[start : start + MOST_TEXTS_AT_ONCE]])
+        for start in range(0, len(texts), MAX_BATCH_TEXTS):
+            words = pad([self.tokenizer.encode(t, self.unknown) for t in texts[start : start + MAX_BATCH_TEXTS]])
             rows, probabilities = network.search(words, kind if self.constrained else "", self.beam)
             tokens = [[PROGRAM_TOKENS[t] for t in row] for row in rows]
             found += list(zip(tokens, probabilities, strict=True))
@@ -124,6 +124,6 @@ class QuestionParser:
             program = Program.parse(tokens)
         except ProgramError as e:
             raise QuestionError(f"{text!r} fits no program ({e}); {REMEDY}") from e
-        if probability < self.least_probability:
+        if probability < self.min_probability:
             raise QuestionError(f"{text!r} fits no program surely (the best one by {probability:.0%}); {REMEDY}")
         return program

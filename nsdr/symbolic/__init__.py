@@ -1,9 +1,9 @@
 """The symbolic executor: programs, the signature table, the causal graph. Runs without PyTorch."""
 
 from nsdr.symbolic.executor import Executor
-from nsdr.symbolic.explain import explain, format_trace, format_tree
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
 from nsdr.symbolic.program import Program, Step
+from nsdr.symbolic.traces import explain, format_trace, format_tree
 
 __all__ = [
     "MODULES",

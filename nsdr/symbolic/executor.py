@@ -213,7 +213,7 @@ class Executor:
         if kind == Kind.EVENTS:
             return tuple(e for i, e in enumerate(self.world.events) if value >> i & 1)
         if kind == Kind.OBJECT:
-            return self.world.attribute(value).id
+            return self.world.object(value).id
         return self.world.event(value) if kind == Kind.EVENT else value
 
     def _text(self, kind: Kind, value: Any) -> str:

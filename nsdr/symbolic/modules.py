@@ -12,9 +12,9 @@ from enum import StrEnum
 from itertools import product
 from typing import Any
 
-from nsdr.clevrer.vocab import ATTRIBUTES
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.world import World
+from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["ARITY", "DISPATCH", "MODULES", "WORDS", "Kind", "Module"]
 
@@ -128,9 +128,9 @@ _TABLE = [
     Module("count", (_SETS,), Kind.NUMBER, lambda w, values: (values & w.members).bit_count(), "number of members"),
     Module("exist", (_SETS,), Kind.BOOLEAN, lambda w, values: bool(values & w.members), "whether the set has a member"),
     Module("negate", ((Kind.BOOLEAN,),), Kind.BOOLEAN, lambda w, value: not value, "not"),
-    Module("query_color", (_OBJECT,), Kind.COLOR, lambda w, one: w.attribute(one).color, "its colour"),
-    Module("query_material", (_OBJECT,), Kind.MATERIAL, lambda w, one: w.attribute(one).material, "its material"),
-    Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda w, one: w.attribute(one).shape, "its shape"),
+    Module("query_color", (_OBJECT,), Kind.COLOR, lambda w, one: w.object(one).color, "its colour"),
+    Module("query_material", (_OBJECT,), Kind.MATERIAL, lambda w, one: w.object(one).material, "its material"),
+    Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda w, one: w.object(one).shape, "its shape"),
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "the frame an event happens at"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "the object that enters or exits"),
     Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.motion.direction(one, frame), "left, right, up or down, the way it moves", False),

@@ -2,7 +2,7 @@
 
 All of its differences from the paper's semantics live here; the modules are the same.
 
-Scene: objects are their exact attribute triples, others get no identity. Motion is known at samples (every 5 frames) only:
+Scene: objects are their exact attribute triples, others get no identity. MotionTable is known at samples (every 5 frames) only:
 velocity is the mean of the available differences to the neighbouring samples, moving is faster than 0.1 grid units a frame.
 The video ends at frame 125, where the difference ahead reaches into the prediction; for `null`, visibility looks at frames
 below 128 but movement at the whole rollout. Objects enter at the first sample they are in and leave at the first they are not
@@ -18,25 +18,20 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from nsdr.clevrer.velocity_rule import GridPath, GridPosition, velocity_collisions
 from nsdr.errors import DataError, ExecutionError
-from nsdr.symbolic.world import Motion, World
+from nsdr.symbolic.world import MotionTable, World
 from nsdr.types import Event, SceneObject
+from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["END_FRAME", "official_tokens", "official_world", "velocity_collisions"]
+__all__ = ["END_FRAME", "official_tokens", "official_world"]
 
 START_TOKEN, STOP_TOKENS = "<START>", ("<END>", "<NULL>")
 END_FRAME = 125
-VIDEO_FRAMES = 128
 MOVING_GRID_PER_FRAME = 0.1
-LEAST_KINK, LARGEST_KINK = 0.1, 5.0
-PARTNER_DISTANCE_GRID = 20.0
 DIRECTIONS_DEGREES = {"left": 180.0, "right": 0.0, "up": 90.0, "down": -90.0}
 """Angle of (vx, vy) in the file's own x and y; tested in this order."""
 DIRECTION_HALF_RANGE_DEGREES = 40.0
-
-Place = tuple[float, float]
-Path = dict[int, Place]
-"""Grid place (row, column) by sample frame."""
 
 
 def official_tokens(source: Sequence[str]) -> list[str]:
@@ -91,8 +86,8 @@ def official_world(document: Mapping[str, Any], collisions: str = "predicted") -
     )
 
 
-def _paths(prediction: Mapping[str, Any], ids: Mapping[Any, int], n: int) -> tuple[list[Path], list[int]]:
-    paths: list[Path] = [{} for _ in range(n)]
+def _paths(prediction: Mapping[str, Any], ids: Mapping[Any, int], n: int) -> tuple[list[GridPath], list[int]]:
+    paths: list[GridPath] = [{} for _ in range(n)]
     times = []
     for sample in prediction["trajectory"]:
         time = sample["frame_index"]
@@ -113,7 +108,7 @@ def _collisions(prediction: Mapping[str, Any], ids: Mapping[Any, int]) -> list[E
     return events
 
 
-def _entering_and_leaving(paths: Sequence[Path], times: Sequence[int]) -> list[Event]:
+def _entering_and_leaving(paths: Sequence[GridPath], times: Sequence[int]) -> list[Event]:
     events = []
     for i, path in enumerate(paths):
         for before, now in pairwise(times):
@@ -122,7 +117,7 @@ def _entering_and_leaving(paths: Sequence[Path], times: Sequence[int]) -> list[E
     return events
 
 
-def _motion(paths: Sequence[Path], shown: Sequence[int], times: Sequence[int]) -> Motion:
+def _motion(paths: Sequence[GridPath], shown: Sequence[int], times: Sequence[int]) -> MotionTable:
     visible = dict.fromkeys(shown, 0)
     moving = dict.fromkeys(shown, 0)
     ever_visible = ever_moving = 0
@@ -149,15 +144,15 @@ def _motion(paths: Sequence[Path], shown: Sequence[int], times: Sequence[int]) -
                 return name
         raise ExecutionError(f"the direction at frame {time} is between two")
 
-    return Motion(visible, moving, ever_visible, ever_moving & ever_visible, direction)
+    return MotionTable(visible, moving, ever_visible, ever_moving & ever_visible, direction)
 
 
-def _moves(path: Path, time: int, times: Sequence[int]) -> bool:
+def _moves(path: GridPath, time: int, times: Sequence[int]) -> bool:
     velocity = _velocity(path, time, times)
     return velocity is not None and velocity[0] ** 2 + velocity[1] ** 2 > MOVING_GRID_PER_FRAME**2
 
 
-def _velocity(path: Path, time: int, times: Sequence[int]) -> Place | None:
+def _velocity(path: GridPath, time: int, times: Sequence[int]) -> GridPosition | None:
     """Mean of the available differences to the samples before and after, in grid units a frame."""
     x, y = path[time]
     step = times[1] - times[0] if len(times) > 1 else 5
@@ -169,39 +164,3 @@ def _velocity(path: Path, time: int, times: Sequence[int]) -> Place | None:
     if after is not None:
         return (after[0] - x) / step, (after[1] - y) / step
     return None
-
-
-def velocity_collisions(paths: Sequence[Path]) -> list[Event]:
-    """Collisions read from motion alone (NE).
-
-    For each object in order of id, samples where its velocity changes by a strict local maximum between 0.1 and 5 grid units a
-    frame, never the first or last; the partner is the nearest visible object closer than 20 grid units; each pair once, in
-    order of discovery.
-    """
-    found: dict[tuple[int, int], int] = {}
-    for i, path in enumerate(paths):
-        times = sorted(path)
-        changes = {}
-        for before, now, after in zip(times, times[1:], times[2:], strict=False):
-            ahead = [(b - a) / (after - now) for a, b in zip(path[now], path[after], strict=True)]
-            behind = [(b - a) / (now - before) for a, b in zip(path[before], path[now], strict=True)]
-            changes[now] = ((ahead[0] - behind[0]) ** 2 + (ahead[1] - behind[1]) ** 2) ** 0.5
-        for before, now, after in zip(times, times[1:], times[2:], strict=False):
-            change = changes[now]
-            if not LEAST_KINK < change < LARGEST_KINK:
-                continue
-            if change <= changes.get(before, 0.0) or change <= changes.get(after, 0.0):
-                continue
-            partner = _nearest(paths, i, now)
-            if partner is not None:
-                found.setdefault((min(i, partner), max(i, partner)), now)
-    return [Event("collision", frame, pair) for pair, frame in found.items()]
-
-
-def _nearest(paths: Sequence[Path], i: int, time: int) -> int | None:
-    x, y = paths[i][time]
-    distances = [
-        ((p[time][0] - x) ** 2 + (p[time][1] - y) ** 2, j) for j, p in enumerate(paths) if j != i and time in p
-    ]
-    nearest = min(distances, default=(PARTNER_DISTANCE_GRID**2, -1))
-    return nearest[1] if nearest[0] < PARTNER_DISTANCE_GRID**2 else None

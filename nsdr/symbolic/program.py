@@ -91,7 +91,7 @@ class Program:
                 executor's names; or a tree as in the paper, `Count(Filter_shape(Objects, "cube"))`.
 
         Raises:
-            ProgramError: an unknown token, a wrong type, or values left over; names the token and its place.
+            ProgramError: an unknown token, a wrong type, or values left over; names the token and its position.
         """
         if isinstance(source, Program):
             return source
@@ -147,7 +147,7 @@ def _checked(source: tuple[str, ...], official: bool = False) -> Program:
     nodes: list[Node] = []
     stack: list[int] = []
     needs_choice = False
-    for place, token in enumerate(tokens):
+    for position, token in enumerate(tokens):
         if token in WORDS:
             steps.append(Step(token, None, (), WORDS[token]))
             nodes.append(_node(None, (), token))
@@ -155,26 +155,26 @@ def _checked(source: tuple[str, ...], official: bool = False) -> Program:
             arity = ARITY.get(token)
             if arity is None:
                 if not official:
-                    raise ProgramError(f"token {place + 1}: unknown module or word {token!r}")
+                    raise ProgramError(f"token {position + 1}: unknown module or word {token!r}")
                 steps.append(Step(token, None, (), Kind.UNKNOWN))
                 nodes.append(_node(None, (), token))
-                stack.append(place)
+                stack.append(position)
                 continue
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)
             if len(stack) < arity:
-                raise ProgramError(f"token {place + 1} {token!r}: takes {arity} arguments, found {len(stack)}")
+                raise ProgramError(f"token {position + 1} {token!r}: takes {arity} arguments, found {len(stack)}")
             inputs = tuple(stack[len(stack) - arity :])
             del stack[len(stack) - arity :]
             kinds = tuple([Kind.EVENT if i < 0 else steps[i].kind for i in inputs])
             found = DISPATCH.get((token, *kinds))
             if found is None:
-                raise ProgramError(f"token {place + 1} {token!r}: {_mismatch(MODULES[token], kinds)}")
+                raise ProgramError(f"token {position + 1} {token!r}: {_mismatch(MODULES[token], kinds)}")
             module, result = found
             steps.append(Step(token, module, inputs, result))
             nodes.append(_node(module.run, tuple([_CHOICE if i < 0 else nodes[i] for i in inputs]), None))
-        stack.append(place)
+        stack.append(position)
     if len(stack) != 1 and not official:
         raise ProgramError(f"{len(stack)} values are left at the end; expected one (is the program complete?)")
     if steps[-1].module is None and not official:
@@ -219,12 +219,12 @@ def _tree_tokens(text: str) -> tuple[str, ...]:
     """Postfix tokens of a tree. Each call is written after its arguments."""
     tokens: list[str] = []
     calls: list[str] = []
-    name, place = "", 0
-    while text[place:].strip():
-        match = _TREE_TOKEN.match(text, place)
+    name, position = "", 0
+    while text[position:].strip():
+        match = _TREE_TOKEN.match(text, position)
         if match is None:
-            raise ProgramError(f"cannot read the program at {text[place : place + 20]!r}")
-        place = match.end()
+            raise ProgramError(f"cannot read the program at {text[position : position + 20]!r}")
+        position = match.end()
         mark, *words = match.groups()
         if mark == "(":
             calls.append(name)

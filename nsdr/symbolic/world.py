@@ -17,11 +17,11 @@ from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import Event, Scene, SceneObject
 
-__all__ = ["Motion", "World", "world_of"]
+__all__ = ["MotionTable", "World", "world_of"]
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionTable:
     """Bit sets of visible objects, and of visible moving ones: by frame, and at any frame of the video."""
 
     visible_at: Sequence[int] | Mapping[int, int]
@@ -111,7 +111,7 @@ class World:
         unseen: Sequence[Event] | None,
         counterfactual: Mapping[int, Sequence[Event]] | None,
         end_frame: int,
-        motion: Callable[[], Motion],
+        motion: Callable[[], MotionTable],
         participants_are_responsible: bool = True,
     ) -> None:
         self.objects = objects
@@ -156,7 +156,7 @@ class World:
         """The event of a one-bit set."""
         return self.events[bit.bit_length() - 1]
 
-    def attribute(self, bit: int) -> SceneObject:
+    def object(self, bit: int) -> SceneObject:
         """The object of a one-bit set."""
         return self.objects[bit.bit_length() - 1]
 
@@ -240,7 +240,7 @@ class World:
         return result
 
     @cached_property
-    def motion(self) -> Motion:
+    def motion(self) -> MotionTable:
         """What is visible and what moves.
 
         Raises:
@@ -277,12 +277,12 @@ def world_of(scene: Scene) -> World:
     )
 
 
-def _motion(scene: Scene) -> Motion:
+def _motion(scene: Scene) -> MotionTable:
     if scene.moving is None:
         raise ExecutionError("the scene does not know which objects move (it comes from events alone)")
     visible_at, visible_ever = _bits_by_frame(scene.visible)
     moving_at, moving_ever = _bits_by_frame(scene.visible & scene.moving)
-    return Motion(visible_at, moving_at, visible_ever, moving_ever)
+    return MotionTable(visible_at, moving_at, visible_ever, moving_ever)
 
 
 class _Words(dict[str, int]):

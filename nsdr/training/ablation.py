@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.errors import DataError, ProgramError, QuestionError
-from nsdr.evaluate import evaluate
-from nsdr.files import atomic_path, read_json
+from nsdr.evaluation.score import evaluate
+from nsdr.io.files import atomic_path, read_json
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
 
@@ -64,10 +64,10 @@ def run_ablation(
     for size in sizes:
         name = "all" if size == ALL else str(size)
         checkpoint = train(replace(config, samples=size, run_dir=str(run_dir / name), output=""))
-        parser = QuestionParser.from_checkpoint(checkpoint, least_probability=0.0, unknown="ignore")
+        parser = QuestionParser.from_checkpoint(checkpoint, min_probability=0.0, unknown="ignore")
         rows += [{"programs": name, **row} for row in _measured(parser, scenes, executors)]
         _write(run_dir / "ablation.csv", rows)
-    _picture(run_dir / "ablation.png", rows)
+    _image(run_dir / "ablation.png", rows)
     return str(run_dir / "ablation.csv")
 
 
@@ -128,17 +128,17 @@ def _write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
         temporary.write_text(text.getvalue())
 
 
-def _picture(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+def _image(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError:
         return
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     sizes = list(dict.fromkeys(row["programs"] for row in rows))
-    for place, (column, title) in enumerate(
+    for position, (column, title) in enumerate(
         (("program_accuracy", "exact programs"), ("answer_accuracy", "right answers"))
     ):
-        axes: Any = figure.add_subplot(1, 2, place + 1)
+        axes: Any = figure.add_subplot(1, 2, position + 1)
         for type_ in QUESTION_TYPES:
             values = {row["programs"]: 100 * row[column] for row in rows if row["question_type"] == type_}
             if values:

@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.checkpoint import load_checkpoint, save_checkpoint
-from nsdr.configuration import described, parse_config, resolved
-from nsdr.dynamics.data import MotionData, read_motion_data
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
-from nsdr.dynamics.model import LENGTH_WORLD, DynamicsConfig, DynamicsModel
-from nsdr.dynamics.paper import PaperPredictor
-from nsdr.dynamics.patches import PatchConfig
-from nsdr.dynamics.predictor import DynamicsPredictor
-from nsdr.dynamics.states import extended
+from nsdr.dynamics.motion_states import extrapolate
+from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
+from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.state_model import LENGTH_WORLD, StateModel, StateModelConfig
+from nsdr.dynamics.propnet.state_predictor import StatePredictor
 from nsdr.errors import DataError
+from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
+from nsdr.io.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, Task, train
 
-__all__ = ["DynamicsTraining", "MotionTask", "main", "pair_loss"]
+__all__ = ["DynamicsTraining", "TrackTask", "main", "pair_loss"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class DynamicsTraining:
         limit: use at most this many scenes; 0 for all.
         simulated: folder of simulated scenes (`nsdr generate dataset --renderer none`) to train on, too; "" for none.
         rollout_steps: predictions in a row that the network is trained on.
-        noise_world: standard deviation of noise added to the observed places (the patch network takes 50 px for a unit).
+        noise_world: standard deviation of noise added to the observed positions (the patch network takes 50 px for a unit).
         evaluation_scenes: measured scenes (every 40th scene is kept out of training).
         network: "state" or "paper".
         model: sizes of the networks on states.
@@ -57,12 +57,12 @@ class DynamicsTraining:
     noise_world: float = 0.003
     evaluation_scenes: int = 100
     network: str = "state"
-    model: DynamicsConfig = field(default_factory=DynamicsConfig)
-    patches: PatchConfig = field(default_factory=PatchConfig)
+    model: StateModelConfig = field(default_factory=StateModelConfig)
+    patches: PatchModelConfig = field(default_factory=PatchModelConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
 
-class MotionTask(Task):
+class TrackTask(Task):
     """Real tracks, and scenes that are kept out of training."""
 
     def __init__(self, config: DynamicsTraining, network: nn.Module) -> None:
@@ -71,10 +71,12 @@ class MotionTask(Task):
             network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
         self.model: nn.Module = network
         cache = f"{config.run_dir}/motion.npz"
-        data = read_motion_data(config.proposals, config.truth, cache, config.limit or None, config.simulated or None)
+        data = read_motion_dataset(
+            config.proposals, config.truth, cache, config.limit or None, config.simulated or None
+        )
         held_out = (np.arange(len(data)) % 40 == 0) & (data.scene >= 0)
-        self.data: MotionData = data.part(~held_out)
-        self.held_out: MotionData = data.part(np.flatnonzero(held_out)[: config.evaluation_scenes])
+        self.data: MotionDataset = data.part(~held_out)
+        self.held_out: MotionDataset = data.part(np.flatnonzero(held_out)[: config.evaluation_scenes])
         n = self.data.collision_frame.shape[1]
         upper = self.data.collision_frame * np.triu(np.ones((n, n), int), 1)
         self.collisions = np.argwhere((upper > 0)[:, :, :])
@@ -89,22 +91,22 @@ class MotionTask(Task):
         shifted = frames + rng.integers(-before, after + 1, size=size)
         return np.where(near, picked[:, 0], scenes), np.where(near, shifted, times)
 
-    def measure(self, predictor: DynamicsPredictor | PaperPredictor) -> dict[str, float]:
+    def measure(self, predictor: StatePredictor | PatchPredictor) -> dict[str, float]:
         """Collisions and rollouts of the left-out scenes."""
         scenes = [self.held_out.states(i) for i in range(len(self.held_out))]
         scores = collision_scores([(predictor.observed_collisions(states), events) for states, events in scenes])
         return scores | rollout_errors(predictor, [states for states, _ in scenes[:30]])
 
 
-class DynamicsTask(MotionTask):
+class StateModelTask(TrackTask):
     """Multi-step motion and collision losses of the forward network, collision loss of the observer."""
 
     def __init__(self, config: DynamicsTraining) -> None:
         torch.manual_seed(config.loop.seed)
-        self.network = DynamicsModel(config.model)
+        self.network = StateModel(config.model)
         super().__init__(config, self.network)
         self.margin = max(config.model.past_steps, config.model.side_steps) * config.model.stride_frames
-        self.locations = extended(self.data.location_world, self.margin).astype(np.float32)
+        self.locations = extrapolate(self.data.location_world, self.margin).astype(np.float32)
 
     def batch(self, size: int, rng: np.random.Generator) -> dict[str, dict[str, Tensor]]:
         c = self.config.model
@@ -156,20 +158,22 @@ class DynamicsTask(MotionTask):
         motion, collision = [], []
         weight_sum = torch.zeros((), device=window.device)
         for step in range(1, self.config.rollout_steps + 1):
-            places, logits = self.network.predict(window, reliable, b["static"], b["exists"])
+            positions, logits = self.network.predict(window, reliable, b["static"], b["exists"])
             target = b["location"][:, :, past - 1 + step]
             weight = (b["reliable"][:, :, past - 1 + step] & b["exists"]).float()
-            error = F.smooth_l1_loss(places / LENGTH_WORLD, target / LENGTH_WORLD, beta=0.2, reduction="none").sum(-1)
+            error = F.smooth_l1_loss(positions / LENGTH_WORLD, target / LENGTH_WORLD, beta=0.2, reduction="none").sum(
+                -1
+            )
             motion.append((error * weight).sum())
             weight_sum = weight_sum + weight.sum()
             until = b["until"] - stride * step
             collision.append(pair_loss(logits, (until >= -2) & (until <= 1), b["exists"]))
-            window = torch.cat([window[:, :, 1:], places[:, :, None]], 2)
+            window = torch.cat([window[:, :, 1:], positions[:, :, None]], 2)
             reliable = torch.cat([reliable[:, :, 1:], torch.ones_like(reliable[:, :, :1])], 2)
         return torch.stack(motion).sum() / weight_sum.clamp(min=1), torch.stack(collision).mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        return self.measure(DynamicsPredictor(self.network.eval()))
+        return self.measure(StatePredictor(self.network.eval()))
 
 
 def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
@@ -186,9 +190,9 @@ def main(argv: Sequence[str] | None = None) -> str:
     config = parse_config(DynamicsTraining, argv, "nsdr train dynamics")
     if config.network not in ("state", "paper"):
         raise DataError(f"network is {config.network!r}; expected state or paper")
-    from nsdr.training.dynamics_paper import PatchTask  # it builds on this module
+    from nsdr.training.patch_dynamics import PatchModelTask  # it builds on this module
 
-    task = DynamicsTask(config) if config.network == "state" else PatchTask(config)
+    task = StateModelTask(config) if config.network == "state" else PatchModelTask(config)
     metrics = train(task, config.loop, config.run_dir, resolved(config))
     output = config.output or f"{config.run_dir}/checkpoint"
     details = {"network": config.network, "metrics": metrics, "training": described(config)}

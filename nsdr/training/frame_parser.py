@@ -10,14 +10,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from nsdr.checkpoint import load_checkpoint, save_checkpoint
-from nsdr.clevrer.vocab import attributes_of
-from nsdr.configuration import described, parse_config, resolved
 from nsdr.errors import DataError
-from nsdr.frame_parser.data import AugmentConfig, FrameDataset
+from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
+from nsdr.io.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, Task, train
+from nsdr.world.vocabulary import attributes_of
 
 __all__ = ["FrameParserTraining", "main"]
 
@@ -35,7 +35,7 @@ class FrameParserTraining:
         initial: folder of a checkpoint to start from; "" starts from random weights.
         evaluation_frames: at most this many frames are measured.
         model: the network.
-        augmentation: changes to training pictures.
+        augmentation: changes to training images.
         loop: the optimisation.
     """
 
@@ -78,7 +78,7 @@ class FrameParserTask(Task):
         return detection_scores(model, frames) | average_precision(model, frames)
 
     @torch.no_grad()
-    def pictures(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
+    def images(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
         """Held-out frames with what is found in them."""
         model.eval()
         device = next(model.parameters()).device
@@ -86,13 +86,13 @@ class FrameParserTask(Task):
         for number in range(min(SHOWN_FRAMES, len(self.evaluation_frames))):
             image, _ = self.evaluation_frames[number * len(self.evaluation_frames) // SHOWN_FRAMES]
             (found,) = model([image.to(device)])
-            picture = np.ascontiguousarray((image.permute(1, 2, 0).numpy() * 255).astype(np.uint8))
+            canvas = np.ascontiguousarray((image.permute(1, 2, 0).numpy() * 255).astype(np.uint8))
             for i in torch.where(found["scores"] > SHOWN_SCORE)[0].tolist():
                 left, top, right, bottom = (int(side) for side in found["boxes"][i].tolist())
                 name = " ".join(attributes_of(int(found["attribute"][i].argmax())))
-                cv2.rectangle(picture, (left, top), (right, bottom), (255, 255, 0), 1)
-                cv2.putText(picture, name, (left, top - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (255, 255, 0), 1)
-            shown[f"evaluation/{number}"] = picture
+                cv2.rectangle(canvas, (left, top), (right, bottom), (255, 255, 0), 1)
+                cv2.putText(canvas, name, (left, top - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (255, 255, 0), 1)
+            shown[f"evaluation/{number}"] = canvas
         return shown
 
 

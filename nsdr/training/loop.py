@@ -24,8 +24,8 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from nsdr.errors import DataError
-from nsdr.files import read_json, write_json
-from nsdr.revision import code_revision
+from nsdr.io.files import read_json, write_json
+from nsdr.io.fingerprint import code_revision
 
 __all__ = ["LoopConfig", "Task", "train"]
 
@@ -89,8 +89,8 @@ class Task(Protocol):
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Measures on held-out data."""
 
-    def pictures(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
-        """Pictures (H, W, 3) RGB for TensorBoard, by name; none where there is nothing to see."""
+    def images(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
+        """Images (H, W, 3) RGB for TensorBoard, by name; none where there is nothing to see."""
         return {}
 
 
@@ -120,7 +120,7 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
     """
     run_dir = Path(run_dir)
     run_dir.mkdir(parents=True, exist_ok=True)
-    # num_workers etc. are ours: Accelerate only places, casts and synchronises.
+    # num_workers etc. are ours: Accelerate only positions, casts and synchronises.
     accelerator = Accelerator(mixed_precision=config.precision, cpu=config.device == "cpu")
     _check_same_run(run_dir, resolved, accelerator.is_main_process)
     model, optimizer = accelerator.prepare(task.model, _optimizer(task.model, config))
@@ -175,8 +175,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
                 metrics = task.evaluate(measured)
                 record |= metrics
                 if writer is not None:
-                    for name, picture in task.pictures(measured).items():
-                        writer.add_image(name, picture, done, dataformats="HWC")
+                    for name, image in task.images(measured).items():
+                        writer.add_image(name, image, done, dataformats="HWC")
                 log.info("step %d: %s", done, metrics)
             if record and accelerator.is_main_process:
                 lines.write(json.dumps({"step": done, **record}) + "\n")

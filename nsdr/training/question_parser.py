@@ -10,13 +10,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.checkpoint import save_checkpoint
 from nsdr.clevrer.questions import iterate_questions
-from nsdr.configuration import described, parse_config, resolved
 from nsdr.errors import DataError
-from nsdr.question_parser.grammar import TEXT_KINDS, Pair, sample
+from nsdr.io.checkpoint import save_checkpoint
+from nsdr.io.configuration import described, parse_config, resolved
+from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
+from nsdr.question_parser.grammar.templates import TEXT_KINDS, Pair, sample
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.question_parser.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.parser import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
 from nsdr.training.ablation import parse_sizes, run_ablation
@@ -41,7 +41,7 @@ class QuestionParserTraining:
         paraphrase: probability that a training text is reworded.
         other: share of each batch that is text of another kind, to be told apart.
         evaluation_texts: texts of each kind that are measured (drawn from seeds that training does not use).
-        ablation: numbers of programs such as "10,100,all": one run for each, and a table and picture of what they are worth.
+        ablation: numbers of programs such as "10,100,all": one run for each, and a table and image of what they are worth.
         evaluation_questions: for the ablation, a question file with programs and answers.
         evaluation_scenes: for the ablation, the folder of its scenes' `truth_N.json`.
         model: the networks.

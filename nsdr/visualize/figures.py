@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.camera import FPS, HEIGHT_PX, OBJECT_RADIUS_WORLD, WIDTH_PX, ground_from_pixels
-from nsdr.clevrer.vocab import COLORS_RGB
 from nsdr.errors import DataError
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.timeline import FPS
+from nsdr.world.vocabulary import COLORS_RGB
 
 __all__ = ["causal_figure", "figure_png", "plan_figure"]
 
@@ -40,39 +42,45 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
         if o.id != removed:
             _way(axes, o, rollout, prediction, removed)
     for event in rollout.collisions:
-        place = np.nanmean([rollout.location_world[i, event.frame] for i in event.objects], 0)
+        position = np.nanmean([rollout.location_world[i, event.frame] for i in event.objects], 0)
         seen = event.frame < prediction.n_frames and (removed is None or event in prediction.observed.collisions)
-        axes.plot(place[1], -place[0], "*", ms=13, mfc="gold" if seen else "white", mec="black", mew=0.8, zorder=5)
-        axes.annotate(f"{event.frame}", (place[1], -place[0]), (6, 6), textcoords="offset points", fontsize=8, zorder=6)
+        axes.plot(
+            position[1], -position[0], "*", ms=13, mfc="gold" if seen else "white", mec="black", mew=0.8, zorder=5
+        )
+        axes.annotate(
+            f"{event.frame}", (position[1], -position[0]), (6, 6), textcoords="offset points", fontsize=8, zorder=6
+        )
     what = "observed, then predicted (dashed)" if removed is None else f"without the {prediction.objects[removed].name}"
-    axes.set(aspect="equal", xlim=(-4, 4), ylim=(-3.4, 2.6), xlabel="y (right of the picture)", ylabel="-x", title=what)
+    axes.set(aspect="equal", xlim=(-4, 4), ylim=(-3.4, 2.6), xlabel="y (right of the image)", ylabel="-x", title=what)
     return figure
 
 
 def _way(axes: Any, o: SceneObject, rollout: Rollout, prediction: DynamicsPrediction, removed: int | None) -> None:
-    place, color = rollout.location_world[o.id], np.array(COLORS_RGB[o.color]) / 255
-    predicted = np.arange(len(place)) >= prediction.n_frames - 1
+    position, color = rollout.location_world[o.id], np.array(COLORS_RGB[o.color]) / 255
+    predicted = np.arange(len(position)) >= prediction.n_frames - 1
     if removed is not None:
         true = prediction.observed.location_world[o.id]
-        away = np.linalg.norm(np.nan_to_num(place - true, nan=9.0), axis=1) > 0.05
+        away = np.linalg.norm(np.nan_to_num(position - true, nan=9.0), axis=1) > 0.05
         away[prediction.n_frames :] = True
         predicted = np.maximum.accumulate(away)
         axes.plot(true[:, 1], -true[:, 0], color="0.8", lw=1)
-    axes.plot(place[~predicted, 1], -place[~predicted, 0], color=color, lw=2)
-    axes.plot(place[predicted, 1], -place[predicted, 0], color=color, lw=2, ls=(0, (3, 2)))
-    last = place[: prediction.n_frames]
+    axes.plot(position[~predicted, 1], -position[~predicted, 0], color=color, lw=2)
+    axes.plot(position[predicted, 1], -position[predicted, 0], color=color, lw=2, ls=(0, (3, 2)))
+    last = position[: prediction.n_frames]
     last = last[np.isfinite(last[:, 0])]
     if len(last):
         _object(axes, o, last[-1])
 
 
-def _object(axes: Any, o: SceneObject, place: NDArray[Any], faint: bool = False) -> None:
+def _object(axes: Any, o: SceneObject, position: NDArray[Any], faint: bool = False) -> None:
     color = np.array(COLORS_RGB[o.color]) / 255
     shine = {"mew": 2.0, "mec": "0.85"} if o.material == "metal" else {"mew": 0.8, "mec": "black"}
-    axes.plot(place[1], -place[0], MARKERS[o.shape], ms=15, mfc=color, alpha=0.3 if faint else 1.0, zorder=4, **shine)
+    axes.plot(
+        position[1], -position[0], MARKERS[o.shape], ms=15, mfc=color, alpha=0.3 if faint else 1.0, zorder=4, **shine
+    )
     offset = OBJECT_RADIUS_WORLD * 1.2
     text = {"fontsize": 7.5, "color": "0.6" if faint else "0.15", "zorder": 6}
-    axes.annotate(f"{o.id} {o.name}", (place[1] + offset, -place[0] - offset), **text)
+    axes.annotate(f"{o.id} {o.name}", (position[1] + offset, -position[0] - offset), **text)
 
 
 def causal_figure(scene: Scene) -> Any:
@@ -90,13 +98,13 @@ def causal_figure(scene: Scene) -> Any:
         if len(shown):
             axes.plot(shown[[0, -1]], [o.id, o.id], color=color, lw=3, solid_capstyle="round", zorder=2)
     where = [(e.frame, float(np.mean(e.objects))) for e in scene.events]
-    for event, place in zip(scene.events, where, strict=True):
+    for event, position in zip(scene.events, where, strict=True):
         if event.kind == "collision":
             axes.plot([event.frame] * 2, event.objects, color="black", lw=1.2, zorder=1)
             axes.plot([event.frame] * 2, event.objects, "o", color="black", ms=4, zorder=3)
-            axes.plot(*place, "*", ms=13, mfc="gold", mec="black", zorder=5)
+            axes.plot(*position, "*", ms=13, mfc="gold", mec="black", zorder=5)
         else:
-            axes.plot(*place, ">" if event.kind == "in" else "X", ms=9, mfc="white", mec="black", zorder=5)
+            axes.plot(*position, ">" if event.kind == "in" else "X", ms=9, mfc="white", mec="black", zorder=5)
     arrow = {"arrowstyle": "-|>", "color": "crimson", "lw": 1.4, "shrinkA": 7, "shrinkB": 7}
     for index, causes in enumerate(direct_causes(scene.events)):
         for cause in causes:

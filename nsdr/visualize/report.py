@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.files import atomic_path
+from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
-from nsdr.symbolic import explain, format_tree
+from nsdr.symbolic import format_tree
+from nsdr.symbolic.traces import explain
 from nsdr.types import Answer, TraceStep
+from nsdr.visualize.annotate import annotated_image
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-from nsdr.visualize.picture import annotated_picture
-from nsdr.visualize.strobe import stroboscopic_picture
+from nsdr.visualize.strobe import stroboscopic_image
 
 __all__ = ["write_report"]
 
@@ -51,8 +52,8 @@ def write_report(
     assert tracks is not None
     assert dynamics is not None
     last = len(frames) - 1
-    seen = annotated_picture(frames[last], last, perception.proposals, tracks, scene)
-    strobe = stroboscopic_picture(frames, perception.proposals, tracks)
+    seen = annotated_image(frames[last], last, perception.proposals, tracks, scene)
+    strobe = stroboscopic_image(frames, perception.proposals, tracks)
     body = [
         "<h1>" + html.escape(answers[0].question if len(answers) == 1 else "What the system saw") + "</h1>",
         *(_summary(answer) for answer in answers),
@@ -114,10 +115,8 @@ def _trace(trace: Sequence[TraceStep], perception: Perception, frames: NDArray[n
             continue  # a word
         inputs = ", ".join(str(i + 1) for i in step.inputs)
         shown = sorted({e.frame for e in step.events if e in perception.scene.events})[:3]
-        pictures = "".join(f"<img alt='frame {f}' src='{_small(frames[f], perception, step, f)}'>" for f in shown)
-        rows.append(
-            f"<tr><td>{number}<td><code>{step.module}</code> {inputs}<td>{html.escape(step.text)}<td>{pictures}"
-        )
+        images = "".join(f"<img alt='frame {f}' src='{_small(frames[f], perception, step, f)}'>" for f in shown)
+        rows.append(f"<tr><td>{number}<td><code>{step.module}</code> {inputs}<td>{html.escape(step.text)}<td>{images}")
     tree = html.escape(format_tree(trace))
     head = "<tr><th>step<th>module, inputs<th>result<th>frames it rests on"
     details = f"<details><summary>program tree</summary><pre>{tree}</pre></details>"
@@ -126,17 +125,17 @@ def _trace(trace: Sequence[TraceStep], perception: Perception, frames: NDArray[n
 
 def _small(frame: NDArray[np.uint8], perception: Perception, step: TraceStep, index: int) -> str:
     """A small frame with boxes around the objects of the step's events at this frame."""
-    picture = frame.copy()
+    image = frame.copy()
     assert perception.tracks is not None
     for i in {i for e in step.events if e.frame == index for i in e.objects}:
         track = perception.tracks.tracks[i]
         box = track.box_xyxy_px[int(np.abs(track.frame_index - index).argmin())].tolist()
-        cv2.rectangle(picture, box[:2], box[2:], (255, 210, 60), 3)
-    return _data(_png(cv2.resize(picture, (240, 160), interpolation=cv2.INTER_AREA)))
+        cv2.rectangle(image, box[:2], box[2:], (255, 210, 60), 3)
+    return _data(_png(cv2.resize(image, (240, 160), interpolation=cv2.INTER_AREA)))
 
 
-def _png(picture: Any) -> bytes:
-    return bytes(cv2.imencode(".png", picture[..., ::-1])[1])
+def _png(image: Any) -> bytes:
+    return bytes(cv2.imencode(".png", image[..., ::-1])[1])
 
 
 def _data(png: bytes) -> str:

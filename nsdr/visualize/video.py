@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.types import Scene, VideoProposals, VideoTracks
-from nsdr.visualize.picture import SCALE, annotated_picture
+from nsdr.visualize.annotate import SCALE, annotated_image
 
 __all__ = ["write_annotated_video"]
 
@@ -29,24 +29,24 @@ def write_annotated_video(
     Raises:
         DataError: PyAV is missing.
     """
-    from nsdr.generate.encode import write_video
+    from nsdr.io.video import write_video
 
-    def pictures() -> Iterator[NDArray[np.uint8]]:
+    def images() -> Iterator[NDArray[np.uint8]]:
         for index, frame in enumerate(frames):
-            picture = annotated_picture(frame, index, proposals, tracks, scene)
+            image = annotated_image(frame, index, proposals, tracks, scene)
             for event in scene.events:
                 age = index - event.frame
                 if event.kind == "collision" and 0 <= age < FLASH_FRAMES:
-                    _flash(picture, [tracks.tracks[i] for i in event.objects], event.frame, age)
-            yield picture
+                    _flash(image, [tracks.tracks[i] for i in event.objects], event.frame, age)
+            yield image
 
-    write_video(path, pictures())
+    write_video(path, images())
 
 
-def _flash(picture: NDArray[Any], pair: list[Any], frame: int, age: int) -> None:
-    places = [t.centroid_px[int(np.abs(t.frame_index - frame).argmin())] for t in pair]
-    centre = np.round(np.mean(places, 0) * SCALE).astype(int).tolist()
-    layer = picture.copy()
+def _flash(image: NDArray[Any], pair: list[Any], frame: int, age: int) -> None:
+    positions = [t.centroid_px[int(np.abs(t.frame_index - frame).argmin())] for t in pair]
+    centre = np.round(np.mean(positions, 0) * SCALE).astype(int).tolist()
+    layer = image.copy()
     cv2.circle(layer, centre, 14 + 5 * age, (255, 240, 160), 5, cv2.LINE_AA)
     strength = 0.9 * (1 - age / FLASH_FRAMES)
-    picture[:] = np.round(layer * strength + picture * (1 - strength)).astype(np.uint8)
+    image[:] = np.round(layer * strength + image * (1 - strength)).astype(np.uint8)

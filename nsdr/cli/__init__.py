@@ -1,0 +1,1 @@
+"""The command `nsdr`: one file per group of commands. Nothing imports this room."""

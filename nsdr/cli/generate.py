@@ -1,0 +1,128 @@
+"""`nsdr generate dataset|scene|questions`: from a YAML file and flags to files."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from tqdm import tqdm
+
+from nsdr.clevrer.questions import write_questions
+from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.errors import DataError
+from nsdr.generate.dataset import DatasetConfig, generate_dataset
+from nsdr.generate.physics.scene import SceneConfig, simulate_scene
+from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
+from nsdr.generate.questions.statistics import write_question_statistics
+from nsdr.generate.records import truth_document
+from nsdr.io.configuration import parse_config
+from nsdr.io.files import parse_json, write_json
+from nsdr.io.tasks import run_in_order
+from nsdr.types import Scene
+from nsdr.world.camera import CLEVRER_CAMERA
+
+__all__ = ["COMMANDS", "SceneOptions", "main"]
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """One scene's truth file, by seed.
+
+    Attributes:
+        output: JSON file to write.
+        seed: of the scene.
+        scene: what scenes look like.
+    """
+
+    output: str
+    seed: int = 0
+    scene: SceneConfig = field(default_factory=SceneConfig)
+
+
+def _dataset(argv: Sequence[str]) -> str:
+    return str(generate_dataset(parse_config(DatasetConfig, argv, "nsdr generate dataset")))
+
+
+def _scene(argv: Sequence[str]) -> str:
+    options = parse_config(SceneOptions, argv, "nsdr generate scene")
+    scene = simulate_scene(options.seed, options.scene)
+    write_json(options.output, truth_document(scene, options.seed, CLEVRER_CAMERA))
+    return options.output
+
+
+@dataclass(frozen=True)
+class QuestionOptions:
+    """Balanced questions for scenes.
+
+    Attributes:
+        scenes: truth files (`truth_*.json`), annotation files, or compact ground truth (`.json` or `.json.gz` with a list
+            of blocks); folders stand for the truth files, or else the annotation files, below them.
+        output: question file to write, with `.statistics.md` and `.statistics.png` beside it.
+        questions: which are wanted.
+        engine: "processes" or "ray".
+        workers: processes, 0 for one a CPU core.
+    """
+
+    scenes: str | list[str]
+    output: str
+    questions: QuestionConfig = field(default_factory=QuestionConfig)
+    engine: str = "processes"
+    workers: int = 0
+
+
+def _questions(argv: Sequence[str]) -> str:
+    options = parse_config(QuestionOptions, argv, "nsdr generate questions")
+    scenes = sorted(
+        (s for path in _listed(options.scenes) for s in _read_scenes(Path(path))), key=lambda scene: scene[0]
+    )
+    found = run_in_order(partial(find_candidates, seed=options.questions.seed), scenes, options.engine, options.workers)
+    bar = tqdm(found, total=len(scenes), unit="scene", desc="questions")
+    selected = list(select_questions(bar, options.questions))
+    output = Path(options.output)
+    write_questions(output, selected)
+    write_question_statistics(output.with_suffix(""), selected)
+    return options.output
+
+
+def _listed(paths: str | list[str]) -> list[str]:
+    return [paths] if isinstance(paths, str) else paths
+
+
+def _read_scenes(path: Path) -> Iterator[tuple[int, str, Scene]]:
+    """Index, video file name and scene of everything below a path."""
+    if path.is_dir():
+        below = sorted(path.rglob("truth_*.json")) or sorted(path.rglob("annotation_*.json"))
+        if not below:
+            raise DataError(f"{path}: holds no truth_*.json and no annotation_*.json")
+        for file in below:
+            yield from _read_scenes(file)
+        return
+    if not path.is_file():
+        raise DataError(f"{path}: no such file or folder")
+    content = parse_json(path.read_bytes(), str(path))
+    try:
+        if isinstance(content, list):
+            for block in content:
+                index = block["video"]
+                yield index, f"video_{index:05d}.mp4", scene_from_ground_truth(block, block["n_frames"])
+        elif "motion_trajectory" in content:
+            yield content["scene_index"], content["video_filename"], scene_from_annotation(content)
+        else:
+            index = content["scene_index"]
+            yield index, f"video_{index:05d}.mp4", scene_from_truth(content)
+    except (DataError, KeyError, TypeError) as e:
+        raise DataError(f"{path}: not a truth, annotation or ground-truth file ({e})") from e
+
+
+COMMANDS = {"dataset": _dataset, "scene": _scene, "questions": _questions}
+
+
+def main(argv: Sequence[str]) -> str:
+    """Run one of `COMMANDS` with its arguments (`-o` is short for `--output`); returns what was written.
+
+    Raises:
+        DataError: an unknown command, or anything the command complains about.
+    """
+    if not argv or argv[0] not in COMMANDS:
+        raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {argv[0] if argv else 'nothing'!r}")
+    return COMMANDS[argv[0]](["--output" if a == "-o" else a for a in argv[1:]])

@@ -1,0 +1,131 @@
+"""Tracks as dense arrays: a position for every object and frame, with what is known of its reliability."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
+from nsdr.types import SceneObject, VideoTracks
+from nsdr.world.vocabulary import MATERIALS, SHAPES
+
+__all__ = ["MeasurementConfig", "MotionStates", "extrapolate", "object_features", "states_from_tracks"]
+
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
+BoolArray = NDArray[np.bool_]
+LINE_SAMPLES = 8
+"""Samples at a track's ends whose straight line is continued where the object was not detected."""
+MIN_LINE_SAMPLES = 3
+"""Reliable samples near a track's end that suffice for that line; otherwise all samples count."""
+
+
+@dataclass(frozen=True)
+class MeasurementConfig:
+    """How far measured positions are trusted; shared by the smoothing of tracks and the fit of the simulator.
+
+    The values were chosen on `dev` scenes: `python benchmarks/visibility.py` compares them.
+
+    Attributes:
+        unreliable_weight: weight (0-1) of positions of objects that are hidden in part or cut by the image's border.
+        rest_speed_world_per_s: objects whose fitted initial speed is below this are treated as at rest (world units/s).
+            CLEVRER's moving objects start at 2.7 or faster.
+        visibility: which boxes are cut or hidden.
+        collision_margin_frames: positions within this many frames of a collision are ambiguous and ignored (frames).
+    """
+
+    unreliable_weight: float = 0.03
+    rest_speed_world_per_s: float = 0.4
+    collision_margin_frames: int = 1
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+
+
+@dataclass(frozen=True)
+class MotionStates:
+    """Ground-plane motion of a video's objects.
+
+    Attributes:
+        objects: identities.
+        location_world: (n, F, 2) float, detected or interpolated; beyond the track's ends continued in a straight line.
+        detected: (n, F) bool, the object was detected in that frame.
+        reliable: (n, F) bool, detected, not cut by the image's border and not hidden by a nearer object.
+        present: (n, F) bool, between the first and the last detection.
+        box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
+    """
+
+    objects: tuple[SceneObject, ...]
+    location_world: FloatArray
+    detected: BoolArray
+    reliable: BoolArray
+    present: BoolArray
+    box_px: FloatArray
+
+
+def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None = None) -> MotionStates:
+    """Dense states of all tracks of a video; `visibility` decides which positions are reliable."""
+    n, frames = len(video.tracks), video.n_frames
+    location = np.zeros((n, frames, 2))
+    detected, present = (np.zeros((n, frames), bool) for _ in range(2))
+    box = np.full((n, frames, 4), np.nan)
+    for i, t in enumerate(video.tracks):
+        detected[i, t.frame_index] = True
+        present[i, t.frame_index[0] : t.frame_index[-1] + 1] = True
+        box[i, t.frame_index] = t.box_xyxy_px
+    hidden = (
+        np.stack([hidden_sides(box[:, f], visibility).any(1) for f in range(frames)], 1)
+        if n
+        else np.zeros((0, frames), bool)
+    )
+    reliable = detected & ~hidden
+    every, centred = np.arange(frames), np.zeros((n, frames, 4))
+    for i, t in enumerate(video.tracks):
+        seen, sides = t.frame_index, t.box_xyxy_px.astype(float)
+        for axis in range(2):
+            location[i, :, axis] = np.interp(every, seen, t.location_world[:, axis])
+        centre_and_size = np.concatenate([(sides[:, :2] + sides[:, 2:]) / 2, sides[:, 2:] - sides[:, :2]], 1)
+        centred[i] = np.stack([np.interp(every, seen, column) for column in centre_and_size.T], 1)
+        first, last = _line_samples(seen, reliable[i, seen])
+        before, after = every < seen[0], every > seen[-1]
+        location[i, before] = _line(seen[first], t.location_world[first], every[before])
+        location[i, after] = _line(seen[last], t.location_world[last], every[after])
+    return MotionStates(tuple(t.object for t in video.tracks), location, detected, reliable, present, centred)
+
+
+def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:
+    """Positions (..., F, 2) continued in straight lines by a number of frames on both sides: (..., F + 2 frames, 2)."""
+    reach = min(LINE_SAMPLES, location_world.shape[-2] - 1)
+    if reach < 1:
+        return np.repeat(location_world, 2 * frames + 1, axis=-2)
+    ahead = np.arange(1, frames + 1)[:, None] / reach
+    first, last = location_world[..., :1, :], location_world[..., -1:, :]
+    before = first - (location_world[..., reach : reach + 1, :] - first) * ahead[::-1]
+    after = last + (last - location_world[..., -1 - reach : -reach, :]) * ahead
+    return np.concatenate([before, location_world, after], axis=-2)
+
+
+def _line_samples(seen: IntArray, is_reliable: BoolArray) -> tuple[IntArray, IntArray]:
+    """Indices of the samples at a track's start and end that its lines go through; reliable ones where they are near."""
+    reliable, every = np.flatnonzero(is_reliable), np.arange(len(seen))
+    k, near = MIN_LINE_SAMPLES, 2 * LINE_SAMPLES
+    at_start = len(reliable) >= k and seen[reliable[k - 1]] - seen[0] <= near
+    at_end = len(reliable) >= k and seen[-1] - seen[reliable[-k]] <= near
+    return (reliable if at_start else every)[:LINE_SAMPLES], (reliable if at_end else every)[-LINE_SAMPLES:]
+
+
+def _line(frame_index: IntArray, location_world: FloatArray, wanted: IntArray) -> FloatArray:
+    """Positions (W, 2) at other frames of the straight line through samples (N, 2)."""
+    if len(frame_index) < 2:
+        return np.repeat(location_world[:1], len(wanted), axis=0)
+    terms = np.stack([np.ones(len(frame_index)), frame_index - frame_index.mean()], 1)
+    coefficients = np.linalg.lstsq(terms, location_world, rcond=None)[0]
+    return np.stack([np.ones(len(wanted)), wanted - frame_index.mean()], 1) @ coefficients
+
+
+def object_features(objects: tuple[SceneObject, ...]) -> FloatArray:
+    """(n, 5): one-hot shape (3) and material (2)."""
+    features = np.zeros((len(objects), len(SHAPES) + len(MATERIALS)), np.float32)
+    for row, o in zip(features, objects, strict=True):
+        row[SHAPES.index(o.shape)] = 1
+        row[len(SHAPES) + MATERIALS.index(o.material)] = 1
+    return features

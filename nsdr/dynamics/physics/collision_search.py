@@ -1,0 +1,76 @@
+"""Which collisions explain a video best: candidates are judged by how well a simulation with them fits the tracks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.simulator import NO_CONTACT
+from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitConfig, fit_trajectories
+from nsdr.types import Event
+
+__all__ = ["CollisionSearchConfig", "search_collisions"]
+
+
+@dataclass(frozen=True)
+class CollisionSearchConfig:
+    """How collisions are found by fitting. The limits were set on left-out scenes of `train`.
+
+    Attributes:
+        doubt: candidates with a probability in (doubt, 1 - doubt) are tried both ways; the others are taken as they are.
+        min_gain: a further collision must lower the fit's cost by this much.
+        max_loss: without a collision in which the fitted objects do not touch, the cost may rise by at most this much.
+        trials: maximum number of fits beside the first.
+        fit: of the simulator.
+    """
+
+    doubt: float = 0.01
+    min_gain: float = 0.3
+    max_loss: float = 0.1
+    trials: int = 4
+    fit: TrajectoryFitConfig = field(default_factory=TrajectoryFitConfig)
+
+
+def search_collisions(
+    states: MotionStates,
+    candidates: Sequence[tuple[Event, float]],
+    config: CollisionSearchConfig | None = None,
+) -> tuple[list[Event], TrajectoryFit]:
+    """Collisions during the video, and the fitted simulation.
+
+    A doubtful collision is dropped when the fitted objects do not touch and the tracks are explained as well without it; one
+    is added when the objects touch and the tracks are explained much better with it.
+
+    Args:
+        states: of at least one object.
+        candidates: collisions with their probabilities, in order of time.
+        config: how to search.
+    """
+    config = config or CollisionSearchConfig()
+    events = {event.objects: event for event, _ in candidates}
+    chosen = {event.objects for event, p in candidates if p > 0.5}
+
+    def fitted(pairs: set[tuple[int, ...]]) -> TrajectoryFit:
+        return fit_trajectories(states, sorted((events[p] for p in pairs), key=lambda e: e.frame), config.fit)
+
+    best = current = fitted(chosen)
+    doubtful = sorted((abs(p - 0.5), e.objects) for e, p in candidates if config.doubt < p < 1 - config.doubt)
+    tried = {frozenset(chosen)}
+    changed = True
+    while changed:
+        changed = False
+        for _, pair in doubtful:
+            touch, listed = current.motion.contact[pair] != NO_CONTACT, pair in chosen
+            other = chosen ^ {pair}
+            settled = touch if listed else not touch and current.cost < config.fit.good_cost
+            if settled or frozenset(other) in tried or len(tried) > config.trials:
+                continue
+            tried.add(frozenset(other))
+            trial = fitted(other)
+            if listed:
+                better = trial.cost < current.cost + config.max_loss
+            else:
+                better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - config.min_gain
+            if better:
+                chosen, current, changed = other, trial, True
+            best = min(best, trial, key=lambda fit: fit.cost)
+    return sorted((events[p] for p in chosen), key=lambda e: e.frame), best

@@ -1,0 +1,95 @@
+"""Outlines of CLEVRER's objects seen from above, and the gap between two of them (compiled by Numba)."""
+
+import numpy as np
+from numba import njit
+
+from nsdr.world.physics_constants import HULL_MARGIN_WORLD, OBJECT_RADIUS_WORLD
+from nsdr.world.shapes import CUBE_EDGE_WORLD, CUBE_EXPONENT, CUBE_STEPS
+from nsdr.world.vocabulary import SHAPES
+
+__all__ = ["CUBE", "CUBE_OUTLINE", "FLAT", "ROUND", "SPHERE", "outline_gap"]
+
+CUBE, SPHERE = SHAPES.index("cube"), SHAPES.index("sphere")
+_HALF, _MARGIN = OBJECT_RADIUS_WORLD, HULL_MARGIN_WORLD
+FLAT = OBJECT_RADIUS_WORLD - CUBE_EDGE_WORLD
+"""Half-length of the flat part of a cube's side (world units)."""
+ROUND = OBJECT_RADIUS_WORLD + HULL_MARGIN_WORLD
+"""Radius of spheres and cylinders with Bullet's margin (world units)."""
+
+_ANGLES = np.pi / 2 * np.arange(CUBE_STEPS + 1) / CUBE_STEPS
+_ARC = FLAT + CUBE_EDGE_WORLD * np.abs(np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)) ** (2 / CUBE_EXPONENT)
+CUBE_OUTLINE = np.concatenate([_ARC * s for s in ((1, 1), (1, -1), (-1, 1), (-1, -1))])
+"""(28, 2) points of a cube's outline seen from above."""
+
+
+@njit(cache=True)
+def _cube_gap(x, y):  # type: ignore[no-untyped-def]
+    """Signed distance of a point (in the cube's frame) from the cube's outline, and the outline's normal there."""
+    ax, ay = abs(x), abs(y)
+    if ax <= FLAT or ay <= FLAT:
+        if ax > ay:
+            return ax - _HALF, np.copysign(1.0, x), 0.0
+        return ay - _HALF, 0.0, np.copysign(1.0, y)
+    best, nx, ny = 1e9, 0.0, 0.0
+    for k in range(CUBE_STEPS):
+        bx, by = _ARC[k, 0], _ARC[k, 1]
+        ex, ey = _ARC[k + 1, 0] - bx, _ARC[k + 1, 1] - by
+        t = ((ax - bx) * ex + (ay - by) * ey) / (ex * ex + ey * ey)
+        t = min(max(t, 0.0), 1.0)
+        dx, dy = ax - bx - t * ex, ay - by - t * ey
+        d = np.sqrt(dx * dx + dy * dy)
+        if d < abs(best):
+            outside = dx * ey - dy * ex > 0  # the arc runs anticlockwise
+            if outside and d > 1e-9:
+                best, nx, ny = d, dx / d, dy / d
+            else:
+                length = np.sqrt(ex * ex + ey * ey)
+                best, nx, ny = (d if outside else -d), ey / length, -ex / length
+    return best, np.copysign(nx, x), np.copysign(ny, y)
+
+
+@njit(cache=True)
+def outline_gap(shape, position, yaw, i, j):  # type: ignore[no-untyped-def]
+    """Gap of bodies i and j, the normal from i to j (x, y), and the point (x, y) where they (nearly) touch.
+
+    Args:
+        shape: (n,) int.
+        position: (n, 2) world units.
+        yaw: (n,) radians.
+        i, j: which two.
+    """
+    dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+    if shape[i] != CUBE and shape[j] != CUBE:
+        d = max(np.sqrt(dx * dx + dy * dy), 1e-9)
+        nx, ny = dx / d, dy / d
+        return d - 2 * ROUND, nx, ny, position[i, 0] + ROUND * nx, position[i, 1] + ROUND * ny
+    if shape[i] == CUBE and shape[j] == CUBE:
+        best, bx, by, px, py = 1e9, 1.0, 0.0, 0.0, 0.0
+        for side in range(2):
+            a, b = (i, j) if side == 0 else (j, i)  # vertices of a against the outline of b
+            ca, sa, cb, sb = np.cos(yaw[a]), np.sin(yaw[a]), np.cos(yaw[b]), np.sin(yaw[b])
+            for k in range(len(CUBE_OUTLINE)):
+                facing = (ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1]) * dx + (
+                    sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1]
+                ) * dy
+                if (facing < 0) == (side == 0):
+                    continue
+                vx = ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1] + position[a, 0]
+                vy = sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1] + position[a, 1]
+                rx, ry = vx - position[b, 0], vy - position[b, 1]
+                d, nx, ny = _cube_gap(cb * rx + sb * ry, -sb * rx + cb * ry)
+                if d < best:
+                    best = d
+                    wx, wy = cb * nx - sb * ny, sb * nx + cb * ny  # from b to a
+                    bx, by = (-wx, -wy) if side == 0 else (wx, wy)
+                    px, py = vx, vy
+        return best - 2 * _MARGIN, bx, by, px, py
+    c, o = (i, j) if shape[i] == CUBE else (j, i)
+    cc, sc = np.cos(yaw[c]), np.sin(yaw[c])
+    rx, ry = position[o, 0] - position[c, 0], position[o, 1] - position[c, 1]
+    d, nx, ny = _cube_gap(cc * rx + sc * ry, -sc * rx + cc * ry)
+    wx, wy = cc * nx - sc * ny, sc * nx + cc * ny  # from the cube to the other
+    px, py = position[o, 0] - _HALF * wx, position[o, 1] - _HALF * wy
+    if c != i:
+        wx, wy = -wx, -wy
+    return d - _HALF - 2 * _MARGIN, wx, wy, px, py

@@ -1,0 +1,208 @@
+"""The physics backend: a planar simulator fitted to each video predicts what comes next, and what happens without an object.
+
+Beyond the paper. A fit explains the video by one run (see `trajectory_fit`). Whatever a removal cannot influence keeps its
+observed motion; the rest is simulated, many times with states perturbed by their uncertainty, which gives probabilities.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.dynamics.base import rollout_frames
+from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
+from nsdr.dynamics.physics.collision_search import CollisionSearchConfig, search_collisions
+from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
+from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit
+from nsdr.dynamics.track_smoothing import (
+    SmoothedTracks,
+    SmoothingConfig,
+    rollout_in_image,
+    smooth_tracks,
+    with_smoothed_tracks,
+)
+from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.world.physics_constants import LOG_MASS_STD, OBJECT_RADIUS_WORLD
+
+__all__ = ["CollisionDetector", "PhysicsConfig", "PhysicsPredictor"]
+
+FloatArray = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """How the fitted scene is simulated on. Noise levels were set on left-out scenes of `train`.
+
+    Attributes:
+        horizon_frame: last frame to predict; None is 7/5 of the video's length.
+        runs: simulations of each rollout; the first is not perturbed.
+        position_noise_world: standard deviation of perturbed positions (world units).
+        velocity_noise_world_per_s: standard deviation of perturbed velocities (world units/s).
+        yaw_noise: standard deviation of perturbed yaws (radians).
+        mass_noise: standard deviation of perturbed log masses of objects that were seen to collide.
+        unmet_mass_noise: the same for objects that were not; CLEVRER's masses are uniform in 0.7-1.3.
+        collision_threshold: share of runs above which a collision counts.
+        shortcut: objects that a removal cannot influence keep their observed motion; otherwise all are simulated from frame 0.
+        seed: of the perturbations.
+        closeness_world: scale on which the closest approach tells pairs apart that collide in equally many runs (world units).
+        search: how the observed collisions and the fit are found.
+        smoothing: how observed tracks are smoothed.
+    """
+
+    horizon_frame: int | None = None
+    runs: int = 30
+    position_noise_world: float = 0.004
+    velocity_noise_world_per_s: float = 0.015
+    yaw_noise: float = 0.1
+    mass_noise: float = 0.08
+    unmet_mass_noise: float = LOG_MASS_STD
+    collision_threshold: float = 0.5
+    shortcut: bool = True
+    seed: int = 0
+    closeness_world: float = 0.4
+    search: CollisionSearchConfig = field(default_factory=CollisionSearchConfig)
+    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
+
+
+class CollisionDetector(Protocol):
+    """Finds collisions in observed motion, such as `nsdr.dynamics.propnet.StatePredictor`."""
+
+    def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
+        """For every pair its most probable collision, and its probability, by frame."""
+
+
+class PhysicsPredictor:
+    """Simulation of a scene that was fitted to the tracks.
+
+    Differs from the paper: a simulator replaces the learned dynamics; a network only detects observed collisions.
+
+    Args:
+        detector: finds collisions in observed motion.
+        config: of the simulation.
+    """
+
+    def __init__(self, detector: CollisionDetector, config: PhysicsConfig | None = None) -> None:
+        self.detector = detector
+        self.config = config or PhysicsConfig()
+
+    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
+        """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
+        states = states_from_tracks(tracks, self.config.smoothing.measurement.visibility)
+        if not states.objects:
+            return DynamicsPrediction(states.objects, tracks.n_frames, _empty(tracks.n_frames, self.config), {})
+        scene = self._fitted(states, observed)
+        rollout = with_smoothed_tracks(scene.rollout(None), scene.smoothed)
+        counterfactual = {k: scene.rollout(k) for k in range(len(states.objects))}
+        return DynamicsPrediction(states.objects, tracks.n_frames, rollout, counterfactual)
+
+    def continue_motion(self, states: MotionStates) -> Rollout:
+        """The rollout after the last frame of `states`, nothing removed."""
+        if not states.objects:
+            return _empty(states.present.shape[1], self.config)
+        return self._fitted(states, None).rollout(None)
+
+    def _fitted(self, states: MotionStates, observed: Sequence[Event] | None) -> "_FittedScene":
+        given = None if observed is None else [(event, 1.0) for event in observed]
+        candidates = self.detector.collision_candidates(states) if given is None else given
+        collisions, fitted = search_collisions(states, candidates, self.config.search)
+        smoothed = smooth_tracks(states, collisions, self.config.smoothing)
+        return _FittedScene(states, smoothed, fitted, collisions, self.config)
+
+
+def _empty(n_frames: int, config: PhysicsConfig) -> Rollout:
+    frames = rollout_frames(n_frames, config.horizon_frame)
+    return Rollout(np.zeros((0, frames, 2)), np.zeros((0, frames), bool), (), np.zeros((0, 0)))
+
+
+class _FittedScene:
+    """A fitted video that can be simulated on, with and without each object."""
+
+    def __init__(
+        self,
+        states: MotionStates,
+        smoothed: SmoothedTracks,
+        fitted: TrajectoryFit,
+        observed: Sequence[Event],
+        config: PhysicsConfig,
+    ) -> None:
+        self.states, self.smoothed, self.fitted, self.observed = states, smoothed, fitted, observed
+        self.config = config
+        n, self.frames = states.present.shape
+        self.total = rollout_frames(self.frames, config.horizon_frame)
+        # Smoothed stretches follow the tracks most closely; where there is none, the fitted run steps in.
+        known = np.isfinite(smoothed.location_world)
+        self.position = np.where(known, smoothed.location_world, fitted.motion.position)
+        self.velocity = np.where(known, smoothed.velocity_world_per_s, fitted.motion.velocity)
+        met = {i for e in observed for i in e.objects}
+        self.mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
+        self.collisions = np.array([(*e.objects, e.frame) for e in observed], np.int64).reshape(-1, 3)
+
+    def rollout(self, removed: int | None) -> Rollout:
+        """The scene as it is (None), or without an object."""
+        exists = np.ones(len(self.states.objects), bool)
+        if removed is not None:
+            exists[removed] = False
+        rng = np.random.default_rng(self.config.seed)
+        runs = [self._run(exists, rng if k else None) for k in range(self.config.runs)]
+        first = runs[0]
+        frames = np.stack([r.contact for r in runs])
+        hit = frames != NO_CONTACT
+        pairs = {e.objects for e in self.observed}
+        scores = hit.mean(0)
+        collisions = list(self.observed) if removed is None else []
+        for i, j in np.argwhere(np.triu(scores > self.config.collision_threshold, 1)).tolist():
+            if removed is None and (i, j) in pairs:
+                continue
+            frame = int(np.median(frames[hit[:, i, j], i, j]))
+            collisions.append(Event("collision", max(frame, self.frames) if removed is None else frame, (i, j)))
+        scores = (len(runs) * scores + self._closeness(first)) / (len(runs) + 1)
+        for pair in pairs:  # a pair collides once
+            scores[pair] = scores[pair[::-1]] = 0.0
+        return Rollout(
+            np.where(exists[:, None, None], first.position, np.nan),
+            self._visible(first, exists),
+            tuple(sorted(collisions, key=lambda e: e.frame)),
+            scores if removed is None else None,
+        )
+
+    def _run(self, exists: NDArray[np.bool_], rng: np.random.Generator | None) -> SimulatedMotion:
+        c, n = self.config, len(self.states.objects)
+        bodies, motion = self.fitted.bodies, self.fitted.motion
+
+        def noise(*shape: int) -> FloatArray:
+            return np.zeros(shape) if rng is None else rng.normal(size=shape)
+
+        mass = bodies.mass * np.exp(self.mass_noise * noise(n))
+        shift, push = c.position_noise_world * noise(n, 2), c.velocity_noise_world_per_s * noise(n, 2)
+        yaw_error = c.yaw_noise * noise(n)
+        if not c.shortcut and not exists.all():
+            moves = (np.linalg.norm(bodies.velocity, axis=1) > 0)[:, None]
+            position, velocity = bodies.position + shift, bodies.velocity + push * moves
+            start = BodyStates(bodies.shape, position, velocity, bodies.yaw + yaw_error, bodies.spin, mass)
+            return simulate(start, exists, self.total, self.fitted.rebound)
+        moving = np.linalg.norm(self.velocity, axis=-1, keepdims=True) > 0
+        prescribed = PrescribedMotion(
+            self.position + shift[:, None],
+            self.velocity + push[:, None] * moving,
+            motion.yaw + yaw_error[:, None],
+            motion.spin,
+            np.full(n, self.frames - 1),
+            self.collisions,
+        )
+        position, velocity = prescribed.position[:, 0], prescribed.velocity[:, 0]
+        start = BodyStates(bodies.shape, position, velocity, bodies.yaw, bodies.spin, mass)
+        return simulate(start, exists, self.total, None, prescribed)
+
+    def _closeness(self, run: SimulatedMotion) -> FloatArray:
+        """(n, n) in 0-1: how close pairs come after the video."""
+        later = run.position[:, self.frames - 1 :]
+        gap = np.linalg.norm(later[:, None] - later[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
+        return np.asarray(np.exp(-np.maximum(gap, 0) / self.config.closeness_world))
+
+    def _visible(self, run: SimulatedMotion, exists: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        visible = rollout_in_image([o.shape for o in self.states.objects], run.position)
+        for i, free in enumerate(run.free_from):
+            visible[i, : free + 1] = self.smoothed.visible[i, : free + 1]
+        return visible & exists[:, None]

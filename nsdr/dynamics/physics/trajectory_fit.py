@@ -1,0 +1,393 @@
+"""Fitting the planar simulator to tracks: initial states, masses, yaws and rebounds, so that one run explains the video.
+
+The window of frames grows by one collision at a time, so that each fit starts near its solution; given rebounds make the
+motion a smooth function of the initial state (see `simulator`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
+from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_OUTLINE
+from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion, simulate
+from nsdr.dynamics.physics.sliding import fit_sliding, slide
+from nsdr.types import Event
+from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD, OBJECT_RADIUS_WORLD
+from nsdr.world.vocabulary import SHAPES
+
+__all__ = ["TrajectoryFit", "TrajectoryFitConfig", "fit_trajectories"]
+
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
+UNITS = {"position": 0.01, "velocity": 0.02, "log_mass": LOG_MASS_STD, "yaw": 0.1, "rebound": 0.15}
+"""Typical change of each kind of parameter; the optimiser works in these units."""
+DIFFERENCE = 0.2
+"""Step of the numerical derivatives, in `UNITS`."""
+MAX_REBOUND, MAX_FITTED_REBOUND = 0.65, 0.8
+"""Range of first guesses of a rebound (Bullet's restitution is 0.64), and of its fitted value."""
+MAX_LOG_MASS = 0.4
+"""Range of first guesses of a log mass; log(1.3) is 0.26."""
+MIN_APPROACH_SPEED, MIN_SPEED_CHANGE = 0.3, 0.1
+"""Collisions with a slower approach, or a smaller change of velocity, say nothing about masses (world units/s)."""
+MASS_RATIO_WEIGHT = 3.0
+"""Weight of a mass ratio measured from one collision, relative to the prior."""
+MIN_WINDOW_FRAMES = 8
+"""Shortest window that is fitted (frames)."""
+YAW_FRAMES = 8
+"""Frames after an object's reference frame whose edges give the first guess of its yaw."""
+DEFAULT_YAW = 0.4
+"""First guess of the yaw (radians) of a cube without reliable edges."""
+MIN_STRETCH_FRAMES = 4
+"""Detections needed on each side of a collision to measure velocities there (frames)."""
+_NEVER = 10**6
+EDGES_PX = (-0.3, -0.6)
+"""Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
+_COLUMN, _DEPTH = CLEVRER_CAMERA.matrix[0].copy(), CLEVRER_CAMERA.matrix[2].copy()
+"""Rows of the projection as contiguous arrays, which Numba compiles in."""
+
+
+@dataclass(frozen=True)
+class TrajectoryFitConfig:
+    """Noise, priors and effort of the fit. Set on left-out scenes of `train`.
+
+    Attributes:
+        position_noise_world: standard deviation of reliable positions (world units).
+        edge_noise_px: standard deviation of the left and right box edges of cubes, which show their yaw (pixels).
+        mass_deviation: standard deviation of log masses; CLEVRER's masses are uniform in 0.7-1.3.
+        rebound: prior mean of a collision's rebound, as a share of the approach speed.
+        rebound_deviation: prior standard deviation of a rebound.
+        robust_scale: residuals beyond this many standard deviations are weighted down (soft L1).
+        min_speed_world_per_s: objects slower than this when seen before their first collision are treated as at rest.
+        evaluations: maximum number of evaluations of the optimiser per window.
+        yaw_guesses: first guesses of a cube's yaw, over a quarter turn.
+        good_cost: fits with at most this cost are not restarted.
+        restarts: maximum number of restarts per window.
+        restart_yaw_noise_px: mean of the exponential noise on a yaw's edge error when a restart draws it (pixels).
+        restart_log_mass_scale: standard deviation of restarts' log masses, in `UNITS`; other parameters have 1.
+        measurement: how far measured positions are trusted.
+    """
+
+    position_noise_world: float = 0.01
+    edge_noise_px: float = 2.0
+    mass_deviation: float = LOG_MASS_STD
+    rebound: float = 0.4
+    rebound_deviation: float = 0.2
+    robust_scale: float = 2.0
+    min_speed_world_per_s: float = 0.2
+    evaluations: int = 25
+    yaw_guesses: int = 12
+    good_cost: float = 0.4
+    restarts: int = 6
+    restart_yaw_noise_px: float = 0.7
+    restart_log_mass_scale: float = 0.7
+    measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
+
+
+@dataclass(frozen=True)
+class TrajectoryFit:
+    """One run of the simulator that explains a video.
+
+    Attributes:
+        bodies: the objects at frame 0.
+        rebound: (n, n) fitted rebounds, NaN for pairs that were not expected to collide.
+        motion: the run over the video.
+        error_world: (n,) median distance from each object's reliable positions; NaN without any.
+        cost: half the sum of squared, robust residuals for each datum.
+    """
+
+    bodies: BodyStates
+    rebound: FloatArray
+    motion: SimulatedMotion
+    error_world: FloatArray
+    cost: float
+
+
+def fit_trajectories(
+    states: MotionStates, collisions: Sequence[Event], config: TrajectoryFitConfig | None = None
+) -> TrajectoryFit:
+    """Fit one run to a video's tracks.
+
+    Args:
+        states: of at least one object.
+        collisions: during the video, in order of time.
+    """
+    problem = _Problem(states, collisions, config or TrajectoryFitConfig())
+    frames = [*sorted({e.frame for e in collisions}), states.present.shape[1]]
+    x = problem.start()
+    for end in frames:
+        window = min(
+            max(end - problem.config.measurement.collision_margin_frames, MIN_WINDOW_FRAMES), states.present.shape[1]
+        )
+        x = problem.solve_with_restarts(x, window)
+    return problem.result(x)
+
+
+@dataclass(frozen=True)
+class _Data:
+    """What was measured of one object."""
+
+    frame: IntArray
+    position: FloatArray
+    weight: FloatArray
+    edges_px: FloatArray | None
+    """(T, 2) left and right of the box, of cubes."""
+
+
+class _Problem:
+    """Parameters <-> runs, and the residuals of a run."""
+
+    def __init__(self, states: MotionStates, collisions: Sequence[Event], config: TrajectoryFitConfig) -> None:
+        self.config = config
+        self.rng = np.random.default_rng(0)
+        self.objects = states.objects
+        self.collisions = collisions
+        self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
+        self.exists = np.ones(len(self.objects), bool)
+        self.frames = states.present.shape[1]
+        self.data = [self._measured(states, i) for i in range(len(self.objects))]
+        self.reference = np.zeros(len(self.objects))
+        self.moving = np.zeros(len(self.objects), bool)
+        self.first: list[tuple[FloatArray, FloatArray]] = []
+        for i, d in enumerate(self.data):
+            self.first.append(self._first_stretch(i, d))
+        self.names = self._names()
+        self.unit = np.array([UNITS[kind] for kind, *_ in self.names])
+
+    def _measured(self, states: MotionStates, i: int) -> _Data:
+        frame = np.flatnonzero(states.detected[i])
+        weight = np.where(states.reliable[i, frame], 1.0, self.config.measurement.unreliable_weight)
+        middle, width = states.box_px[i, frame, 0], states.box_px[i, frame, 2]
+        edges = np.stack([middle - width / 2, middle + width / 2], 1) if self.shape[i] == CUBE else None
+        return _Data(frame, states.location_world[i, frame], weight, edges)
+
+    def _first_stretch(self, i: int, d: _Data) -> tuple[FloatArray, FloatArray]:
+        """Position and velocity at a frame of the first stretch; sets `reference` and `moving`."""
+        hits = [e.frame for e in self.collisions if i in e.objects]
+        end = min(hits) - self.config.measurement.collision_margin_frames if hits else _NEVER
+        mine = d.frame < end
+        if mine.sum() < 2:
+            mine = np.arange(len(d.frame)) < 3
+        self.reference[i] = float(np.round(np.average(d.frame[mine], weights=d.weight[mine])))
+        shape = self.objects[i].shape
+        position, velocity, _ = fit_sliding(shape, d.frame[mine], d.position[mine], d.weight[mine], self.reference[i])
+        begin = slide(shape, np.hypot(*velocity), np.array(-self.reference[i] * FRAME_SECONDS))[1]
+        fast = (
+            float(begin) > self.config.measurement.rest_speed_world_per_s
+            and float(np.hypot(*velocity)) > self.config.min_speed_world_per_s
+        )
+        self.moving[i] = mine.sum() >= 3 and fast
+        if not self.moving[i]:
+            self.reference[i] = 0.0
+            position = np.average(d.position[mine], axis=0, weights=d.weight[mine])
+        return position, velocity
+
+    def _names(self) -> list[tuple[str, int, int]]:
+        names = []
+        for i in range(len(self.objects)):
+            names += [("position", i, 0), ("position", i, 1)]
+            if self.moving[i]:
+                names += [("velocity", i, 0), ("velocity", i, 1)]
+            if any(i in e.objects for e in self.collisions):
+                names.append(("log_mass", i, 0))
+            if self.shape[i] == CUBE:
+                names.append(("yaw", i, 0))
+        return names + [("rebound", e.objects[0], e.objects[1]) for e in self.collisions]
+
+    def start(self) -> FloatArray:
+        """First guess: stretches before the first collisions, velocities around each, and cubes' turns by their edges."""
+        log_mass, rebound = self._exchanges()
+        guess = {
+            "position": lambda i, k: self.first[i][0][k],
+            "velocity": lambda i, k: self.first[i][1][k],
+            "yaw": lambda i, _: self._first_yaw(i),
+            "log_mass": lambda i, _: log_mass[i],
+            "rebound": lambda i, j: rebound[i, j],
+        }
+        return np.array([guess[kind](i, k) for kind, i, k in self.names]) / self.unit
+
+    def _exchanges(self) -> tuple[FloatArray, dict[tuple[int, ...], float]]:
+        """Log masses and rebounds by the velocities before and after each collision."""
+        rows, values, rebound = [np.eye(len(self.objects))], [np.zeros(len(self.objects))], {}
+        for e in self.collisions:
+            rebound[e.objects] = self.config.rebound
+            stretches = [f for f in (self._around(i, e.frame) for i in e.objects) if f is not None]
+            if len(stretches) < 2:
+                continue
+            (position_i, before_i, after_i), (position_j, before_j, after_j) = stretches
+            normal = (position_j - position_i) / max(float(np.linalg.norm(position_j - position_i)), 1e-6)
+            change_i, change_j = np.linalg.norm(after_i - before_i), np.linalg.norm(after_j - before_j)
+            approach, parting = (before_i - before_j) @ normal, (after_j - after_i) @ normal
+            if approach > MIN_APPROACH_SPEED and min(change_i, change_j) > MIN_SPEED_CHANGE:
+                rebound[e.objects] = float(np.clip(parting / approach, 0.0, MAX_REBOUND))
+                row = np.zeros((1, len(self.objects)))
+                row[0, list(e.objects)] = (1, -1)
+                rows.append(MASS_RATIO_WEIGHT * row)
+                values.append(np.array([MASS_RATIO_WEIGHT * np.log(change_j / change_i)]))
+        log_mass = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
+        return np.clip(log_mass, -MAX_LOG_MASS, MAX_LOG_MASS), rebound
+
+    def _around(self, i: int, frame: int) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Position of an object at a collision, and its velocity before and after; None where it was seen too little."""
+        hits = [e.frame for e in self.collisions if i in e.objects]
+        start = max([f for f in hits if f < frame], default=-_NEVER)
+        end = min([f for f in hits if f > frame], default=_NEVER)
+        found, d, margin = [], self.data[i], self.config.measurement.collision_margin_frames
+        for low, high in ((start + margin, frame - margin), (frame + margin, end - margin)):
+            mine = (d.frame >= low) & (d.frame <= high)
+            if mine.sum() < MIN_STRETCH_FRAMES:
+                return None
+            found.append(fit_sliding(self.objects[i].shape, d.frame[mine], d.position[mine], d.weight[mine], frame))
+        return found[0][0], found[0][1], found[1][1]
+
+    def _first_yaw(self, i: int, rng: np.random.Generator | None = None) -> float:
+        """The turn whose edges fit best at first, or with `rng` any, the better the likelier."""
+        d = self.data[i]
+        near = (d.frame <= self.reference[i] + YAW_FRAMES) & (d.weight == 1)
+        if not near.any():
+            return DEFAULT_YAW
+        guesses = np.pi / 2 * np.arange(self.config.yaw_guesses) / self.config.yaw_guesses
+        assert d.edges_px is not None
+        errors = [
+            np.abs(d.edges_px[near] - _edges_px(d.position[near], np.full(near.sum(), yaw))).mean() for yaw in guesses
+        ]
+        noise = 0.0 if rng is None else rng.exponential(self.config.restart_yaw_noise_px, len(errors))
+        return float(guesses[int(np.argmin(np.array(errors) + noise))])
+
+    def bodies(self, x: FloatArray) -> tuple[BodyStates, FloatArray]:
+        """Bodies at frame 0, and rebounds."""
+        n = len(self.objects)
+        position, velocity = np.zeros((n, 2)), np.zeros((n, 2))
+        yaw, log_mass, rebound = np.zeros(n), np.zeros(n), np.full((n, n), np.nan)
+        for value, (kind, i, k) in zip(x * self.unit, self.names, strict=True):
+            if kind == "position":
+                position[i, k] = value
+            elif kind == "velocity":
+                velocity[i, k] = value
+            elif kind == "yaw":
+                yaw[i] = value
+            elif kind == "log_mass":
+                log_mass[i] = value
+            else:
+                rebound[i, k] = rebound[k, i] = min(max(value, 0.0), MAX_FITTED_REBOUND)
+        for i in np.flatnonzero(self.moving).tolist():
+            speed = float(np.hypot(*velocity[i]))
+            direction = velocity[i] / max(speed, 1e-9)
+            seconds = np.array(-self.reference[i] * FRAME_SECONDS)
+            distance, speed_at_start = slide(self.objects[i].shape, np.array(speed), seconds)
+            position[i] += float(distance) * direction
+            velocity[i] = float(speed_at_start) * direction
+        return BodyStates(self.shape, position, velocity, yaw, np.zeros(n), np.exp(log_mass)), rebound
+
+    def run(self, x: FloatArray, n_frames: int) -> SimulatedMotion:
+        bodies, rebound = self.bodies(x)
+        return simulate(bodies, self.exists, n_frames, rebound)
+
+    def residuals(self, x: FloatArray, n_frames: int) -> FloatArray:
+        motion = self.run(x, n_frames)
+        c, parts = self.config, []
+        for i, d in enumerate(self.data):
+            mine = d.frame < n_frames
+            frame, root = d.frame[mine], np.sqrt(d.weight[mine])[:, None]
+            position = motion.position[i, frame]
+            parts.append(((position - d.position[mine]) * root / c.position_noise_world).ravel())
+            if d.edges_px is not None:
+                off = (_edges_px(position, motion.yaw[i, frame]) - d.edges_px[mine]) / c.edge_noise_px
+                parts.append((off * root).ravel())
+        parts.append(self._priors(x))
+        return np.concatenate(parts)
+
+    def _priors(self, x: FloatArray) -> FloatArray:
+        prior = [
+            value / self.config.mass_deviation
+            if kind == "log_mass"
+            else (value - self.config.rebound) / self.config.rebound_deviation
+            for value, (kind, *_) in zip(x * self.unit, self.names, strict=True)
+            if kind in ("log_mass", "rebound")
+        ]
+        return np.array(prior)
+
+    def cost(self, x: FloatArray, n_frames: int) -> float:
+        """Mean robust loss of a datum."""
+        residual, scale = self.residuals(x, n_frames), self.config.robust_scale
+        return float((scale**2 * (np.sqrt(1 + (residual / scale) ** 2) - 1)).mean())
+
+    def solve_with_restarts(self, x: FloatArray, n_frames: int) -> FloatArray:
+        """The best of several solutions: other starts are tried while the cost is high."""
+        c = self.config
+        best = self.solve(x, n_frames)
+        cost = self.cost(best, n_frames)
+        met = [e for e in self.collisions if e.frame < n_frames]
+        concerned = {i for e in met[-2:] for i in e.objects}
+        for _ in range(c.restarts if met else 0):
+            if cost < c.good_cost:
+                break
+            start = best.copy()
+            for k, (kind, i, j) in enumerate(self.names):
+                if kind == "rebound" and any(e.objects == (i, j) for e in met[-2:]):
+                    start[k] = self.rng.uniform(0, MAX_REBOUND) / self.unit[k]
+                elif kind == "yaw" and i in concerned:
+                    start[k] = self._first_yaw(i, self.rng) / self.unit[k]
+                elif i in concerned and kind in ("position", "velocity", "log_mass"):
+                    start[k] += self.rng.normal() * (c.restart_log_mass_scale if kind == "log_mass" else 1.0)
+            trial = self.solve(start, n_frames)
+            trial_cost = self.cost(trial, n_frames)
+            if trial_cost < cost:
+                best, cost = trial, trial_cost
+        return best
+
+    def solve(self, x: FloatArray, n_frames: int) -> FloatArray:
+        """Robust least squares over the frames below `n_frames`, from a start near the solution."""
+
+        def residuals(step: FloatArray) -> FloatArray:
+            return self.residuals(x + step, n_frames)
+
+        def jacobian(step: FloatArray) -> FloatArray:
+            base = residuals(step)
+            return np.stack([(residuals(step + d) - base) / DIFFERENCE for d in DIFFERENCE * np.eye(len(step))], 1)
+
+        # The first trust region is the norm of the start: by optimising the change from it, one unit.
+        solution = least_squares(
+            residuals,
+            np.zeros(len(x)),
+            jacobian,
+            loss="soft_l1",
+            f_scale=self.config.robust_scale,
+            max_nfev=self.config.evaluations,
+        )
+        return np.asarray(x + solution.x)
+
+    def result(self, x: FloatArray) -> TrajectoryFit:
+        bodies, rebound = self.bodies(x)
+        motion = simulate(bodies, self.exists, self.frames, rebound)
+        errors = []
+        for i, d in enumerate(self.data):
+            good = d.weight == 1
+            distance = np.linalg.norm(motion.position[i, d.frame[good]] - d.position[good], axis=1)
+            errors.append(float(np.median(distance)) if good.any() else float("nan"))
+        return TrajectoryFit(bodies, rebound, motion, np.array(errors), self.cost(x, self.frames))
+
+
+@njit(cache=True)
+def _edges_px(position, yaw):  # type: ignore[no-untyped-def]
+    """(T, 2) left and right edges of cubes' images."""
+    edges = np.empty((len(yaw), 2))
+    for t in range(len(yaw)):
+        c, s = np.cos(yaw[t]), np.sin(yaw[t])
+        low, high = 1e4, -1e4
+        for k in range(len(CUBE_OUTLINE)):
+            x = position[t, 0] + c * CUBE_OUTLINE[k, 0] - s * CUBE_OUTLINE[k, 1]
+            y = position[t, 1] + s * CUBE_OUTLINE[k, 0] + c * CUBE_OUTLINE[k, 1]
+            for top in range(2):
+                z = 2 * OBJECT_RADIUS_WORLD * top
+                depth = max(_DEPTH[0] * x + _DEPTH[2] * z + _DEPTH[3], 0.1)
+                column = (_COLUMN[0] * x + _COLUMN[1] * y + _COLUMN[2] * z + _COLUMN[3]) / depth
+                low, high = min(low, column), max(high, column)
+        edges[t, 0], edges[t, 1] = low + EDGES_PX[0], high + EDGES_PX[1]
+    return edges

@@ -1,0 +1,126 @@
+"""The paper's dynamics network: PropNet over patches around each object (paper, section 4.2 and its supplement)."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from nsdr.dynamics.propnet.layers import PropNet
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+
+__all__ = ["BOX_SCALE", "PatchModel", "PatchModelConfig"]
+
+STATIC_FEATURES = 5
+BOX_SCALE = (WIDTH_PX / 2, HEIGHT_PX / 2, 50.0, 50.0)
+"""Boxes are (column, row, width, height); centres from the image's middle, all in these units: -1 to 1 or a little more."""
+STEP_SCALE = 0.1
+"""Unit of changes: about a fast object's way in a step."""
+REACH = 0.3
+"""Unit of the way from one object to another that is near."""
+
+
+@dataclass(frozen=True)
+class PatchModelConfig:
+    """Sizes and time steps; the defaults are the paper's.
+
+    Attributes:
+        hidden: D, width of the networks.
+        propagation_steps: L.
+        stride_frames: frames between two samples (the released files have one in 5).
+        window: samples that the network sees, the present included.
+        patch_cells: side of a patch in cells.
+        cell_px: side of a cell in pixels.
+        channels: of the three convolutions.
+        collision_threshold: probability above which a pair collides.
+    """
+
+    hidden: int = 512
+    propagation_steps: int = 2
+    stride_frames: int = 5
+    window: int = 3
+    patch_cells: int = 24
+    cell_px: float = 4.0
+    channels: tuple[int, int, int] = (16, 32, 64)
+    collision_threshold: float = 0.3
+
+
+class PatchEncoder(nn.Module):
+    """Masks (..., samples, cells, cells) and features (..., F) -> (..., hidden)."""
+
+    def __init__(self, samples: int, features: int, config: PatchModelConfig) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        for inputs, outputs in pairwise((samples, *config.channels)):
+            layers += [nn.Conv2d(inputs, outputs, 4, stride=2, padding=1), nn.ReLU()]
+        self.convolutions = nn.Sequential(*layers)
+        flat = config.channels[-1] * (config.patch_cells // 8) ** 2
+        self.head = nn.Sequential(nn.Linear(flat + features, config.hidden), nn.ReLU())
+
+    def forward(self, masks: Tensor, features: Tensor) -> Tensor:
+        """Encode each object or pair."""
+        maps = self.convolutions(masks.flatten(0, -4)).flatten(1).unflatten(0, masks.shape[:-3])
+        encoded: Tensor = self.head(torch.cat([maps, features], -1))
+        return encoded
+
+
+class PatchModel(nn.Module):
+    """Predicts every object's box one step later, and the collisions on the way and in the steps of the window.
+
+    Differs from the paper: patches hold the mask drawn as its filled box, but no image (the proposals that real training
+    data consist of have no pixels); position, motion, material and shape join the convolutions' output instead of being
+    constant channels; what is predicted is the change of the box, from which the next patch is drawn, instead of the
+    patch's pixels; the relation predictor also tells the collisions of the window's own steps, whose effect it sees.
+    """
+
+    def __init__(self, config: PatchModelConfig) -> None:
+        super().__init__()
+        self.config = config
+        own = 2 * config.window + 2 + 2 * (config.window - 1) + STATIC_FEATURES
+        pair = 2 * config.window + 2 * (config.window - 1) + 2 * STATIC_FEATURES
+        self.object_encoder = PatchEncoder(config.window, own, config)
+        self.relation_encoder = PatchEncoder(2 * config.window, pair, config)
+        steps = config.propagation_steps
+        self.network = PropNet(nn.Identity(), nn.Identity(), 4, config.window, config.hidden, steps)
+
+    def forward(self, boxes: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
+        """One step.
+
+        Args:
+            boxes: (B, N, window, 4) in units of `BOX_SCALE`, the present last.
+            static: (B, N, 5) one-hot shape and material.
+            exists: (B, N) bool.
+
+        Returns:
+            Boxes (B, N, 4) `stride_frames` later; collision logits (B, N, N, window), symmetric: of the step to come, of
+            the one that ended at present, and of the one before.
+        """
+        n = boxes.shape[1]
+        centre = boxes[..., :2]
+        motion = ((centre[:, :, 1:] - centre[:, :, :-1]) / STEP_SCALE).flatten(2)
+        # Patches of a pair lie around the receiver, so that both masks show how near they are.
+        around = centre[:, :, None, -1].expand(-1, -1, n, -1)
+        own = self._masks(boxes, centre[:, :, -1])
+        sent = self._masks(boxes[:, None].expand(-1, n, -1, -1, -1), around)
+        masks = torch.cat([own[:, :, None].expand(-1, -1, n, -1, -1, -1), sent], 3)
+        way = ((centre[:, None] - centre[:, :, None]) / REACH).clamp(-5, 5).flatten(3)
+        kinds = [static[:, :, None].expand(-1, -1, n, -1), static[:, None].expand(-1, n, -1, -1)]
+        objects = self.object_encoder(own, torch.cat([centre.flatten(2), boxes[:, :, -1, 2:], motion, static], -1))
+        pairs = self.relation_encoder(masks, torch.cat([way, motion[:, None] - motion[:, :, None], *kinds], -1))
+        change, collision = self.network(objects, pairs, exists)
+        inertia = boxes[:, :, -1] - boxes[:, :, -2]
+        return boxes[:, :, -1] + inertia + change.float() * STEP_SCALE, (collision + collision.transpose(1, 2)) / 2
+
+    def _masks(self, boxes: Tensor, around: Tensor) -> Tensor:
+        """(..., window, cells, cells): how much of each cell of the patch around a position the box covers at each sample."""
+        c = self.config
+        scale = torch.tensor(BOX_SCALE, device=boxes.device)
+        centre, half = boxes[..., :2] * scale[:2], boxes[..., 2:] * scale[2:] / 2
+        edge = (torch.arange(c.patch_cells, device=boxes.device) - c.patch_cells / 2) * c.cell_px
+        covered = []
+        for axis in range(2):
+            middle = (centre[..., axis] - around[..., None, axis] * scale[axis])[..., None]
+            low = torch.maximum(edge, middle - half[..., axis, None])
+            high = torch.minimum(edge + c.cell_px, middle + half[..., axis, None])
+            covered.append((high - low).clamp(min=0) / c.cell_px)
+        return covered[1][..., :, None] * covered[0][..., None, :]

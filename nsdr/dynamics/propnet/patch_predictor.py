@@ -1,0 +1,214 @@
+"""The paper's dynamics predictor: one-step predictions of a patch network, rolled out from the first observations."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from nsdr.dynamics.base import rollout_frames
+from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
+from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+
+__all__ = ["PatchPredictor", "patch_boxes"]
+
+FloatArray = NDArray[np.floating[Any]]
+BoolArray = NDArray[np.bool_]
+FAR = 3.0
+"""Boxes further out than this, in units of `BOX_SCALE`, stay there."""
+
+
+def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolArray, margin: int) -> FloatArray:
+    """Boxes as if nothing hid the objects, for patches: the centre's image, and the size that was last seen whole.
+
+    Args:
+        location_world: (..., F, 2).
+        box_px: (..., F, 4) as in `MotionStates`.
+        reliable: (..., F).
+        margin: continued so many frames before the first one in a straight line.
+
+    Returns:
+        (..., margin + F, 4) in units of `BOX_SCALE`.
+    """
+    position = extrapolate(location_world, margin)[..., : margin + location_world.shape[-2], :]
+    pixels = pixels_from_world(np.concatenate([position, np.full_like(position[..., :1], OBJECT_RADIUS_WORLD)], -1))
+    every, size = np.arange(-margin, box_px.shape[-2]), np.zeros((*pixels.shape[:-1], 2))
+    for index in np.ndindex(*reliable.shape[:-1]):
+        seen = np.flatnonzero(reliable[index])
+        seen = seen if len(seen) else np.arange(box_px.shape[-2])
+        for axis in range(2):
+            size[(*index, slice(None), axis)] = np.interp(every, seen, box_px[index][seen, 2 + axis])
+    scaled = np.concatenate([pixels - np.array([WIDTH_PX / 2, HEIGHT_PX / 2]), size], -1) / np.array(BOX_SCALE)
+    return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
+
+
+class PatchPredictor:
+    """PropNet over patches (paper, section 4.2).
+
+    Collisions of the video are judged on the observed samples. The future is rolled out from the last samples; with an object
+    removed, its vertex and edges are erased and everything is rolled out from the first samples, while objects that come into
+    view later enter from observation.
+
+    Differs from the paper: see `PatchModel`; frames of collisions are interpolated within the step.
+
+    Args:
+        model: trained network.
+        horizon_frame: last frame to predict; None is 7/5 of the video's length.
+        smoothing: how observed tracks are smoothed.
+    """
+
+    def __init__(
+        self, model: PatchModel, horizon_frame: int | None = None, smoothing: SmoothingConfig | None = None
+    ) -> None:
+        self.model = model.eval()
+        self.horizon_frame = horizon_frame
+        self.smoothing = smoothing or SmoothingConfig()
+        self.config = model.config
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "PatchPredictor":
+        """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
+
+        Raises:
+            CheckpointError: missing or corrupt.
+        """
+        state, details = load_checkpoint(folder, "dynamics")
+        model = PatchModel(PatchModelConfig(**details["config"]))
+        model.load_state_dict(state)
+        return cls(model, **options)
+
+    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
+        """Observed motion and collisions, their future, and one rollout for each removed object; see `StatePredictor`."""
+        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
+        observed = self.observed_collisions(states) if observed is None else observed
+        rollout = self._future(states, observed)
+        rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed, self.smoothing))
+        return DynamicsPrediction(states.objects, tracks.n_frames, rollout, dict(enumerate(self._without_each(states))))
+
+    def continue_motion(self, states: MotionStates) -> Rollout:
+        """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
+        return self._future(states, [])
+
+    def observed_collisions(self, states: MotionStates) -> list[Event]:
+        """Collisions during the video: each pair in the step whose collision is most probable."""
+        n, frames = states.present.shape
+        if n < 2:
+            return []
+        stride = self.config.stride_frames
+        samples = np.arange(frames - 1, 0, -stride)[::-1]
+        known = self._boxes(states)
+        windows = np.stack([self._window(known, t) for t in samples])
+        seen = self._step(windows, states, states.present.T[samples])[1]
+        return self._collisions(self._judged(seen)[:-1], samples)
+
+    def _judged(self, seen: FloatArray) -> FloatArray:
+        """Probabilities (S + 1, ...) of the steps that end at each of S samples, and of the one after the last.
+
+        A step is judged from its start, from its end and from a step later, when the effect is seen: the mean of these.
+
+        Args:
+            seen: (S, ..., window), what the network says at each sample of the step to come, the one that ended, and so on.
+        """
+        steps = len(seen) + 1
+        summed, judges = np.zeros((steps, *seen.shape[1:-1])), np.zeros((steps, *[1] * (seen.ndim - 2)))
+        for k in range(seen.shape[-1]):
+            first = max(1 - k, 0)
+            last = min(steps, steps - k)
+            summed[first:last] += seen[first + k - 1 : last + k - 1, ..., k]
+            judges[first:last] += 1
+        return summed / judges
+
+    def _collisions(self, probability: FloatArray, ends: NDArray[np.integer[Any]]) -> list[Event]:
+        """Each pair at most once, where its probability (steps, n, n) peaks, in steps that end at frames `ends`."""
+        events = []
+        n = probability.shape[-1]
+        for i in range(n):
+            for j in range(i + 1, n):
+                k = int(probability[:, i, j].argmax())
+                if probability[k, i, j] > self.config.collision_threshold:
+                    near = np.arange(max(k - 1, 0), min(k + 2, len(probability)))
+                    end = np.average(ends[near], weights=probability[near, i, j])
+                    events.append(Event("collision", max(int(end - (self.config.stride_frames - 1) / 2), 0), (i, j)))
+        return sorted(events, key=lambda e: e.frame)
+
+    def _boxes(self, states: MotionStates) -> FloatArray:
+        """(n, margin + F, 4): `patch_boxes` from so many frames before the video on that windows reach back."""
+        margin = (self.config.window - 1) * self.config.stride_frames
+        return patch_boxes(states.location_world, states.box_px, states.reliable, margin)
+
+    def _window(self, known: FloatArray, t: int) -> FloatArray:
+        """(n, window, 4) boxes up to frame t."""
+        return known[:, t + self.config.stride_frames * np.arange(self.config.window)]
+
+    @torch.no_grad()
+    def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Boxes (C, n, 4) a step later, and collision probabilities (C, n, n, window), of several n_rollouts at once."""
+        static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
+        boxes, logits = self.model(torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
+        possible = here[:, :, None] & here[:, None]
+        return boxes.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible[..., None]
+
+    def _future(self, states: MotionStates, observed: Sequence[Event]) -> Rollout:
+        last = states.present.shape[1] - 1
+        exists = states.present.any(1, keepdims=True).T
+        return self._rollouts(states, np.asarray(exists), last, states.present[:, last][None], observed)[0]
+
+    def _without_each(self, states: MotionStates) -> list[Rollout]:
+        start = min((self.config.window - 1) * self.config.stride_frames, states.present.shape[1] - 1)
+        exists = ~np.eye(len(states.objects), dtype=bool)
+        return self._rollouts(states, exists, start, np.zeros_like(exists), None)
+
+    def _rollouts(
+        self, states: MotionStates, exists: BoolArray, start: int, here: BoolArray, observed: Sequence[Event] | None
+    ) -> list[Rollout]:
+        """Predict several n_rollouts on from frame `start`; the others of `exists` (C, n) enter when they are first seen."""
+        (n_rollouts, n), frames = exists.shape, states.present.shape[1]
+        if not n:
+            total = rollout_frames(frames, self.horizon_frame)
+            return [Rollout(np.zeros((0, total, 2)), np.zeros((0, total), bool), ())] * n_rollouts
+        stride, here, known = self.config.stride_frames, here.copy(), self._boxes(states)
+        margin, total = known.shape[1] - frames, rollout_frames(frames, self.horizon_frame)
+        window = np.repeat(self._window(known, start)[None], n_rollouts, 0)
+        boxes = np.full((n_rollouts, n, total + stride, 4), np.nan)
+        detected, judgements = states.present.any(1), []
+        first = np.where(detected, states.present.argmax(1), total)
+        last = np.where(detected, frames - 1 - states.present[:, ::-1].argmax(1), -1)
+        for t in range(start, total - 1, stride):
+            # What has come into view is observed until its window is full.
+            follows = exists & (first <= t) & (t <= np.minimum(np.maximum(first + margin, start), last))
+            follows &= observed is None
+            for i in np.flatnonzero(follows.any(0)).tolist():
+                window[follows[:, i], i] = self._window(known, t)[i]
+                boxes[follows[:, i], i, first[i] : t + 1] = known[i, margin + first[i] : margin + t + 1]
+            here |= follows
+            following, probability = self._step(window, states, here)
+            for k in range(1, stride + 1):
+                boxes[here, t + k] = (window[here, -1] * (stride - k) + following[here] * k) / stride
+            judgements.append(probability)
+            window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
+        pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
+        location = ground_from_pixels(np.nan_to_num(pixels, nan=-1.0))
+        location[np.isnan(pixels).any(-1)] = np.nan
+        shapes = [o.shape for o in states.objects]
+        inside = np.stack([rollout_in_image(shapes, location[k]) for k in range(n_rollouts)])
+        judged, ends = self._judged(np.stack(judgements)), start + stride * np.arange(len(judgements) + 1)
+        rollouts = []
+        for c in range(n_rollouts):
+            if observed is None:
+                rollouts.append(Rollout(location[c], inside[c], tuple(self._collisions(judged[:, c], ends))))
+                continue
+            later = judged[1:, c]
+            for event in observed:
+                i, j = event.objects
+                later[:, i, j] = later[:, j, i] = 0.0
+            unseen = [replace(e, frame=max(e.frame, frames)) for e in self._collisions(later, ends[1:])]
+            rollouts.append(Rollout(location[c], inside[c], (*observed, *unseen), later.max(0)))
+        return rollouts

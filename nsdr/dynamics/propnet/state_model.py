@@ -1,0 +1,97 @@
+"""The dynamics predictor's networks: one looks at observed motion for collisions, one predicts what comes next."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from nsdr.dynamics.propnet.layers import PropNet, mlp
+
+__all__ = ["StateModel", "StateModelConfig"]
+
+STATIC_FEATURES = 5
+LENGTH_WORLD = 0.1
+"""Unit of lengths inside the networks: about one frame of fast motion."""
+
+
+@dataclass(frozen=True)
+class StateModelConfig:
+    """Sizes and time steps.
+
+    Attributes:
+        hidden: width of the networks.
+        propagation_steps: L (paper: 2).
+        stride_frames: frames between two samples of a window, and of one prediction.
+        past_steps: samples of the past that the forward network sees, the present included.
+        side_steps: samples on each side of the present that the observer sees.
+        collision_threshold: probability above which a pair collides.
+    """
+
+    hidden: int = 128
+    propagation_steps: int = 2
+    stride_frames: int = 2
+    past_steps: int = 6
+    side_steps: int = 6
+    collision_threshold: float = 0.5
+
+
+class StateModel(nn.Module):
+    """Two propagation networks on windows of ground-plane states.
+
+    All inputs are relative (to the object's own present position, or to the other object), so the networks know no
+    absolute position and training may rotate scenes.
+    """
+
+    def __init__(self, config: StateModelConfig) -> None:
+        super().__init__()
+        self.config = config
+        past, whole = config.past_steps, 2 * config.side_steps + 1
+
+        def network(samples: int, outputs: int) -> PropNet:
+            width = config.hidden
+            encoders = mlp(STATIC_FEATURES + 3 * samples, width, width), mlp(4 * samples + 1, width, width)
+            return PropNet(*encoders, outputs, 1, width, config.propagation_steps)
+
+        self.forward_network = network(past, 2)
+        self.observer_network = network(whole, 1)
+
+    def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
+        """The next position of every object and the collisions on the way.
+
+        Args:
+            window: (B, N, past_steps, 2) positions in world units, the present last.
+            reliable: (B, N, past_steps) bool.
+            static: (B, N, 5) one-hot shape and material.
+            exists: (B, N) bool.
+
+        Returns:
+            Positions (B, N, 2) `stride_frames` later; collision logits (B, N, N), symmetric.
+        """
+        objects, relations = _inputs(window, reliable, static, present=-1)
+        motion, collision = self.forward_network(objects, relations, exists)
+        inertia = (window[:, :, -1] - window[:, :, -4]) / 3
+        return window[:, :, -1] + inertia + motion * LENGTH_WORLD, _symmetric(collision)
+
+    def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
+        """Collision logits (B, N, N) at the middle of windows (B, N, 2 side_steps + 1, 2)."""
+        objects, relations = _inputs(window, reliable, static, present=self.config.side_steps)
+        return _symmetric(self.observer_network(objects, relations, exists)[1])
+
+
+def _symmetric(logits: Tensor) -> Tensor:
+    return (logits[..., 0] + logits[..., 0].transpose(1, 2)) / 2
+
+
+def _inputs(window: Tensor, reliable: Tensor, static: Tensor, present: int) -> tuple[Tensor, Tensor]:
+    own = (window - window[:, :, present : present + 1 or None]) / LENGTH_WORLD
+    known = reliable.to(window.dtype)
+    objects = torch.cat([static, own.flatten(2), known], -1)
+    apart = (window[:, None, :] - window[:, :, None]) / LENGTH_WORLD  # sender minus receiver
+    distance = apart.norm(dim=-1)
+    moving_apart = distance[..., 1:] - distance[..., :-1]
+    nearest = distance.min(-1, keepdim=True).values
+    # 4.0 is a diameter: near contact is what matters, so far distances are squeezed.
+    relations = torch.cat(
+        [apart.flatten(3) / 4, (distance - 4).clamp(-3, 6), moving_apart, nearest.clamp(max=12), nearest - 4 < 1], -1
+    )
+    return objects, relations

@@ -1,0 +1,231 @@
+"""The state backend: propagation networks on ground-plane states (paper, section 4.2)."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from nsdr.dynamics.base import rollout_frames
+from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
+from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
+from nsdr.dynamics.track_smoothing import (
+    SmoothedTracks,
+    SmoothingConfig,
+    rollout_in_image,
+    smooth_tracks,
+    with_smoothed_tracks,
+)
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+
+__all__ = ["StatePredictor", "windows"]
+
+FloatArray = NDArray[np.floating[Any]]
+PEAK_FRAMES = 4
+"""Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
+
+
+class StatePredictor:
+    """Propagation networks over ground-plane states (paper, section 4.2).
+
+    Differs from the paper: states instead of image patches; observed collisions are read from motion before and after;
+    with an object removed, only what its absence can influence is predicted anew, the rest keeps its observed motion.
+
+    Args:
+        model: trained networks.
+        shortcut: what a removal cannot influence keeps its observed motion; otherwise all is rolled out from its first frames.
+        horizon_frame: last frame to predict; None is 7/5 of the video's length.
+        smoothing: how observed tracks are smoothed.
+    """
+
+    def __init__(
+        self,
+        model: StateModel,
+        shortcut: bool = True,
+        horizon_frame: int | None = None,
+        smoothing: SmoothingConfig | None = None,
+    ) -> None:
+        self.model = model.eval()
+        self.config = model.config
+        self.shortcut = shortcut
+        self.horizon_frame = horizon_frame
+        self.smoothing = smoothing or SmoothingConfig()
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "StatePredictor":
+        """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
+
+        Raises:
+            CheckpointError: missing or corrupt.
+        """
+        state, details = load_checkpoint(folder, "dynamics")
+        model = StateModel(StateModelConfig(**details["config"]))
+        model.load_state_dict(state)
+        return cls(model, **options)
+
+    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
+        """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
+        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
+        observed = self.observed_collisions(states) if observed is None else observed
+        smoothed = smooth_tracks(states, observed, self.smoothing)
+        rollouts = self._rollouts(states, observed, smoothed)
+        counterfactual = dict(enumerate(rollouts[1:]))
+        rollout = with_smoothed_tracks(rollouts[0], smoothed)
+        return DynamicsPrediction(states.objects, tracks.n_frames, rollout, counterfactual)
+
+    def continue_motion(self, states: MotionStates) -> Rollout:
+        """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
+        return self._rollouts(states, [], None, counterfactual=False)[0]
+
+    def observed_collisions(self, states: MotionStates) -> list[Event]:
+        """Collisions during the video, in order of time; each pair at most once, at its most probable frame."""
+        return [event for event, p in self.collision_candidates(states) if p > self.config.collision_threshold]
+
+    @torch.no_grad()
+    def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
+        """For every pair that is ever seen together, its most probable collision, and how probable that is; by frame."""
+        n, frames = states.present.shape
+        if n < 2:
+            return []
+        c = self.config
+        index = np.arange(frames)[:, None] + np.arange(-c.side_steps, c.side_steps + 1) * c.stride_frames
+        window, reliable = windows(states, index)
+        static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
+        exists = torch.from_numpy(states.present.T.copy())
+        logits = self.model.observe(window, reliable, static, exists)
+        both = exists[:, :, None] & exists[:, None, :]
+        probability = (logits.sigmoid() * both).numpy()
+        candidates = []
+        for i, j in combinations(range(n), 2):
+            of_pair = probability[:, i, j]
+            peak = int(of_pair.argmax())
+            if of_pair[peak] > 0:
+                near = np.arange(max(peak - PEAK_FRAMES, 0), min(peak + PEAK_FRAMES + 1, frames))
+                frame = int(np.floor(np.average(near, weights=of_pair[near]) + 0.5))
+                candidates.append((Event("collision", frame, (i, j)), float(of_pair[peak])))
+        return sorted(candidates, key=lambda c: c[0].frame)
+
+    @torch.no_grad()
+    def _rollouts(
+        self,
+        states: MotionStates,
+        observed: Sequence[Event],
+        smoothed: SmoothedTracks | None,
+        counterfactual: bool = True,
+    ) -> list[Rollout]:
+        """The scene as it is, and without each object; None for `smoothed` keeps the measured positions.
+
+        An object is "free" from the frame on at which its motion is no longer the observed one: after the video, or from
+        a collision that the removed object's absence changes.
+        """
+        n_frames = states.present.shape[1]
+        n, stride, past = len(states.objects), self.config.stride_frames, self.config.past_steps
+        total = rollout_frames(n_frames, self.horizon_frame)
+        n_rollouts = n + 1 if counterfactual else 1
+        location = np.full((n_rollouts, n, total + stride, 2), np.nan)
+        location[:, :, :n_frames] = states.location_world
+        # Offsets from the first position to those before the video; index -k stands for frame -k.
+        reach = stride * past
+        continued = extrapolate(states.location_world, reach)[:, :reach] - states.location_world[:, :1]
+        earlier = np.concatenate([np.zeros((n, 1, 2)), continued], 1)
+        exists = np.ones((n_rollouts, n), bool)
+        exists[np.arange(1, n_rollouts), np.arange(n_rollouts - 1)] = False
+        first = states.present.argmax(1) if n else np.zeros(0, int)
+        free_from = np.full((n_rollouts, n), (n_frames - 1) // stride * stride)
+        if not self.shortcut:  # only the first samples of each object are observed
+            free_from[1:] = np.minimum(free_from[1:], ((first + stride - 1) // stride + past - 1) * stride)
+        collisions: list[list[Event]] = [[] for _ in range(n_rollouts)]
+        met = [{e.objects for e in observed} if rollout == 0 else set() for rollout in range(n_rollouts)]
+        collisions[0] = list(observed)
+        pending = [list(observed) for _ in range(n_rollouts)]
+        scores = np.zeros((n, n))
+        static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
+        for t in range(0, total - 1, stride) if n else ():
+            for rollout in range(1, n_rollouts):
+                while pending[rollout] and pending[rollout][0].frame <= t + stride:
+                    self._observed_event(pending[rollout].pop(0), rollout, t, exists, free_from, collisions, met)
+            free = (free_from <= t) & exists
+            if not free.any():
+                continue
+            times = t - stride * np.arange(past - 1, -1, -1)
+            index = np.maximum(times, 0)
+            known = np.ones((n_rollouts, n, past), bool)
+            known[:, :, times < 0] = False
+            seen = (times >= 0) & (times < n_frames)
+            known[:, :, seen] = states.reliable[:, index[seen]] | (free_from[:, :, None] <= index[seen])
+            here = exists & (first <= t)
+            history = location[:, :, index] + earlier[:, np.minimum(times, 0)]
+            window = torch.from_numpy(np.nan_to_num(history).astype(np.float32))
+            positions, logits = self.model.predict(window, torch.from_numpy(known), static, torch.from_numpy(here))
+            following = positions.numpy().astype(float)
+            for step in range(1, stride + 1):
+                between = location[:, :, t] + (following - location[:, :, t]) * step / stride
+                location[:, :, t + step] = np.where(free[..., None], between, location[:, :, t + step])
+            possible = here[:, :, None] & here[:, None] & (free[:, :, None] | free[:, None])
+            probability = logits.sigmoid().numpy() * possible
+            np.maximum(scores, probability[0], out=scores)
+            hits = probability > self.config.collision_threshold
+            for rollout, i, j in np.argwhere(np.triu(hits, 1)).tolist():
+                if (i, j) not in met[rollout] and t + 1 < total:
+                    met[rollout].add((i, j))
+                    frame = t + 1 if rollout else max(t + 1, n_frames)
+                    collisions[rollout].append(Event("collision", frame, (i, j)))
+                    free_from[rollout, [i, j]] = np.minimum(free_from[rollout, [i, j]], t)
+        visible = np.zeros((n_rollouts, n, total), bool)
+        visible[:, :, :n_frames] = states.present if smoothed is None else smoothed.visible
+        free_frames = np.arange(total) >= np.maximum(free_from, first)[..., None]
+        free_frames[0, :, :n_frames] = False  # the video itself was observed to its last frame
+        shapes = [o.shape for o in states.objects]
+        in_image = np.stack([rollout_in_image(shapes, location[k, :, :total]) for k in range(n_rollouts)])
+        visible = np.where(free_frames, in_image, visible) & exists[..., None]
+        as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
+        shown = states.location_world
+        if smoothed is not None:
+            fitted = np.isfinite(smoothed.location_world) & states.present[..., None]
+            shown = np.where(fitted, smoothed.location_world, shown)
+        location[:, :, :n_frames][as_observed] = np.broadcast_to(shown, (n_rollouts, n, n_frames, 2))[as_observed]
+        location[~exists] = np.nan
+        for event in observed:  # a pair collides once
+            scores[event.objects] = scores[event.objects[::-1]] = 0.0
+        return [
+            Rollout(
+                location[k, :, :total],
+                visible[k],
+                tuple(sorted(collisions[k], key=lambda e: e.frame)),
+                scores if k == 0 else None,
+            )
+            for k in range(n_rollouts)
+        ]
+
+    def _observed_event(
+        self,
+        event: Event,
+        rollout: int,
+        t: int,
+        exists: NDArray[np.bool_],
+        free_from: NDArray[Any],
+        collisions: list[list[Event]],
+        met: list[set[Any]],
+    ) -> None:
+        """Keep an observed collision in a counterfactual rollout when both objects still move as observed."""
+        pair = list(event.objects)
+        if exists[rollout, pair].all() and (free_from[rollout, pair] > t).all():
+            collisions[rollout].append(event)
+            met[rollout].add(event.objects)
+        else:
+            free_from[rollout, pair] = np.minimum(free_from[rollout, pair], t)
+
+
+def windows(states: MotionStates, index: NDArray[Any]) -> tuple[torch.Tensor, torch.Tensor]:
+    """Positions (T, n, K, 2) and reliability (T, n, K) at frame indices (T, K); frames outside the video continue
+    in straight lines and are not reliable."""
+    frames = states.present.shape[1]
+    inside = (index >= 0) & (index < frames)
+    beyond = max(-int(index.min()), int(index.max()) - frames + 1, 0)
+    window = extrapolate(states.location_world, beyond)[:, index + beyond].transpose(1, 0, 2, 3)
+    reliable = (states.reliable[:, np.clip(index, 0, frames - 1)] & inside).transpose(1, 0, 2)
+    return torch.from_numpy(window.astype(np.float32)), torch.from_numpy(reliable)

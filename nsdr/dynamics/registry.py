@@ -1,0 +1,133 @@
+"""The dynamics backends by name, and their settings in one dataclass (`configs/dynamics/physics.yaml`)."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+from nsdr.dynamics.base import DynamicsBackend
+from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.track_smoothing import SmoothingConfig
+from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
+from nsdr.errors import DataError
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.configuration import parse_config
+from nsdr.io.registry import Registry
+
+__all__ = ["BACKENDS", "BackendConfig", "BackendFactory", "backend_settings", "checkpoint_folders", "load_backend"]
+
+PATCH_CHECKPOINT = "dynamics_paper"
+"""Checkpoint of the paper's network, beside `default`."""
+COLLISIONS = ("predicted", "velocity")
+
+
+@dataclass(frozen=True)
+class BackendConfig:
+    """Which dynamics backend, and how it works.
+
+    Attributes:
+        backend: a name in `BACKENDS`: "physics" (a simulator fitted to the tracks), "state" (PropNet on ground-plane states),
+            "paper" (PropNet on patches), or one of another package.
+        shortcut: objects that a removal cannot influence keep their observed motion (not for "paper").
+        horizon_frame: last frame to predict; None is 7/5 of the video's length.
+        collisions: "predicted", or "velocity" for collisions from changes of velocity alone (NE).
+        smoothing: how observed tracks are smoothed, of every backend.
+        physics: of the physics backend.
+        velocity: rule for collisions from changes of velocity.
+    """
+
+    backend: str = "physics"
+    shortcut: bool = True
+    horizon_frame: int | None = None
+    collisions: str = "predicted"
+    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
+    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    velocity: VelocityConfig = field(default_factory=VelocityConfig)
+
+
+class BackendFactory(Protocol):
+    """Makes a backend from a checkpoint folder and the settings."""
+
+    def __call__(self, folder: Path, config: BackendConfig) -> DynamicsBackend:
+        """The backend with its weights.
+
+        Args:
+            folder: the checkpoint with `dynamics.safetensors`.
+            config: settings.
+        """
+
+
+BACKENDS: Registry[BackendFactory] = Registry(
+    "dynamics backend",
+    "nsdr.dynamics",
+    {
+        "physics": "nsdr.dynamics.registry:_physics",
+        "state": "nsdr.dynamics.registry:_state",
+        "paper": "nsdr.dynamics.registry:_paper",
+    },
+)
+"""Dynamics backends by name; other packages add theirs by entry points of the group `nsdr.dynamics`."""
+
+
+def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
+    from nsdr.dynamics.propnet.state_predictor import StatePredictor
+
+    detector = StatePredictor.from_checkpoint(folder)
+    fit = replace(config.physics.search.fit, measurement=config.smoothing.measurement)
+    settings = replace(
+        config.physics,
+        shortcut=config.shortcut,
+        horizon_frame=config.horizon_frame,
+        smoothing=config.smoothing,
+        search=replace(config.physics.search, fit=fit),
+    )
+    return PhysicsPredictor(detector, settings)
+
+
+def _state(folder: Path, config: BackendConfig) -> DynamicsBackend:
+    from nsdr.dynamics.propnet.state_predictor import StatePredictor
+
+    options = {"shortcut": config.shortcut, "horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
+    return StatePredictor.from_checkpoint(folder, **options)
+
+
+def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
+    from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+
+    options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
+    return PatchPredictor.from_checkpoint(find_checkpoint(PATCH_CHECKPOINT), **options)
+
+
+def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> DynamicsBackend:
+    """A dynamics backend with its weights.
+
+    Args:
+        folder: the checkpoint with `dynamics.safetensors`; "paper" has one of its own, `checkpoints/dynamics_paper`.
+        settings: a backend's name, a YAML file of a `BackendConfig`, or one.
+
+    Raises:
+        DataError: an unknown backend or kind of collisions.
+        CheckpointError: weights are missing or corrupt.
+    """
+    config = backend_settings(settings)
+    backend = BACKENDS[config.backend](folder, config)
+    return VelocityEvents(backend, config.velocity) if config.collisions == "velocity" else backend
+
+
+def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
+    """Settings from a backend's name or a YAML file, checked; raises `DataError` as `load_backend`."""
+    if isinstance(settings, BackendConfig):
+        config = settings
+    elif str(settings).endswith((".yaml", ".yml")):
+        config = parse_config(BackendConfig, ["--config", str(settings)], "nsdr")
+    else:
+        config = BackendConfig(str(settings))
+    if config.backend not in BACKENDS.names():
+        raise DataError(f"dynamics {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
+    if config.collisions not in COLLISIONS:
+        raise DataError(f"collisions is {config.collisions!r}; expected {' or '.join(COLLISIONS)}")
+    return config
+
+
+def checkpoint_folders(folder: Path, config: BackendConfig) -> list[Path]:
+    """Folders whose weights a pipeline with this backend uses."""
+    return [folder, find_checkpoint(PATCH_CHECKPOINT)] if config.backend == "paper" else [folder]

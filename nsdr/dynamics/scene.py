@@ -1,0 +1,57 @@
+"""Rollouts -> the symbolic scene."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events
+from nsdr.types import DynamicsPrediction, Scene
+from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
+
+__all__ = ["scene_from_prediction"]
+
+PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
+"""Where no speed was fitted, an object moves above this speed: noisy positions make resting objects seem to creep. Set on ten
+annotation files."""
+SPEED_WINDOW_FRAMES = 11
+"""Frames of the line whose slope is that speed. Set on ten annotation files."""
+
+
+def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
+    """Scene of the dynamics predictor's output: observed, unseen and counterfactual events, and motion.
+
+    An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, it moves when it is
+    faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the one asked about and in those from it on: so
+    it rests until it is hit, and rests as soon as it has stopped.
+    """
+    n_frames = prediction.n_frames
+    visible = prediction.observed.visible[:, :n_frames]
+    moving = _speed(prediction.observed.location_world[:, :n_frames]) > PREDICTED_MOVING_SPEED_WORLD_PER_S
+    if prediction.observed.speed_world_per_s is not None:
+        speed = prediction.observed.speed_world_per_s[:, :n_frames]
+        moving = np.where(np.isnan(speed), moving, np.nan_to_num(speed) > MOVING_SPEED_WORLD_PER_S)
+    collisions = prediction.observed.collisions
+    events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
+    unseen = tuple(e for e in collisions if n_frames <= e.frame)
+    counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
+    scores = prediction.observed.unseen_scores
+    return Scene(prediction.objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, scores)
+
+
+def _speed(location_world: NDArray[np.floating[Any]], window: int = SPEED_WINDOW_FRAMES) -> NDArray[np.floating[Any]]:
+    """Speed (n, F) in world units per second: the smaller one of the frames before and the frames after.
+
+    Each is the slope of the least-squares line through `window` frames that end or start at the frame.
+    """
+    n, frames = location_world.shape[:2]
+    window = min(window, frames)
+    if window < 2:
+        return np.zeros((n, frames))
+    time = (np.arange(window) - (window - 1) / 2) * FRAME_SECONDS
+    pieces = np.lib.stride_tricks.sliding_window_view(location_world, window, axis=1)  # (n, F - window + 1, 2, window)
+    slope = np.linalg.norm(pieces @ (time / (time @ time)), axis=-1)
+    missing = np.full((n, window - 1), np.inf)
+    speed = np.minimum(np.concatenate([missing, slope], 1), np.concatenate([slope, missing], 1))
+    # Where a short video has neither window, the nearest one will do.
+    return np.where(np.isinf(speed), slope[:, :1], speed)

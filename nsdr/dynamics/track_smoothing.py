@@ -1,0 +1,154 @@
+"""Tracks smoothed by physics: speeds, and entrance and exit frames, once the collisions are known.
+
+Between its collisions every object slides freely, so each stretch of a track is fitted by the law of
+`nsdr.dynamics.physics.sliding`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
+from nsdr.dynamics.physics.sliding import fit_sliding, slide
+from nsdr.tracking.visibility import in_image
+from nsdr.types import Event, Rollout
+from nsdr.world.camera import on_ground
+from nsdr.world.physics_constants import FRAME_SECONDS
+
+__all__ = ["SmoothedTracks", "SmoothingConfig", "rollout_in_image", "smooth_tracks", "with_smoothed_tracks"]
+
+FloatArray = NDArray[np.floating[Any]]
+BoolArray = NDArray[np.bool_]
+Motion = Callable[[int, int], tuple[FloatArray, FloatArray]]
+"""(start, end) -> positions and velocities (end - start, 2) of the frames between."""
+UNKNOWN_CUBE_YAW = 0.4
+"""Yaw (radians) assumed for cubes whose yaw is not known: it gives about their mean width."""
+OUTSIDE_WORLD = -99.0
+"""Coordinate given to objects whose position is not known: behind the camera, so in no image."""
+
+
+@dataclass(frozen=True)
+class SmoothingConfig:
+    """How stretches of tracks are fitted. Set on left-out scenes of `train`.
+
+    Attributes:
+        min_frames: stretches with fewer detections get no speed (frames).
+        max_residual_world: stretches whose median residual is larger hide a collision and are not fitted (world units).
+        measurement: how far measured positions are trusted.
+    """
+
+    min_frames: int = 4
+    max_residual_world: float = 0.04
+    measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
+
+
+@dataclass(frozen=True)
+class SmoothedTracks:
+    """Fitted motion during the video.
+
+    Attributes:
+        location_world: (n, F, 2) fitted positions, also before and after an object was detected; NaN where nothing fits.
+        velocity_world_per_s: (n, F, 2), NaN where nothing fits.
+        visible: (n, F) bool, in the image as CLEVRER's annotations count it.
+    """
+
+    location_world: FloatArray
+    velocity_world_per_s: FloatArray
+    visible: BoolArray
+
+
+def smooth_tracks(
+    states: MotionStates, collisions: Sequence[Event], config: SmoothingConfig | None = None
+) -> SmoothedTracks:
+    """Fit all stretches between collisions.
+
+    Args:
+        states: measured positions.
+        collisions: during the video.
+        config: thresholds.
+    """
+    c = config or SmoothingConfig()
+    n, frames = states.present.shape
+    location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
+    visible = np.zeros((n, frames), bool)
+    for i, o in enumerate(states.objects):
+        hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
+        for k, (start, end) in enumerate(pairwise([0, *hits, frames])):
+            after_collision = start if k == 0 else start + c.measurement.collision_margin_frames
+            fitted = _stretch(states, i, after_collision, end, c, before_first_collision=k == 0)
+            if fitted is not None:
+                location[i, start:end], velocity[i, start:end] = fitted(start, end)
+        visible[i] = _visible(o.shape, np.flatnonzero(states.present[i]), location[i])
+    return SmoothedTracks(location, velocity, visible)
+
+
+def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
+    """The observed rollout with the fitted speeds and visibility of the video's frames."""
+    n_frames = smoothed.visible.shape[1]
+    visible = np.concatenate([smoothed.visible, rollout.visible[:, n_frames:]], 1)
+    speed = np.full(visible.shape, np.nan)
+    speed[:, :n_frames] = np.linalg.norm(smoothed.velocity_world_per_s, axis=-1)
+    return replace(rollout, visible=visible, speed_world_per_s=speed)
+
+
+def rollout_in_image(shapes: Sequence[str], location_world: FloatArray) -> BoolArray:
+    """(n, F) bool: in which frames objects at positions (n, F, 2) are in the image; NaN is not."""
+    yaw = np.full(location_world.shape[1], UNKNOWN_CUBE_YAW)
+    known = np.nan_to_num(location_world, nan=OUTSIDE_WORLD)
+    if not len(shapes):
+        return np.zeros(location_world.shape[:2], bool)
+    return np.stack([in_image(shape, on_ground(row), yaw) for shape, row in zip(shapes, known, strict=True)])
+
+
+def _stretch(
+    states: MotionStates, i: int, start: int, end: int, c: SmoothingConfig, before_first_collision: bool
+) -> Motion | None:
+    """The motion that fits a stretch of an object's track, or None where no fit is good."""
+    shape = states.objects[i].shape
+    last = end if end == states.present.shape[1] else end - c.measurement.collision_margin_frames
+    detected = np.flatnonzero(states.detected[i, start:last]) + start
+    if len(detected) < c.min_frames:
+        return None
+    positions = states.location_world[i, detected]
+    weight = np.where(states.reliable[i, detected], 1.0, c.measurement.unreliable_weight)
+    reference = float(detected[0])
+    position, velocity, residual = fit_sliding(shape, detected, positions, weight, reference)
+    if residual > c.max_residual_world:
+        return None
+    speed = float(np.hypot(*velocity))
+    if before_first_collision and speed < c.measurement.rest_speed_world_per_s:
+        rest = np.average(positions, axis=0, weights=weight)
+        return lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2)))
+    direction = velocity / max(speed, 1e-9)
+
+    def sliding(a: int, b: int) -> tuple[FloatArray, FloatArray]:
+        seconds = (np.arange(a, b) - reference) * FRAME_SECONDS
+        distance, speeds = slide(shape, np.array(speed), seconds)
+        return position + distance[:, None] * direction, speeds[:, None] * direction
+
+    return sliding
+
+
+def _visible(shape: str, seen: NDArray[Any], location: FloatArray) -> BoolArray:
+    """Frames (F,) in the image: those of the track, and those before and after in which the fitted outline is in it."""
+    visible = np.zeros(len(location), bool)
+    if not len(seen):
+        return visible
+    first, last = int(seen[0]), int(seen[-1])
+    visible[first : last + 1] = True
+    outside = np.r_[0:first, last + 1 : len(location)]
+    shown = np.zeros(len(location), bool)
+    shown[outside] = rollout_in_image([shape], location[None, outside])[0]
+    for f in range(first - 1, -1, -1):
+        if not shown[f]:
+            break
+        visible[f] = True
+    for f in range(last + 1, len(location)):
+        if not shown[f]:
+            break
+        visible[f] = True
+    return visible

@@ -1,0 +1,195 @@
+"""Tables from one command each: `nsdr experiment configs/experiments/NAME.yaml` writes results/NAME.json and .md.
+
+An experiment is a list of rows, each a call of `evaluate_file` or a baseline. Rows that already are in the
+results file, made from the same settings, are kept: a killed experiment goes on.
+"""
+
+import os
+import platform
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+import nsdr
+from nsdr.baselines.q_type import q_type_baselines
+from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.errors import DataError
+from nsdr.evaluation.score import evaluate_file
+from nsdr.io.files import read_json, write_json
+from nsdr.io.fingerprint import code_revision
+from nsdr.types import Scene
+
+__all__ = ["ExperimentRow", "markdown_table", "read_experiment", "run_experiment"]
+
+
+@dataclass(frozen=True)
+class ExperimentRow:
+    """One row of a table.
+
+    Attributes:
+        name: as it stands in the table.
+        questions: question file.
+        source, data, programs, checkpoint, dynamics, collisions, semantics, exclude: as of `evaluate_file`.
+        types: question types to answer.
+        every: takes every so-manieth scene of those with such questions.
+        truth_source, truth: scenes whose observed collisions take the position of predicted ones; "" for none.
+        baseline: "random" or "frequent": Q-type baselines, whose frequencies are counted on the questions themselves.
+        published: numbers to print instead of measuring, one for descriptive and two for each other type.
+    """
+
+    name: str
+    questions: str = ""
+    source: str = "proposals"
+    data: str = ""
+    programs: str = "parsed"
+    checkpoint: str = "default"
+    dynamics: str = "physics"
+    collisions: str = "predicted"
+    semantics: str = "paper"
+    exclude: Sequence[int] = ()
+    types: Sequence[str] = QUESTION_TYPES
+    every: int = 1
+    truth_source: str = ""
+    truth: str = ""
+    baseline: str = ""
+    published: Sequence[float] = field(default=())
+
+
+def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
+    """Title and rows of an experiment file; paths in it are relative to the current folder, `common` holds for all rows.
+
+    Raises:
+        DataError: names the file and the unknown or missing key.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text())
+        common = content.get("common", {})
+        return content["title"], [ExperimentRow(**{**common, **row}) for row in content["rows"]]
+    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as e:
+        raise DataError(f"{path}: not an experiment file ({e}); see configs/experiments") from e
+
+
+def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
+    """Measure every row that is not there yet, and write the table.
+
+    Args:
+        path: experiment file.
+        output: folder for NAME.json and NAME.md.
+
+    Returns:
+        The Markdown file.
+
+    Raises:
+        DataError: an unreadable experiment, questions or data.
+    """
+    title, rows = read_experiment(path)
+    file = Path(output) / f"{Path(path).stem}.json"
+    known = {row["settings"]["name"]: row for row in read_json(file)["rows"]} if file.exists() else {}
+    done: list[dict[str, Any]] = []
+    made: dict[Any, Scene] = {}
+    for row in rows:
+        settings = {**asdict(row), "exclude": list(row.exclude), "types": list(row.types)}
+        settings["published"] = list(row.published)
+        before = known.get(row.name)
+        if before is None or before["settings"] != settings:
+            before = {"settings": settings, **_measured(row, made)}
+        done.append(before)
+        write_json(file, {"title": title, "command": f"nsdr experiment {path}", "rows": done}, indent=1)
+    table = file.with_suffix(".md")
+    table.write_text(markdown_table(title, f"nsdr experiment {path}", done))
+    return table
+
+
+def _measured(row: ExperimentRow, made: dict[Any, Scene]) -> dict[str, Any]:
+    if row.published:
+        return {"table": _published(row.published)}
+    start = time.time()
+    if row.baseline:
+        report = _baseline(row)
+    else:
+        truth = (row.truth_source, row.truth) if row.truth_source else None
+        report = evaluate_file(
+            row.questions,
+            row.source,
+            row.data,
+            row.programs,
+            row.checkpoint,
+            row.types,
+            row.semantics,
+            row.collisions,
+            set(row.exclude),
+            row.dynamics,
+            truth,
+            made,
+            row.every,
+        )
+    return {
+        "table": {kind: report[kind] for kind in QUESTION_TYPES},
+        "failed_questions": report["errors"],
+        "seconds": round(time.time() - start),
+        "date": time.strftime("%Y-%m-%d"),
+        "version": nsdr.__version__,
+        "revision": code_revision(),
+        "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {sys.version.split()[0]}",
+    }
+
+
+def _baseline(row: ExperimentRow) -> dict[str, Any]:
+    if row.baseline not in ("random", "frequent"):
+        raise DataError(f"baseline is {row.baseline!r}; expected random or frequent")
+    scenes = [s for s in read_questions(row.questions) if s.scene_index not in set(row.exclude)]
+    accuracy = q_type_baselines(scenes)[row.baseline]
+    report: dict[str, Any] = {"errors": 0}
+    for kind in QUESTION_TYPES:
+        n = _count(scenes, kind)
+        if kind == "descriptive":
+            report[kind] = {"accuracy": accuracy.get(kind), "n": n}
+        else:
+            option, question = accuracy.get(kind, (None, None))
+            report[kind] = {"per_option": option, "per_question": question, "n_questions": n}
+    return report
+
+
+def _count(scenes: Sequence[SceneQuestions], kind: str) -> int:
+    return sum(q.type == kind for s in scenes for q in s.questions)
+
+
+def _published(numbers: Sequence[float]) -> dict[str, Any]:
+    descriptive, *others = (n / 100 for n in numbers)
+    table: dict[str, Any] = {"descriptive": {"accuracy": descriptive}}
+    for k, kind in enumerate(QUESTION_TYPES[1:]):
+        table[kind] = {"per_option": others[2 * k], "per_question": others[2 * k + 1]}
+    return table
+
+
+def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) -> str:
+    """The paper's table: accuracy in %, per option / per question for multiple choice, with what it was measured by."""
+    lines = [f"# {title}", "", "| | descriptive | explanatory | predictive | counterfactual |", "|---|---|---|---|---|"]
+    for row in rows:
+        table = row["table"]
+        cells = [_percent(table["descriptive"]["accuracy"])]
+        for kind in QUESTION_TYPES[1:]:
+            option, question = table[kind]["per_option"], table[kind]["per_question"]
+            cells.append("-" if option is None else f"{_percent(option)} / {_percent(question)}")
+        lines.append(f"| {row['settings']['name']} | {' | '.join(cells)} |")
+    counts: set[str] = set()
+    runs: set[str] = set()
+    for row in rows:
+        if "seconds" in row:
+            table = row["table"]
+            numbers = [table["descriptive"]["n"], *(table[k]["n_questions"] for k in QUESTION_TYPES[1:])]
+            counts.add(", ".join(str(n) for n in numbers))
+            runs.add(f"{row['date']}, version {row['version']}, revision {row['revision']}, {row['machine']}")
+    total = sum(row.get("seconds", 0) for row in rows)
+    lines += ["", f"Per option / per question. Questions by type: {'; '.join(sorted(counts))}. Made by `{command}`"]
+    lines += [f"in {total} s ({'; '.join(sorted(runs))})."]
+    return "\n".join(lines) + "\n"
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.1f}"

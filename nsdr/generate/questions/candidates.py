@@ -1,0 +1,209 @@
+"""All questions that a scene offers: every content of the grammar that its events give an answer to."""
+
+import random
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from nsdr.errors import ExecutionError
+from nsdr.question_parser.grammar.templates import Chooser, Grammar, Pair, every
+from nsdr.symbolic import Executor
+from nsdr.types import Scene
+from nsdr.world.vocabulary import ATTRIBUTES
+
+__all__ = ["Descriptive", "MultipleChoice", "Option", "descriptive_questions", "multiple_choice_questions"]
+
+DESCRIPTION_WEIGHTS = {
+    ("color",): 1.0,
+    ("material",): 1.0,
+    ("shape",): 1.5,
+    ("color", "material"): 0.25,
+    ("color", "shape"): 1.7,
+    ("material", "shape"): 1.0,
+    ("color", "material", "shape"): 0.2,
+}
+"""How readily each set of attributes describes an object where it is unique; close to the released questions' use."""
+ABSENT_CLASSES = 4
+"""Classes without any object that are asked about ("Are there any green cubes that …?"), drawn for each scene."""
+_ATTRIBUTE_TOKENS = re.compile(r"\S+ filter_(color|material|shape) ?")
+
+
+@dataclass(frozen=True)
+class Descriptive:
+    """A descriptive question: text, program, subtype, answer, and `family`: its program without attribute words."""
+
+    text: str
+    program: tuple[str, ...]
+    subtype: str
+    answer: str
+    family: str
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of a multiple-choice question: text, program, whether it is right, and kind of content."""
+
+    text: str
+    program: tuple[str, ...]
+    correct: bool
+    kind: str
+
+
+@dataclass(frozen=True)
+class MultipleChoice:
+    """A multiple-choice question with all options that the scene offers."""
+
+    text: str
+    program: tuple[str, ...]
+    type: str
+    negated: bool
+    options: tuple[Option, ...]
+
+
+class SceneWords:
+    """Descriptions of a scene's objects and classes (`nsdr.question_parser.grammar.templates.Phrases`)."""
+
+    def __init__(self, scene: Scene, rng: random.Random) -> None:
+        self.rng = rng
+        triples = [(o.color, o.material, o.shape) for o in scene.objects]
+        matches: dict[tuple[str, ...], list[int]] = {}
+        for i, triple in enumerate(triples):
+            for size in (1, 2, 3):
+                for words in combinations(triple, size):
+                    matches.setdefault(words, []).append(i)
+        self.unique: list[list[tuple[str, ...]]] = [
+            [words for words, found in matches.items() if found == [i]] for i in range(len(triples))
+        ]
+        absent: set[tuple[str, ...]] = set()
+        while len(absent) < ABSENT_CLASSES:
+            drawn = [rng.choice(known) for known in ATTRIBUTES.values()]
+            words = rng.choice([words for size in (1, 2) for words in combinations(drawn, size)])
+            if words not in matches:
+                absent.add(words)
+        small = {words: len(found) for words, found in matches.items() if len(words) < 3}
+        self.counted = [(), *small, *sorted(absent)]
+        # An object that alone fits its words could be found in a single frame.
+        self.shared = [(), *(words for words, found in small.items() if found > 1)]
+        self.named: list[int] = []
+
+    def one(self, choose: Chooser) -> tuple[str, ...]:
+        i = self.named.pop(0) if self.named else choose.pick(range(len(self.unique)))
+        options = self.unique[i]
+        return choose.vary(options, [DESCRIPTION_WEIGHTS[_attributes(words)] for words in options])
+
+    def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        if use == "enters":
+            return ()
+        options = self.counted if use == "counted" else self.shared
+        return choose.pick([words for words in options if without not in _attributes(words)])
+
+
+def _attributes(words: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for word in words for name, known in ATTRIBUTES.items() if word in known)
+
+
+def descriptive_questions(scene: Scene, rng: random.Random) -> Iterator[Descriptive]:
+    """All descriptive questions that have an answer in the scene, each in a random wording.
+
+    Where motion is not known, questions about it are left out.
+    """
+    words, executor = SceneWords(scene, rng), Executor(scene)
+    symbols = [Grammar.count_or_exist_events, Grammar.query]
+    if scene.moving is not None:
+        symbols.insert(1, Grammar.count_or_exist_motion)
+    for symbol in symbols:
+        for text, program in every(symbol, words, rng):
+            try:
+                value = executor.answer(program).answer
+            except ExecutionError:  # no such object or event, or more than one
+                continue
+            assert value is not None
+            family = _ATTRIBUTE_TOKENS.sub("", " ".join(program))
+            yield Descriptive(text, tuple(program), program[-1], value, family)
+
+
+def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
+    """All explanatory questions, and predictive and counterfactual ones where that truth is known, with all options."""
+    yield from _explanatory(scene, rng)
+    if scene.unseen:
+        yield from _predictive(scene, rng)
+    if scene.counterfactual is not None:
+        yield from _counterfactual(scene, rng)
+
+
+class _Namer:
+    """Texts about given objects."""
+
+    def __init__(self, scene: Scene, rng: random.Random) -> None:
+        self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene)
+
+    def __call__(self, symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> Pair:
+        self.words.named = list(objects)
+        return next(every(symbol, self.words, self.rng))
+
+    def option(self, question: Sequence[str], symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> Option:
+        """An option and whether it is right."""
+        text, program = self(symbol, objects)
+        correct = bool(self.executor.run([*program, *question]))
+        return Option(text, tuple(program), correct, symbol.__name__)
+
+    def alone(self, symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> bool:
+        """Whether the text is about exactly one event."""
+        try:
+            self.executor.run(self(symbol, objects)[1])
+        except ExecutionError:
+            return False
+        return True
+
+
+def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
+    name = _Namer(scene, rng)
+    about: list[tuple[Callable[[Grammar], Pair], tuple[int, ...]]] = []
+    for event in scene.events:
+        symbol = {"collision": Grammar.collision, "out": Grammar.exit, "in": Grammar.entrance}[event.kind]
+        if name.alone(symbol, event.objects):
+            about.append((symbol, event.objects))
+    for target, participants in about:
+        if target is Grammar.entrance:
+            continue
+        event_text, event_program = name(target, participants)
+        question = ["events", *event_program, "filter_ancestor", "belong_to"]
+        options = [
+            name.option(question, Grammar.presence, [i]) for i in range(len(scene.objects)) if i not in participants
+        ]
+        options += [
+            name.option(question, symbol, objects)
+            for symbol, objects in about
+            if (symbol, objects) != (target, participants) and symbol is not Grammar.exit
+        ]
+        text = f"Which of the following is {{}}responsible for {event_text}?"
+        yield from _both_ways(text, question, "explanatory", options)
+
+
+def _both_ways(text: str, program: Sequence[str], kind: str, options: Sequence[Option]) -> Iterator[MultipleChoice]:
+    """The question as it is, and with "not "."""
+    yield MultipleChoice(text.format(""), tuple(program), kind, False, tuple(options))
+    turned = tuple(Option(o.text, o.program, not o.correct, o.kind) for o in options)
+    yield MultipleChoice(text.format("not "), (*program, "negate"), kind, True, turned)
+
+
+def _predictive(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
+    name = _Namer(scene, rng)
+    text, program = name(Grammar.predictive, [])
+    pairs = combinations(range(len(scene.objects)), 2)
+    options = [name.option(program, Grammar.happens, _in_any_order(pair, rng)) for pair in pairs]
+    yield MultipleChoice(text, tuple(program), "predictive", False, tuple(options))
+
+
+def _counterfactual(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
+    name = _Namer(scene, rng)
+    for removed in range(len(scene.objects)):
+        pairs = combinations([i for i in range(len(scene.objects)) if i != removed], 2)
+        text, program = name(Grammar.counterfactual, [removed])
+        options = [name.option(program, Grammar.happens, _in_any_order(pair, rng)) for pair in pairs]
+        yield from _both_ways(text.replace(" will happen", " will {}happen"), program, "counterfactual", options)
+
+
+def _in_any_order(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:
+    return pair if rng.random() < 0.5 else (pair[1], pair[0])

@@ -1,0 +1,64 @@
+"""Named parts that other packages can add by entry points."""
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any, Generic, TypeVar, cast
+
+from nsdr.errors import DataError
+
+__all__ = ["Registry"]
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """Parts by name, imported when first used.
+
+    Another package adds one by an entry point in its `pyproject.toml`, such as
+    `[project.entry-points."nsdr.dynamics"]` with `mine = "package.module:factory"`. Built-in names win.
+
+    Args:
+        what: what the parts are, for error messages.
+        group: name of the entry-point group.
+        builtin: "module:attribute" by name.
+    """
+
+    def __init__(self, what: str, group: str, builtin: Mapping[str, str]) -> None:
+        self.what, self.group = what, group
+        self._parts: dict[str, str | T] = dict(builtin)
+
+    def register(self, name: str, part: T) -> None:
+        """Add a part in this process.
+
+        Raises:
+            DataError: the name is taken.
+        """
+        if name in self.names():
+            raise DataError(f"{self.what} {name!r} is registered already; choose another name")
+        self._parts[name] = part
+
+    def names(self) -> list[str]:
+        """All names: built-in, registered and those of installed packages."""
+        return list(dict.fromkeys([*self._parts, *(e.name for e in entry_points(group=self.group))]))
+
+    def __getitem__(self, name: str) -> T:
+        """The part of a name.
+
+        Raises:
+            DataError: no such name, or its package cannot be imported.
+        """
+        part: Any = self._parts.get(name)
+        if part is None:
+            found = [e for e in entry_points(group=self.group) if e.name == name]
+            if not found:
+                raise DataError(f"{self.what} {name!r}: expected one of {', '.join(self.names())}")
+            part = found[0].value
+        if isinstance(part, str):
+            module, _, attribute = part.partition(":")
+            try:
+                part = getattr(import_module(module), attribute)
+            except (ImportError, AttributeError) as e:
+                raise DataError(f"{self.what} {name!r}: cannot load {module}:{attribute} ({e})") from e
+            self._parts[name] = cast(T, part)
+        return cast(T, part)

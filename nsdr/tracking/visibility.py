@@ -1,0 +1,96 @@
+"""Which objects an image shows: inside it, cut by its border, or hidden behind another one. One rule each."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.shapes import surface_points
+
+__all__ = ["VisibilityConfig", "cut_sides", "hidden_sides", "in_image"]
+
+FloatArray = NDArray[np.floating[Any]]
+BoolArray = NDArray[np.bool_]
+
+COVERED_SHARE = 0.6
+"""A nearer box hides another's top only when it covers this share of its width."""
+
+
+@dataclass(frozen=True)
+class VisibilityConfig:
+    """When a side of a box is not the object's own. Chosen on `dev` scenes: `python benchmarks/visibility.py` compares values.
+
+    Attributes:
+        cut_margin_px: a box side this close to the image's border may be cut by it (pixels).
+        touch_px: boxes this close touch each other (pixels).
+    """
+
+    cut_margin_px: float = 2.0
+    touch_px: float = 2.0
+
+
+def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Camera = CLEVRER_CAMERA) -> BoolArray:
+    """Frames (F,) in which some of an object's outline lies in the image: CLEVRER's `inside_camera_view`.
+
+    With CLEVRER's camera this agrees with 6,394 of 6,400 values in ten of the release's annotation files; the others are one
+    frame off.
+
+    Args:
+        shape: "cube", "sphere" or "cylinder".
+        location_world: (F, 3) centre; frames with NaN are not in the image.
+        yaw: (F,) radians.
+        camera: whose image.
+    """
+    depth, centre = camera.depth(location_world), camera.pixels(location_world)
+    size = np.array([camera.width, camera.height])
+    with np.errstate(invalid="ignore"):
+        reach = 2 * OBJECT_RADIUS_WORLD / np.maximum(depth, 0.01)[:, None] * camera.focal_px
+        near = ((centre > -reach) & (centre < size + reach)).all(1) & (depth > 3 * OBJECT_RADIUS_WORLD)
+        inside = ((centre > 0) & (centre < size)).all(1) & near
+    for f in np.flatnonzero(near & ~inside):
+        outline = camera.pixels(surface_points(shape, float(yaw[f])) + location_world[f])
+        inside[f] = bool((outline.max(0) > 0).all() and (outline.min(0) < size).all())
+    return np.asarray(inside)
+
+
+def cut_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None) -> BoolArray:
+    """Which sides of boxes (..., 4) may be cut by the image's border: (..., 4) bool for left, top, right, bottom."""
+    box = np.asarray(box_xyxy_px, float)
+    inside = np.concatenate([box[..., :2], np.array([WIDTH_PX, HEIGHT_PX]) - box[..., 2:]], -1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(inside < (config or VisibilityConfig()).cut_margin_px)
+
+
+def hidden_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None) -> BoolArray:
+    """Which sides of the boxes of one frame are not the object's own.
+
+    A side is hidden when the image's border cuts it, or when it lies inside the box of a nearer object (whose lower edge is
+    lower in the image).
+
+    Args:
+        box_xyxy_px: (N, 4) mask bounds of all objects of the frame; rows of NaN stand for objects that were not detected.
+        config: margins.
+
+    Returns:
+        (N, 4) bool: left, top, right, bottom.
+    """
+    touch_px = (config or VisibilityConfig()).touch_px
+    box = np.asarray(box_xyxy_px, float).reshape(-1, 4)
+    x0, y0, x1, y1 = box.T
+    mine, other = np.s_[:, None], np.s_[None, :]
+    with np.errstate(invalid="ignore"):
+        width = np.minimum(x1[mine], x1[other]) - np.maximum(x0[mine], x0[other])
+        height = np.minimum(y1[mine], y1[other]) - np.maximum(y0[mine], y0[other])
+        nearer = y1[other] > y1[mine]
+        beside = nearer & (height > touch_px) & (width > -touch_px)
+        below = nearer & (width > touch_px) & (height > -touch_px)
+        covers = below & (width > COVERED_SHARE * (x1 - x0)[mine])
+        left = beside & (x0[other] <= x0[mine]) & (x0[mine] <= x1[other] + touch_px)
+        right = beside & (x0[other] - touch_px <= x1[mine]) & (x1[mine] <= x1[other])
+        bottom = below & (y0[other] - touch_px <= y1[mine])
+        top = covers & (y0[other] <= y0[mine])
+    hidden = np.stack([left.any(1), top.any(1), right.any(1), bottom.any(1)], 1)
+    return np.asarray(hidden | cut_sides(box, config))

@@ -1,0 +1,129 @@
+"""CLEVRER's three shapes: collision hulls, surface points, and the rotation of a rendered object.
+
+Hull sizes, rounded edges and the directions of the axes were recovered from the release's annotation files; the number of
+vertices trades speed against a contact that starts where the true shape's would.
+"""
+
+import itertools
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+
+__all__ = [
+    "CUBE_EDGE_WORLD",
+    "CUBE_EXPONENT",
+    "CUBE_STEPS",
+    "hull_vertices",
+    "rendered_rotation",
+    "surface_points",
+]
+
+FloatArray = NDArray[np.floating[Any]]
+
+CUBE_EDGE_WORLD = 0.05
+"""Width of a cube's rounded edge."""
+CUBE_EXPONENT = 3.0
+"""Exponent of the superellipse that rounds a cube's edge."""
+CUBE_STEPS = 6
+"""Segments of a rounded edge's quarter."""
+CYLINDER_RIM_WORLD = 0.012
+"""How far a cylinder's end face stops before its rim."""
+CYLINDER_WALL_END_WORLD = 0.02
+"""How far a cylinder's wall stops before its end face."""
+CYLINDER_SIDES = 256
+"""Sides of a cylinder's hull."""
+SPHERE_RADIUS_WORLD = 0.19984
+"""Radius of a sphere's hull; with Bullet's margin its contacts start where the true sphere's do."""
+SPHERE_SIDES = 96
+"""Vertices on each ring of a sphere's hull."""
+SPHERE_LATITUDES_DEGREES = (0.0, 3.75, 7.5, 15.0, 30.0, 50.0, 70.0, 82.0)
+"""Rings of a sphere's hull. Spheres slide without rotating and touch others near the equator, so most rings are there."""
+_OUTLINE_POINTS = 48
+"""Points on each circle of `surface_points`."""
+
+Vertex = tuple[float, float, float]
+
+
+@lru_cache
+def hull_vertices(shape: str) -> tuple[Vertex, ...]:
+    """Vertices (x, y, z) of a collision hull, world units around the object's centre.
+
+    Cylinders lie along the local y axis, as in the annotation files.
+
+    Args:
+        shape: "cube", "sphere" or "cylinder".
+    """
+    return {"cube": _cube, "cylinder": _cylinder, "sphere": _sphere}[shape]()
+
+
+def _cube() -> tuple[Vertex, ...]:
+    flat = OBJECT_RADIUS_WORLD - CUBE_EDGE_WORLD
+    angles = [math.pi / 2 * k / CUBE_STEPS for k in range(CUBE_STEPS + 1)]
+    arc = [(max(math.cos(a), 0.0) ** (2 / CUBE_EXPONENT), math.sin(a) ** (2 / CUBE_EXPONENT)) for a in angles]
+    corner = {(st * cp, st * sp, ct) for ct, st in arc for cp, sp in arc}
+    signs = itertools.product((-1, 1), repeat=3)
+    points = {
+        (sx * (flat + CUBE_EDGE_WORLD * x), sy * (flat + CUBE_EDGE_WORLD * y), sz * (flat + CUBE_EDGE_WORLD * z))
+        for sx, sy, sz in signs
+        for x, y, z in corner
+    }
+    return tuple(sorted(points))
+
+
+def _cylinder() -> tuple[Vertex, ...]:
+    r = OBJECT_RADIUS_WORLD
+    rim = [(r, r - CYLINDER_WALL_END_WORLD), (r - CYLINDER_RIM_WORLD, r)]
+    angles = [2 * math.pi * k / CYLINDER_SIDES for k in range(CYLINDER_SIDES)]
+    return tuple(
+        (radius * math.cos(a), side * height, radius * math.sin(a))
+        for a in angles
+        for side in (-1, 1)
+        for radius, height in rim
+    )
+
+
+def _sphere() -> tuple[Vertex, ...]:
+    angles = [2 * math.pi * k / SPHERE_SIDES for k in range(SPHERE_SIDES)]
+    r = SPHERE_RADIUS_WORLD
+    latitudes = SPHERE_LATITUDES_DEGREES
+    rings = [math.radians(sign * degrees) for degrees in latitudes for sign in ((1, -1) if degrees else (1,))]
+    points = [
+        (r * math.cos(t) * math.cos(a), r * math.cos(t) * math.sin(a), r * math.sin(t)) for t in rings for a in angles
+    ]
+    return (*points, (0.0, 0.0, r), (0.0, 0.0, -r))
+
+
+def surface_points(shape: str, yaw: float = 0.0) -> FloatArray:
+    """Points (N, 3) around an object's centre whose convex hull is the rendered object, world units.
+
+    Args:
+        shape: "cube", "sphere" or "cylinder".
+        yaw: rotation about the vertical axis (radians); matters for cubes only.
+    """
+    r = OBJECT_RADIUS_WORLD
+    if shape == "cube":
+        c, s = r * np.cos(yaw), r * np.sin(yaw)
+        corners = np.array([(c - s, s + c), (-c - s, -s + c), (-c + s, -s - c), (c + s, s - c)])
+        return np.concatenate([np.c_[corners, np.full(4, z)] for z in (-r, r)])
+    n = _OUTLINE_POINTS
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    if shape == "cylinder":
+        return np.concatenate([np.c_[r * np.cos(angle), r * np.sin(angle), np.full(n, z)] for z in (-r, r)])
+    polar = np.linspace(0, np.pi, n // 2)[:, None]
+    x, y = r * np.sin(polar) * np.cos(angle), r * np.sin(polar) * np.sin(angle)
+    return np.stack([x, y, r * np.cos(polar) + 0 * angle], -1).reshape(-1, 3)
+
+
+def rendered_rotation(shape: str, orientation: FloatArray) -> Rotation:
+    """Rotation of a rendered shape, whose axis is z, from annotated Euler angles (3,) in radians.
+
+    Annotated cylinders lie along their local y axis.
+    """
+    rotation = Rotation.from_euler("xyz", orientation)
+    return rotation * Rotation.from_euler("x", -np.pi / 2) if shape == "cylinder" else rotation
