@@ -1,8 +1,8 @@
-# The two commands a newcomer needs. Both make .venv when it is missing.
+# The commands a newcomer needs. Each makes .venv when it is missing.
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test clean
+.PHONY: demo test docs clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -10,9 +10,13 @@ demo: .venv/installed
 test: .venv/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
 	$(BIN)/mypy
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not real_data and not render"
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --nbmake notebooks
+
+docs: .venv/installed-docs
+	$(BIN)/mkdocs build --strict --site-dir site
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.11") if sys.version_info < (3, 11) else 0'
@@ -24,5 +28,9 @@ test: .venv/installed-dev
 	$(BIN)/pip install --quiet -e '.[dev]'
 	touch $@
 
+.venv/installed-docs: .venv/installed
+	$(BIN)/pip install --quiet -e '.[docs]'
+	touch $@
+
 clean:
-	rm -rf .venv demo
+	rm -rf .venv demo site

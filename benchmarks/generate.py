@@ -1,7 +1,7 @@
-"""Seconds a scene, frames a second and statistics of the generator: `python benchmarks/generate.py [--scenes 40] [-o OUT]`.
+"""Speed and statistics of the generator: `python benchmarks/generate.py [--scenes 40] [-o OUT]`.
 
-Scenes with their recursive construction and every removal on one core (CPU time); the preview renderer on all cores. With
-`-o` the scenes' statistics are written beside the release's.
+Measures seconds per scene (CPU time on one core, with the construction and the simulation without each object) and frames
+per second of the preview renderer (all cores). With `-o`, writes the scenes' statistics compared with the release's.
 """
 
 import argparse
@@ -20,11 +20,16 @@ from nsdr.io.tasks import run_tasks
 from nsdr.world.camera import Camera
 
 FIRST_SEED = 510000
+"""Seed of the first scene."""
+PARTS = 4
+"""Parts into which a video's frames are divided."""
+WARMUP_TASKS, TIMED_TASKS = 2, 8
+"""Rendering tasks before and during the measurement."""
 
 
 def render(scene: SimulatedScene, part: int) -> int:
-    """Render every fourth frame from `part` on; returns how many."""
-    frames = range(part, scene.n_frames, 4)
+    """Render one part of the frames; returns their number."""
+    frames = range(part, scene.n_frames, PARTS)
     for f in frames:
         render_preview(scene.objects, solids_at(scene, f), View())
     return len(frames)
@@ -32,18 +37,18 @@ def render(scene: SimulatedScene, part: int) -> int:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=40)
-    parser.add_argument("-o", "--output", default="")
+    parser.add_argument("--scenes", type=int, default=40, help="number of scenes")
+    parser.add_argument("-o", "--output", default="", help="folder for the statistics")
     options = parser.parse_args()
     start = time.process_time()
     with Simulator() as simulator:
         scenes = [simulate_scene(seed, None, simulator) for seed in range(FIRST_SEED, FIRST_SEED + options.scenes)]
-    print(f"{(time.process_time() - start) / len(scenes):.2f} s a scene, all removals included")
-    for parts in (range(2), range(2, 10)):  # the first round starts the workers
+    print(f"{(time.process_time() - start) / len(scenes):.2f} s per scene, with all removals")
+    for tasks in (range(WARMUP_TASKS), range(WARMUP_TASKS, WARMUP_TASKS + TIMED_TASKS)):
         start = time.perf_counter()
-        frames = sum(o.result for o in run_tasks(partial(render, scenes[0]), [p % 4 for p in parts]))
+        frames = sum(o.result for o in run_tasks(partial(render, scenes[0]), [k % PARTS for k in tasks]))
         seconds = time.perf_counter() - start
-    print(f"{frames / seconds:.0f} preview frames/s on {os.cpu_count()} cores, the workers' start included")
+    print(f"{frames / seconds:.0f} preview frames/s on {os.cpu_count()} cores, with the start of the workers")
     if options.output:
         counts = count_scenes(scene_from_truth(truth_document(s, s.seed, Camera())) for s in scenes)
         write_statistics(options.output, counts, f"{len(scenes)} simulated scenes")

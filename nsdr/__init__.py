@@ -1,6 +1,6 @@
 """NS-DR: answers questions about videos of colliding objects (CLEVRER, ICLR 2020) over a symbolic scene.
 
-video -> frame parser -> proposals -> tracker -> tracks -> dynamics predictor -> scene
+video -> frame parser -> proposals -> tracker -> tracks -> dynamics backend -> scene
 question -> question parser -> program;  program + scene -> executor -> answer with its trace
 
     >>> import nsdr
@@ -13,10 +13,16 @@ Names load their modules when first used, so `import nsdr` is quick.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
+    from nsdr.clevrer.dataset import CLEVRER
+    from nsdr.dynamics.physics.predictor import PhysicsPredictor
+    from nsdr.dynamics.propnet.patch_model import PatchModel
+    from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+    from nsdr.dynamics.propnet.state_model import StateModel
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
+    from nsdr.dynamics.registry import BackendConfig, load_backend
     from nsdr.errors import (
         CheckpointError,
         DataError,
@@ -26,27 +32,39 @@ if TYPE_CHECKING:
         QuestionError,
         VideoError,
     )
+    from nsdr.evaluation.runner import EvaluationConfig, run_evaluation
+    from nsdr.evaluation.score import evaluate
+    from nsdr.frame_parser.dataset import FrameDataset
+    from nsdr.frame_parser.model import build_frame_parser
     from nsdr.frame_parser.parser import FrameParser
     from nsdr.io.storage import load, save
-    from nsdr.pipeline import Perception, Pipeline
+    from nsdr.pipeline import Perception, Pipeline, PipelineConfig
+    from nsdr.question_parser.model import ParserNetwork
     from nsdr.question_parser.parser import QuestionParser
-    from nsdr.symbolic import Executor, Program, format_trace, format_tree
-    from nsdr.symbolic.traces import explain
-    from nsdr.tracking.tracker import track
+    from nsdr.symbolic import Executor, Program, explain, format_trace, format_tree
+    from nsdr.tracking.tracker import TrackerConfig, track
     from nsdr.types import (
         Answer,
+        ChoiceAnswer,
         DynamicsPrediction,
         Event,
         Rollout,
         Scene,
         SceneObject,
+        TraceStep,
         Track,
         VideoProposals,
         VideoTracks,
     )
 
 _HOME = {
+    "nsdr.clevrer.dataset": ["CLEVRER"],
+    "nsdr.dynamics.physics.predictor": ["PhysicsPredictor"],
+    "nsdr.dynamics.propnet.patch_model": ["PatchModel"],
+    "nsdr.dynamics.propnet.patch_predictor": ["PatchPredictor"],
+    "nsdr.dynamics.propnet.state_model": ["StateModel"],
     "nsdr.dynamics.propnet.state_predictor": ["StatePredictor"],
+    "nsdr.dynamics.registry": ["BackendConfig", "load_backend"],
     "nsdr.errors": [
         "CheckpointError",
         "DataError",
@@ -56,19 +74,26 @@ _HOME = {
         "QuestionError",
         "VideoError",
     ],
+    "nsdr.evaluation.runner": ["EvaluationConfig", "run_evaluation"],
+    "nsdr.evaluation.score": ["evaluate"],
+    "nsdr.frame_parser.dataset": ["FrameDataset"],
+    "nsdr.frame_parser.model": ["build_frame_parser"],
     "nsdr.frame_parser.parser": ["FrameParser"],
-    "nsdr.tracking.tracker": ["track"],
-    "nsdr.pipeline": ["Perception", "Pipeline"],
-    "nsdr.question_parser.parser": ["QuestionParser"],
     "nsdr.io.storage": ["load", "save"],
+    "nsdr.pipeline": ["Perception", "Pipeline", "PipelineConfig"],
+    "nsdr.question_parser.model": ["ParserNetwork"],
+    "nsdr.question_parser.parser": ["QuestionParser"],
     "nsdr.symbolic": ["Executor", "Program", "explain", "format_trace", "format_tree"],
+    "nsdr.tracking.tracker": ["TrackerConfig", "track"],
     "nsdr.types": [
         "Answer",
+        "ChoiceAnswer",
         "DynamicsPrediction",
         "Event",
         "Rollout",
         "Scene",
         "SceneObject",
+        "TraceStep",
         "Track",
         "VideoProposals",
         "VideoTracks",
@@ -77,17 +102,27 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "CLEVRER",
     "Answer",
+    "BackendConfig",
     "CheckpointError",
+    "ChoiceAnswer",
     "DataError",
     "DynamicsPrediction",
+    "EvaluationConfig",
     "Event",
     "ExecutionError",
     "Executor",
+    "FrameDataset",
     "FrameParser",
     "NsdrError",
+    "ParserNetwork",
+    "PatchModel",
+    "PatchPredictor",
     "Perception",
+    "PhysicsPredictor",
     "Pipeline",
+    "PipelineConfig",
     "Program",
     "ProgramError",
     "QuestionError",
@@ -95,16 +130,23 @@ __all__ = [
     "Rollout",
     "Scene",
     "SceneObject",
+    "StateModel",
     "StatePredictor",
+    "TraceStep",
     "Track",
+    "TrackerConfig",
     "VideoError",
     "VideoProposals",
     "VideoTracks",
     "__version__",
+    "build_frame_parser",
+    "evaluate",
     "explain",
     "format_trace",
     "format_tree",
     "load",
+    "load_backend",
+    "run_evaluation",
     "save",
     "track",
 ]

@@ -12,7 +12,7 @@ __all__ = [
 
 
 class NsdrError(Exception):
-    """Base of all errors that `nsdr` raises on purpose; the message names the thing and the remedy."""
+    """Base of all errors that `nsdr` raises on purpose; the message names the cause and, where there is one, the remedy."""
 
 
 class DataError(NsdrError, ValueError):
@@ -20,7 +20,7 @@ class DataError(NsdrError, ValueError):
 
 
 class VideoError(NsdrError, ValueError):
-    """A video cannot be read, or holds nothing to work on."""
+    """A video cannot be read, or has no usable frames."""
 
 
 class CheckpointError(NsdrError, ValueError):
@@ -28,7 +28,7 @@ class CheckpointError(NsdrError, ValueError):
 
 
 class QuestionError(NsdrError, ValueError):
-    """A question or choice cannot be turned into a program."""
+    """A question or choice cannot be parsed into a program."""
 
 
 class ProgramError(NsdrError, ValueError):

@@ -2,26 +2,77 @@
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from nsdr.dynamics.base import DynamicsBackend
-from nsdr.dynamics.registry import BackendConfig, load_backend
+from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
-from nsdr.errors import QuestionError, VideoError
+from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.configuration import parse_config
+from nsdr.io.device import resolve_device
+from nsdr.io.fingerprint import fingerprint
 from nsdr.io.video import read_frames
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, VideoProposals, VideoTracks
 
-__all__ = ["Perception", "Pipeline"]
+__all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
 ProgramSource = str | Sequence[str] | Program
 KEPT_VIDEOS = 16
+"""Perceptions that a pipeline keeps."""
+
+
+@dataclass(frozen=True)
+class PipelineConfig:
+    """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
+
+    Attributes:
+        stride: the frame parser processes every n-th frame; the tracker bridges the others.
+        batch_size: frames per forward pass of the frame parser.
+        tracker: thresholds of the tracker.
+        dynamics: the dynamics backend and its settings.
+    """
+
+    stride: int = 1
+    batch_size: int = 8
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    dynamics: BackendConfig = field(default_factory=BackendConfig)
+
+
+def pipeline_settings(
+    file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = (), stride: int = 1
+) -> PipelineConfig:
+    """Settings from a YAML file, a dynamics backend and single overrides, the later ones winning.
+
+    Args:
+        file: YAML file of a `PipelineConfig`; "" for the defaults.
+        dynamics: a backend's name, or a YAML file of a `BackendConfig`; "" for that of `file`.
+        overrides: "key=value" each, such as "tracker.score=0.8" or "dynamics.physics.runs=10".
+        stride: as of `PipelineConfig`, unless it is 1.
+
+    Raises:
+        DataError: an unknown key or value; names it.
+    """
+    argv = ["--config", str(file)] if file else []
+    if dynamics:
+        is_file = str(dynamics).endswith((".yaml", ".yml"))
+        argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
+    if stride != 1:
+        argv += ["--stride", str(stride)]
+    for override in overrides:
+        key, separator, value = override.partition("=")
+        if not separator:
+            raise DataError(f"--set {override}: expected key=value, such as tracker.score=0.8")
+        argv += [f"--{key}", value]
+    config = parse_config(PipelineConfig, argv, "nsdr")
+    backend_settings(config.dynamics)
+    return config
 
 
 @dataclass(frozen=True)
@@ -35,15 +86,14 @@ class Perception:
 
 
 class Pipeline:
-    """Frame parser, tracker, dynamics predictor, question parser and executor, composed.
+    """Frame parser, tracker, dynamics backend, question parser and executor, composed.
 
-    Every part is an attribute and can be replaced by an object with the same method. Perceptions are kept for the
-    most recent videos, so further questions on a video cost little.
+    Every part is an attribute and can be replaced by an object with the same method. Perceptions of the most recent videos are
+    kept, so further questions about a video cost little; after a part is replaced, the video is perceived again.
 
     Args:
         frame_parser: `parse(frames) -> VideoProposals`.
-        dynamics: `predict(VideoTracks) -> DynamicsPrediction`; where true collisions are given to `perception`,
-            `predict(VideoTracks, collisions)`.
+        dynamics: `predict(VideoTracks, collisions or None) -> DynamicsPrediction`.
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
@@ -63,29 +113,64 @@ class Pipeline:
         self.tracker = tracker or TrackerConfig()
         self.semantics = semantics
         self.progress = False
-        self._kept: OrderedDict[Any, Perception] = OrderedDict()
+        self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
 
     @classmethod
     def from_pretrained(
-        cls, path_or_id: str | Path = "default", dynamics: str | Path | BackendConfig = "physics", **options: Any
+        cls,
+        path_or_id: str | Path = "default",
+        dynamics: str | Path | BackendConfig = "",
+        config: PipelineConfig | str | Path | None = None,
+        device: str = "auto",
+        **options: Any,
     ) -> "Pipeline":
         """Load the three parts from a checkpoint folder, its name, or a hub id (see `nsdr.io.checkpoint`).
 
         Args:
             path_or_id: where the checkpoint is.
-            dynamics: a backend by name ("physics", "state" or "paper"), a YAML file, or its settings.
+            dynamics: a backend by name ("physics", "state", "paper" or one of another package), a YAML file, or its settings;
+                "" for that of `config`.
+            config: settings of all stages, or their YAML file.
+            device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
             options: further arguments of the constructor.
 
         Raises:
             CheckpointError: missing or corrupt; says what and how to get it.
+            DataError: unknown settings or device.
         """
+        if not isinstance(config, PipelineConfig):
+            config = pipeline_settings(config or "", dynamics if isinstance(dynamics, str | Path) else "")
+        elif isinstance(dynamics, str | Path) and dynamics:
+            config = replace(config, dynamics=backend_settings(dynamics))
+        if isinstance(dynamics, BackendConfig):
+            config = replace(config, dynamics=dynamics)
         folder = find_checkpoint(path_or_id)
-        return cls(
-            FrameParser.from_checkpoint(folder),
-            load_backend(folder, dynamics),
+        options.setdefault("tracker", config.tracker)
+        pipeline = cls(
+            FrameParser.from_checkpoint(folder, batch_size=config.batch_size, stride=config.stride),
+            load_backend(folder, config.dynamics),
             QuestionParser.from_checkpoint(folder),
             **options,
         )
+        return pipeline.to(device)
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write the weights of the parts that have any, for `from_pretrained(folder)`."""
+        for part in (self.frame_parser, self.dynamics, self.question_parser):
+            if hasattr(part, "save_pretrained"):
+                part.save_pretrained(folder)
+
+    def to(self, device: str) -> "Pipeline":
+        """Move the networks to a device ("auto", "cpu", "cuda", …); returns the pipeline.
+
+        Raises:
+            DataError: an unknown device, or one that is not there.
+        """
+        name = str(resolve_device(device))
+        for part in (self.frame_parser, self.dynamics, self.question_parser):
+            if hasattr(part, "to"):
+                part.to(name)
+        return self
 
     def scene(self, video: str | Path) -> Scene:
         """The symbolic scene of a video file. Computed once for each content of the file.
@@ -107,20 +192,24 @@ class Pipeline:
 
         Args:
             video: a video file.
-            proposals, tracks, dynamics: results to use instead of computing them.
-            true_scene: a scene whose collisions during the video are believed instead of those that are found.
+            proposals: result of the frame parser, to use instead of computing it.
+            tracks: result of the tracker, to use instead of computing it.
+            dynamics: result of the dynamics backend, to use instead of computing it.
+            true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
         Raises:
             VideoError: nothing is given, the file cannot be read, or no object was found.
         """
-        key = None
+        key, parts = None, (self.frame_parser, vars(self.frame_parser).get("stride"), self.tracker, self.dynamics)
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
-            key = _file_key(Path(video))
-            if key in self._kept:
+            if not Path(video).is_file():
+                raise VideoError(f"{video}: no such file")
+            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])])
+            if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
-                return self._kept[key]
+                return self._kept[key][1]
             proposals = self.frame_parser.parse(read_frames(video), progress=self.progress)
         if dynamics is None:
             if tracks is None:
@@ -137,7 +226,7 @@ class Pipeline:
                 dynamics = self.dynamics.predict(tracks, collisions_of(true_scene, tracks))
         perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics))
         if key is not None:
-            self._kept[key] = perception
+            self._kept[key] = (parts, perception)
             while len(self._kept) > KEPT_VIDEOS:
                 self._kept.popitem(last=False)
         return perception
@@ -200,7 +289,7 @@ class Pipeline:
 
 
 def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:
-    """A scene's collisions during the video with the ids of the tracks of the same names; others are left out."""
+    """A scene's collisions during the video, with the ids of the tracks of the same names; others are left out."""
     ids = {t.object.name: t.object.id for t in tracks.tracks}
     events = []
     for event in scene.events:
@@ -208,11 +297,3 @@ def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:
         if event.kind == "collision" and all(name in ids for name in names):
             events.append(Event("collision", event.frame, tuple(sorted(ids[name] for name in names))))
     return events
-
-
-def _file_key(path: Path) -> tuple[str, int, int]:
-    try:
-        status = path.stat()
-    except OSError as e:
-        raise VideoError(f"{path}: no such file") from e
-    return str(path.resolve()), status.st_mtime_ns, status.st_size

@@ -1,9 +1,12 @@
-"""The arrows of the data flow: what one stage hands to the next. All are frozen and validated on construction.
+"""The data types that stages exchange. All are frozen dataclasses, validated on construction.
 
 video -> `VideoProposals` -> `VideoTracks` -> `DynamicsPrediction` -> `Scene` -> `Answer`
 
 Frames count from 0; the video shows frames below `n_frames`, later ones are unseen. Pixels are those of the 480x320
 image, (column, row); world units are CLEVRER's ground plane (x towards the camera, y to the right of the image).
+
+Arrays are stored as read-only views of the arrays passed in. Types with arrays are compared by value (NaN equals NaN)
+and are not hashable.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
 
 __all__ = [
     "Answer",
@@ -36,8 +39,8 @@ IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 
 
-def _check_array(owner: object, name: str, shape: Sequence[int | None], kind: str) -> None:
-    """Demand an array of a shape (None = any) and dtype kind ("f" float, "i" integer, "b" boolean)."""
+def _store_array(owner: object, name: str, shape: Sequence[int | None], kind: str) -> None:
+    """Check an array's shape (None = any length) and dtype kind ("f" float, "i" integer, "b" boolean); make it read-only."""
     value = getattr(owner, name)
     where = f"{type(owner).__name__}.{name}"
     if not isinstance(value, np.ndarray):
@@ -46,6 +49,9 @@ def _check_array(owner: object, name: str, shape: Sequence[int | None], kind: st
         raise DataError(f"{where}: expected shape {tuple('?' if e is None else e for e in shape)}, got {value.shape}")
     if not (value.dtype.kind == kind or (kind == "i" and value.dtype.kind == "u")):
         raise DataError(f"{where}: expected dtype kind {kind!r}, got {value.dtype}")
+    view = value.view()  # the caller's own array stays writable
+    view.flags.writeable = False
+    object.__setattr__(owner, name, view)
 
 
 def _check(condition: bool, message: str) -> None:
@@ -53,17 +59,42 @@ def _check(condition: bool, message: str) -> None:
         raise DataError(message)
 
 
-class _Picklable:
-    """Frozen mappings travel to other processes as dictionaries."""
+class _ArrayHolder:
+    """Base of the dataclasses that hold arrays or mappings.
+
+    Instances are compared by value and are not hashable. Pickling and copying go through the constructor: read-only
+    mappings cannot be pickled themselves, and unpickled arrays would be writable.
+    """
+
+    def _values(self) -> list[Any]:
+        return [getattr(self, f.name) for f in fields(self)]  # type: ignore[arg-type]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _ArrayHolder) or type(other) is not type(self):
+            return NotImplemented
+        return all(_equal(a, b) for a, b in zip(self._values(), other._values(), strict=True))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = (getattr(self, f.name) for f in fields(self))  # type: ignore[arg-type]
-        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in self._values())
+
+
+def _equal(a: Any, b: Any) -> bool:
+    """Equality of two field values; NaN equals NaN."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=True)
+    return not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray) and bool(a == b)
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """An object with its identity: index in the scene and three attribute words."""
+    """The identity of an object.
+
+    Attributes:
+        id: index in the scene.
+        color: one of `nsdr.world.vocabulary.COLORS`.
+        material: one of `nsdr.world.vocabulary.MATERIALS`.
+        shape: one of `nsdr.world.vocabulary.SHAPES`.
+    """
 
     id: int
     color: str
@@ -86,19 +117,19 @@ def _check_objects(owner: str, objects: Sequence[SceneObject]) -> None:
     _check(ids == list(range(len(ids))), f"{owner}: object ids must be 0..{len(ids) - 1} in order, got {ids}")
 
 
-@dataclass(frozen=True)
-class VideoProposals:
-    """The frame parser's output for one video: one row a detected object, sorted by frame.
+@dataclass(frozen=True, eq=False)
+class VideoProposals(_ArrayHolder):
+    """The frame parser's output for one video: one row per detected object, sorted by frame.
 
     Attributes:
-        n_frames: frames of the video.
-        frame_index: (N,) int.
-        attribute: (N,) int, `nsdr.world.vocabulary.attribute_index` of the detected words.
-        score: (N,) float, 0-1.
+        n_frames: number of frames of the video.
+        frame_index: (N,) int, frame of each detection, ascending.
+        attribute: (N,) int in 0-47, `nsdr.world.vocabulary.attribute_index` of the detected words.
+        score: (N,) float in 0-1, confidence of the detector.
         centroid_px: (N, 2) float, mean (column, row) of the mask's pixel centres.
         area_px: (N,) int, number of mask pixels.
-        box_xyxy_px: (N, 4) int, mask bounds, end exclusive.
-        masks: COCO run-length strings of the (320, 480) masks, or None where only the numbers are known.
+        box_xyxy_px: (N, 4) int, bounding box (left, top, right, bottom) of the mask, end exclusive.
+        masks: N COCO run-length strings of the (320, 480) masks; None where only the numbers are known.
     """
 
     n_frames: int
@@ -112,39 +143,37 @@ class VideoProposals:
 
     def __post_init__(self) -> None:
         n = len(self.frame_index)
-        _check_array(self, "frame_index", (n,), "i")
-        _check_array(self, "attribute", (n,), "i")
-        _check_array(self, "score", (n,), "f")
-        _check_array(self, "centroid_px", (n, 2), "f")
-        _check_array(self, "area_px", (n,), "i")
-        _check_array(self, "box_xyxy_px", (n, 4), "i")
+        _store_array(self, "frame_index", (n,), "i")
+        _store_array(self, "attribute", (n,), "i")
+        _store_array(self, "score", (n,), "f")
+        _store_array(self, "centroid_px", (n, 2), "f")
+        _store_array(self, "area_px", (n,), "i")
+        _store_array(self, "box_xyxy_px", (n, 4), "i")
         _check(self.masks is None or len(self.masks) == n, f"VideoProposals.masks: expected {n} masks")
         _check(self.n_frames > 0, f"VideoProposals.n_frames: expected at least 1, got {self.n_frames}")
         if n:
             _check(bool((np.diff(self.frame_index) >= 0).all()), "VideoProposals: rows must be sorted by frame")
             low, high = int(self.frame_index[0]), int(self.frame_index[-1])
-            _check(
-                low >= 0 and high < self.n_frames, f"VideoProposals: frames {low}-{high} outside 0-{self.n_frames - 1}"
-            )
-            _check(
-                bool(((self.attribute >= 0) & (self.attribute < 48)).all()), "VideoProposals.attribute: expected 0-47"
-            )
+            inside = low >= 0 and high < self.n_frames
+            _check(inside, f"VideoProposals: frames {low}-{high} outside 0-{self.n_frames - 1}")
+            known = (self.attribute >= 0) & (self.attribute < N_ATTRIBUTE_TRIPLES)
+            _check(bool(known.all()), f"VideoProposals.attribute: expected 0-{N_ATTRIBUTE_TRIPLES - 1}")
 
     def __len__(self) -> int:
         return len(self.frame_index)
 
 
-@dataclass(frozen=True)
-class Track:
-    """One object followed through the video: its identity and what was seen of it.
+@dataclass(frozen=True, eq=False)
+class Track(_ArrayHolder):
+    """One object followed through the video: its identity and its detections.
 
     Attributes:
         object: identity.
         frame_index: (T,) int, ascending frames in which it was detected.
-        location_world: (T, 2) float, ground-plane position (x, y) of its centre.
+        location_world: (T, 2) float, ground-plane position (x, y) of its centre (world units).
         centroid_px: (T, 2) float, as in `VideoProposals`.
         box_xyxy_px: (T, 4) int, as in `VideoProposals`.
-        score: (T,) float.
+        score: (T,) float, as in `VideoProposals`.
     """
 
     object: SceneObject
@@ -156,17 +185,22 @@ class Track:
 
     def __post_init__(self) -> None:
         n = len(self.frame_index)
-        _check_array(self, "frame_index", (n,), "i")
-        _check_array(self, "location_world", (n, 2), "f")
-        _check_array(self, "centroid_px", (n, 2), "f")
-        _check_array(self, "box_xyxy_px", (n, 4), "i")
-        _check_array(self, "score", (n,), "f")
+        _store_array(self, "frame_index", (n,), "i")
+        _store_array(self, "location_world", (n, 2), "f")
+        _store_array(self, "centroid_px", (n, 2), "f")
+        _store_array(self, "box_xyxy_px", (n, 4), "i")
+        _store_array(self, "score", (n,), "f")
         _check(bool((np.diff(self.frame_index) > 0).all()), f"Track {self.object.id}: frames must ascend")
 
 
 @dataclass(frozen=True)
 class VideoTracks:
-    """All objects of one video. `n_frames` is the video's length."""
+    """The tracks of one video.
+
+    Attributes:
+        n_frames: number of frames of the video.
+        tracks: one per object, in the order of object ids.
+    """
 
     n_frames: int
     tracks: tuple[Track, ...]
@@ -184,8 +218,8 @@ class Event:
 
     Attributes:
         kind: "in" (enters the image), "out" (leaves it) or "collision".
-        frame: frame index; unseen when it is at or beyond the video's length.
-        objects: ids, one for "in" and "out", two ascending for "collision".
+        frame: frame index; at or beyond the video's length for unseen events.
+        objects: object ids: one for "in" and "out", two in ascending order for "collision".
     """
 
     kind: str
@@ -199,17 +233,18 @@ class Event:
         _check(ordered, f"event {self.kind}: expected {expected} ascending object ids, got {self.objects}")
 
 
-@dataclass(frozen=True)
-class Rollout:
-    """Motion and collisions of all objects in one course of the world.
+@dataclass(frozen=True, eq=False)
+class Rollout(_ArrayHolder):
+    """Trajectories and collisions of all objects, either as observed and predicted or with one object removed.
 
     Attributes:
-        location_world: (n_objects, F, 2) float, NaN where an object is absent or unknown.
-        visible: (n_objects, F) bool, in the image.
-        collisions: in order of time; pairs of object ids.
-        unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: how probable a collision of each pair after the
-            video seems; None where that is not known.
-        speed_world_per_s: (n_objects, F) float, NaN where it is not known; None where no speed is.
+        location_world: (n_objects, F, 2) float, ground-plane positions (x, y) (world units); NaN where an object is absent
+            or its position is not known.
+        visible: (n_objects, F) bool, whether the object is in the image.
+        collisions: collision events in order of time.
+        unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: estimated probability that the pair collides after
+            the video; None where it is not known.
+        speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
     """
 
     location_world: FloatArray
@@ -219,28 +254,27 @@ class Rollout:
     speed_world_per_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        _check_array(self, "location_world", (None, None, 2), "f")
-        _check_array(self, "visible", self.location_world.shape[:2], "b")
+        _store_array(self, "location_world", (None, None, 2), "f")
+        _store_array(self, "visible", self.location_world.shape[:2], "b")
         if self.speed_world_per_s is not None:
-            _check_array(self, "speed_world_per_s", self.location_world.shape[:2], "f")
+            _store_array(self, "speed_world_per_s", self.location_world.shape[:2], "f")
         n = len(self.visible)
         if self.unseen_scores is not None:
-            _check_array(self, "unseen_scores", (n, n), "f")
+            _store_array(self, "unseen_scores", (n, n), "f")
         for event in self.collisions:
-            _check(
-                event.kind == "collision" and event.objects[1] < n, f"Rollout: {event} is no collision of {n} objects"
-            )
+            fits = event.kind == "collision" and event.objects[1] < n
+            _check(fits, f"Rollout: {event} is not a collision of two of the {n} objects")
 
 
-@dataclass(frozen=True)
-class DynamicsPrediction(_Picklable):
+@dataclass(frozen=True, eq=False)
+class DynamicsPrediction(_ArrayHolder):
     """The dynamics predictor's output for one video.
 
     Attributes:
         objects: identities.
-        n_frames: frames of the video; rollouts go on beyond.
-        observed: what happened and goes on to happen.
-        counterfactual: for each removed object's id, the course of the world without it.
+        n_frames: number of frames of the video; rollouts continue beyond it.
+        observed: the rollout with all objects: the video and its continuation.
+        counterfactual: rollouts with one object removed, by that object's id.
     """
 
     objects: tuple[SceneObject, ...]
@@ -251,25 +285,24 @@ class DynamicsPrediction(_Picklable):
     def __post_init__(self) -> None:
         _check_objects("DynamicsPrediction", self.objects)
         for rollout in (self.observed, *self.counterfactual.values()):
-            _check(
-                len(rollout.visible) == len(self.objects), "DynamicsPrediction: a rollout has another number of objects"
-            )
+            expected, got = len(self.objects), len(rollout.visible)
+            _check(got == expected, f"DynamicsPrediction: expected rollouts of {expected} objects, got {got}")
         object.__setattr__(self, "counterfactual", MappingProxyType(dict(self.counterfactual)))
 
 
-@dataclass(frozen=True)
-class Scene(_Picklable):
-    """The symbolic scene a program runs on.
+@dataclass(frozen=True, eq=False)
+class Scene(_ArrayHolder):
+    """The symbolic scene that programs run on.
 
     Attributes:
-        objects: identities, no attribute triple twice.
-        n_frames: frames of the video.
-        visible: (n_objects, n_frames) bool, in the image.
-        moving: (n_objects, n_frames) bool, faster than the motion threshold; None where motion is not known.
-        events: observed events (enter, exit, collision), by frame.
+        objects: identities; attribute triples are unique.
+        n_frames: number of frames of the video.
+        visible: (n_objects, n_frames) bool, whether the object is in the image.
+        moving: (n_objects, n_frames) bool, whether the object moves; None where motion is not known.
+        events: observed events (enter, exit, collision) in order of time.
         unseen: collisions after the video; None where they are not known.
-        counterfactual: collisions by the id of the removed object; None where they are not known.
-        unseen_scores: (n_objects, n_objects) float as in `Rollout`; None for true scenes.
+        counterfactual: collisions with one object removed, by that object's id; None where they are not known.
+        unseen_scores: (n_objects, n_objects) float, as in `Rollout`; None for ground-truth scenes.
     """
 
     objects: tuple[SceneObject, ...]
@@ -284,19 +317,18 @@ class Scene(_Picklable):
     def __post_init__(self) -> None:
         _check_objects("Scene", self.objects)
         triples = [o.name for o in self.objects]
-        twice = sorted({name for name in triples if triples.count(name) > 1})
-        _check(not twice, f"Scene: more than one {', '.join(twice)}; attribute triples must be unique")
+        repeated = sorted({name for name in triples if triples.count(name) > 1})
+        _check(not repeated, f"Scene: more than one {', '.join(repeated)}; attribute triples must be unique")
         n = len(self.objects)
-        _check_array(self, "visible", (n, self.n_frames), "b")
+        _store_array(self, "visible", (n, self.n_frames), "b")
         if self.moving is not None:
-            _check_array(self, "moving", (n, self.n_frames), "b")
+            _store_array(self, "moving", (n, self.n_frames), "b")
         if self.unseen_scores is not None:
-            _check_array(self, "unseen_scores", (n, n), "f")
+            _store_array(self, "unseen_scores", (n, n), "f")
         counterfactual = self.counterfactual or {}
         for event in [*self.events, *(self.unseen or ()), *(e for events in counterfactual.values() for e in events)]:
-            _check(
-                max(event.objects) < n and min(event.objects) >= 0, f"Scene: {event} names an object beyond 0-{n - 1}"
-            )
+            known = max(event.objects) < n and min(event.objects) >= 0
+            _check(known, f"Scene: {event} names an object outside 0-{n - 1}")
         object.__setattr__(self, "events", _in_order(self.events))
         if self.unseen is not None:
             object.__setattr__(self, "unseen", _in_order(self.unseen))
@@ -305,7 +337,7 @@ class Scene(_Picklable):
 
 
 def _in_order(events: Sequence[Event]) -> tuple[Event, ...]:
-    """By frame; at one frame, entering and leaving come before collisions."""
+    """Events sorted by frame; at the same frame, entrances and exits come before collisions."""
     return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))
 
 
@@ -314,13 +346,13 @@ class TraceStep:
     """One executed module.
 
     Attributes:
-        module: its token.
-        inputs: indices of the steps whose results it took.
+        module: the module's token.
+        inputs: indices of the steps that gave its arguments.
         kind: type of the result (`nsdr.symbolic.Kind`).
-        value: the result in plain form: words, numbers, object ids, or `Event`s.
+        value: the result: a word, number or truth value, object ids, or `Event`s.
         text: the result in words.
-        objects: ids of the objects the result rests on: its own, or for a word or number those of its inputs.
-        events: the same for events.
+        objects: ids of the objects in the result, or for a word or number those of its inputs.
+        events: the events in the result, or for a word or number those of its inputs.
     """
 
     module: str
@@ -334,7 +366,14 @@ class TraceStep:
 
 @dataclass(frozen=True)
 class ChoiceAnswer:
-    """One option of a multiple-choice question: "correct" or "wrong", with how that came out."""
+    """The judgement of one choice of a multiple-choice question.
+
+    Attributes:
+        choice: text of the choice.
+        answer: "correct" or "wrong"; with the official semantics also "error".
+        program: postfix tokens of the choice's program followed by the question's.
+        trace: executed steps.
+    """
 
     choice: str
     answer: str
@@ -347,11 +386,11 @@ class Answer:
     """The answer to a question.
 
     Attributes:
-        question: its text ("" when a program was given).
-        program: the question's program, postfix tokens.
+        question: text of the question; "" when only a program was given.
+        program: postfix tokens of the question's program.
         answer: the answer word; None for a multiple-choice question.
-        trace: executed steps; for a multiple-choice question see `choices`.
-        choices: the options' answers; empty for a descriptive question.
+        trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
+        choices: the judged choices; empty for a descriptive question.
     """
 
     question: str

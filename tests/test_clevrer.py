@@ -1,8 +1,14 @@
+import importlib
+import inspect
 import json
+import pkgutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
+import nsdr.clevrer
 from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
 from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.proposals import (
@@ -55,7 +61,7 @@ def test_entering_and_leaving() -> None:
     assert enter_exit_events(visible) == [Event("in", 1, (1,)), Event("out", 3, (1,))]
 
 
-def test_collisions_out_of_view_are_dropped_or_wait() -> None:
+def test_collisions_out_of_view_are_dropped_or_delayed() -> None:
     visible = np.ones((3, 10), bool)
     visible[1, :4] = False
     visible[2, :] = False
@@ -85,7 +91,7 @@ def test_scene_of_an_annotation() -> None:
     assert not scene.moving[1].any()
 
 
-def test_scene_of_something_else_is_refused() -> None:
+def test_other_content_is_rejected() -> None:
     with pytest.raises(DataError, match="not an annotation"):
         scene_from_annotation({"frames": []})
     with pytest.raises(DataError, match="not a ground-truth block"):
@@ -110,7 +116,7 @@ def test_scene_of_a_ground_truth_block() -> None:
 
 def test_scene_of_a_prediction() -> None:
     location = np.zeros((2, 180, 2))
-    location[0, :, 0] = np.arange(180) * 0.01  # 0.36 world units a second
+    location[0, :, 0] = np.arange(180) * 0.01  # 0.36 world units/s
     visible = np.ones((2, 180), bool)
     visible[0, :10] = False
     collisions = (Event("collision", 50, (0, 1)), Event("collision", 150, (0, 1)))
@@ -152,7 +158,7 @@ def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:
     np.testing.assert_array_equal(back.attribute, proposals.attribute)
 
 
-def test_broken_proposals_name_the_position(tmp_path) -> None:
+def test_malformed_proposals_name_the_location(tmp_path) -> None:
     path = tmp_path / "p.json"
     path.write_text(
         '{"frames": [{"frame_index": 0, "objects": [{"color": "pink", "material": "metal", "shape": "cube"}]}]}'
@@ -199,11 +205,32 @@ def test_questions_of_the_example() -> None:
         ),
     ],
 )
-def test_broken_question_files_name_the_position(tmp_path, content, message) -> None:
+def test_malformed_question_files_name_the_location(tmp_path, content, message) -> None:
     path = tmp_path / "q.json"
     path.write_text(json.dumps(content))
     with pytest.raises(DataError, match=message):
         read_questions(path)
+
+
+def test_every_public_name_is_exported_by_the_package() -> None:
+    from nsdr.clevrer import CLEVRER, download, read_annotation
+
+    assert callable(download)
+    assert read_annotation.__module__ == "nsdr.clevrer.annotations"
+    assert CLEVRER.__module__ == "nsdr.clevrer.dataset"
+    internal = {"schema", "transfer", "velocity_rule", "example"}
+    files = [m.name for m in pkgutil.iter_modules(nsdr.clevrer.__path__) if m.name not in internal]
+    public = {name for file in files for name in importlib.import_module(f"nsdr.clevrer.{file}").__all__}
+    assert set(nsdr.clevrer.__all__) == public == set(dir(nsdr.clevrer))
+    for name in nsdr.clevrer.__all__:
+        assert not inspect.ismodule(getattr(nsdr.clevrer, name)), name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        nsdr.clevrer.nothing  # noqa: B018
+
+
+def test_importing_the_package_loads_no_heavy_module() -> None:
+    code = "import nsdr.clevrer, sys; sys.exit(any(m in sys.modules for m in ('torch', 'cv2', 'numpy')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_annotations_become_the_tracks_of_a_perfect_tracker() -> None:

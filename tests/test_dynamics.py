@@ -6,15 +6,16 @@ from nsdr import DataError, Event, StatePredictor
 from nsdr.clevrer.truth_blocks import read_truth
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
-from nsdr.dynamics.physics.sliding import fit_sliding, slide
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
+from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.dynamics.track_smoothing import smooth_tracks
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import ground_from_pixels, pixels_from_world
+from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.timeline import horizon_frame
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
@@ -68,7 +69,7 @@ def test_states_interpolate_and_continue_in_a_straight_line() -> None:
     assert abs(step[32:] - step[28]).max() < 0.02
 
 
-def test_a_covered_object_is_not_reliable() -> None:
+def test_a_hidden_object_is_not_reliable() -> None:
     rows = moving(range(40), RED, 300, 0)
     near = [
         (f, a, s, (x, y + 20), [b[0], b[1] + 20, b[2], b[3] + 20])
@@ -91,11 +92,11 @@ def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: S
         assert not rollout.visible[removed].any()
         assert all(removed not in e.objects for e in rollout.collisions)
     expected = states_from_tracks(tracks()).location_world
-    # The third one enters more slowly than anything in CLEVRER.
+    # The third object is left out: it enters more slowly than any object in CLEVRER.
     np.testing.assert_allclose(prediction.observed.location_world[:2, :39], expected[:2, :39], atol=0.02)
 
 
-def test_prediction_is_the_same_twice_and_survives_saving(predictor, tmp_path) -> None:
+def test_prediction_is_deterministic_and_survives_saving(predictor, tmp_path) -> None:
     from nsdr.io.checkpoint import save_checkpoint
 
     save_checkpoint(tmp_path, "dynamics", predictor.model.state_dict(), SMALL, {})
@@ -113,7 +114,7 @@ def test_a_video_with_one_object_or_none(predictor: StatePredictor) -> None:
 
 
 class _Script(StateModel):
-    """Goes straight on; hits when centres come closer than a diameter."""
+    """Moves every object in a straight line; a pair collides when its centres are closer than a diameter."""
 
     def predict(self, window, reliable, static, exists):
         position = 2 * window[:, :, -1] - window[:, :, -2]
@@ -125,7 +126,7 @@ class _Script(StateModel):
 
 
 def test_removal_changes_only_what_depends_on_the_removed_object() -> None:
-    # Red runs into blue at frame ~36; green rests far away. Without blue, red goes on; without green, nothing changes.
+    # Red hits blue at about frame 36, and green rests far away. Without blue, red moves on; without green, nothing changes.
     speed, n = 4, 60
     rows = [r for r in moving(range(n), RED, 100, speed) if r[0] < 45] + moving(range(45, n), RED, 280, 0)
     rows += moving(range(n), BLUE, 300, 0) + moving(range(n), GREEN, 30, 0)
@@ -184,31 +185,32 @@ def test_positions_continue_in_straight_lines_beyond_the_video() -> None:
 
 
 @pytest.mark.parametrize("shape", ["cube", "cylinder", "sphere"])
-def test_flights_follow_the_law_of_deceleration(shape: str) -> None:
+def test_free_sliding_follows_the_law_of_deceleration(shape: str) -> None:
     friction = 0.0 if shape == "sphere" else 0.03 * 9.81
-    way, speed = 0.0, 1.2
-    for _ in range(7000):
-        speed = max(speed - (friction + 0.04 * speed + 0.04 * speed**2) * 2e-4, 0.0)
-        way += speed * 2e-4
-    flown, then = slide(shape, np.array(1.2), np.array(1.4))
-    assert float(flown) == pytest.approx(way, abs=2e-3)
-    assert float(then) == pytest.approx(speed, abs=2e-3)
-    back, before = slide(shape, then, np.array(-1.4))
-    assert float(before) == pytest.approx(1.2, abs=5e-3)
-    assert float(back) == pytest.approx(-way, abs=5e-3)
+    expected_distance, expected_speed = 0.0, 1.2
+    for _ in range(7000):  # 1.4 s in steps of 0.2 ms
+        deceleration = friction + 0.04 * expected_speed + 0.04 * expected_speed**2
+        expected_speed = max(expected_speed - deceleration * 2e-4, 0.0)
+        expected_distance += expected_speed * 2e-4
+    distance, final_speed = slide(shape, np.array(1.2), np.array(1.4))
+    assert float(distance) == pytest.approx(expected_distance, abs=2e-3)
+    assert float(final_speed) == pytest.approx(expected_speed, abs=2e-3)
+    distance_back, initial_speed = slide(shape, final_speed, np.array(-1.4))
+    assert float(initial_speed) == pytest.approx(1.2, abs=5e-3)
+    assert float(distance_back) == pytest.approx(-expected_distance, abs=5e-3)
 
 
 def test_objects_with_friction_stop_and_stay() -> None:
-    way, speed = slide("cube", np.array(0.2), np.array([0.5, 2.0, 9.0]))
+    distance, speed = slide("cube", np.array(0.2), np.array([0.5, 2.0, 9.0]))
     assert speed.tolist()[1:] == [0.0, 0.0]
-    assert way[1] == way[2]
+    assert distance[1] == distance[2]
 
 
-def test_a_flight_is_found_through_noise_and_wrong_positions() -> None:
+def test_free_sliding_is_fitted_through_noise_and_outliers() -> None:
     rng = np.random.default_rng(0)
     frames = np.arange(40)
-    way, _ = slide("cylinder", np.array(2.0), frames * 0.028)
-    positions = np.array([-1.0, 0.5]) + way[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
+    distance, _ = slide("cylinder", np.array(2.0), frames * FRAME_SECONDS)
+    positions = np.array([-1.0, 0.5]) + distance[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
     positions[10:14] += 0.3
     position, velocity, residual = fit_sliding("cylinder", frames, positions, np.ones(40), 0.0)
     np.testing.assert_allclose(position, [-1.0, 0.5], atol=0.01)
@@ -228,8 +230,8 @@ def states_of(shape: str, positions: np.ndarray, seen: np.ndarray) -> MotionStat
 
 def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
     rng = np.random.default_rng(1)
-    way, _ = slide("cube", np.array(0.5), np.maximum(np.arange(128) - 50, 0) * 0.028)
-    positions = np.stack([way, 0 * way], 1) + rng.normal(size=(128, 2)) * 0.005
+    distance, _ = slide("cube", np.array(0.5), np.maximum(np.arange(128) - 50, 0) * FRAME_SECONDS)
+    positions = np.stack([distance, 0 * distance], 1) + rng.normal(size=(128, 2)) * 0.005
     motion = smooth_tracks(states_of("cube", positions, np.ones(128, bool)), [Event("collision", 50, (0, 1))])
     moving = np.linalg.norm(motion.velocity_world_per_s[0], axis=1) > 0.02
     assert not moving[:50].any()
@@ -238,9 +240,9 @@ def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
     assert motion.visible.all()
 
 
-def test_entrances_and_exits_come_from_the_flight() -> None:
-    way, _ = slide("sphere", np.array(2.8), np.arange(128) * 0.028)
-    positions = np.stack([0 * way, -3.2 + way], 1)  # from the left to the right
+def test_entrances_and_exits_come_from_the_fitted_motion() -> None:
+    distance, _ = slide("sphere", np.array(2.8), np.arange(128) * FRAME_SECONDS)
+    positions = np.stack([0 * distance, -3.2 + distance], 1)  # from the left to the right
     shown = in_image("sphere", np.concatenate([positions, np.full((128, 1), 0.2)], 1), np.zeros(128))
     first, last = np.flatnonzero(shown)[[0, -1]]
     seen = shown.copy()

@@ -126,11 +126,11 @@ def test_counterfactual(executor: Executor) -> None:
     assert judged(executor, without_blue + " negate", possible(RED_CUBE, BLUE)) == "correct"
 
 
-def test_the_examples_questions_come_out(example_scene: Scene) -> None:
+def test_the_questions_of_the_example_are_answered_correctly(example_scene: Scene) -> None:
     executor = Executor(example_scene)
-    kinds = set()
+    types = set()
     for question in read_questions(QUESTIONS)[0].questions:
-        kinds.add(question.type)
+        types.add(question.type)
         assert question.program is not None
         if question.type == "descriptive":
             assert executor.answer(question.program).answer == question.answer, question.text
@@ -138,7 +138,7 @@ def test_the_examples_questions_come_out(example_scene: Scene) -> None:
         choices = [(c.text, c.program or ()) for c in question.choices]
         judgements = [c.answer for c in executor.judge(question.program, choices).choices]
         assert judgements == [c.answer for c in question.choices], question.text
-    assert len(kinds) == 4
+    assert len(types) == 4
 
 
 def test_trace_holds_every_step_with_inputs_and_results(executor: Executor) -> None:
@@ -160,8 +160,11 @@ def test_trace_holds_every_step_with_inputs_and_results(executor: Executor) -> N
         ),
         ("objects yellow filter_color unique query_shape", r"unique\(none\): expected exactly one, found 0"),
         ("events objects filter_in second filter_order get_object query_color", "no second event among 1"),
-        (f"events {possible(RED_CUBE, BLUE)} filter_before count", "only possible: it has no frame"),
-        (f"events {RED_CUBE} filter_collision unique {GREEN} get_col_partner query_color", "is no collision of green"),
+        (f"events {possible(RED_CUBE, BLUE)} filter_before count", "is only a possible event and has no frame"),
+        (
+            f"events {RED_CUBE} filter_collision unique {GREEN} get_col_partner query_color",
+            "is not a collision of green",
+        ),
     ],
 )
 def test_execution_errors_name_step_module_and_inputs(executor: Executor, program: str, message: str) -> None:
@@ -171,11 +174,11 @@ def test_execution_errors_name_step_module_and_inputs(executor: Executor, progra
 
 def test_unknown_motion_future_and_counterfactuals_are_errors(small_scene: Scene) -> None:
     blind = Executor(Scene(small_scene.objects, 128, small_scene.visible, None, small_scene.events))
-    with pytest.raises(ExecutionError, match="does not know which objects move"):
+    with pytest.raises(ExecutionError, match="motion is not known in this scene"):
         blind.run("objects null filter_moving count")
-    with pytest.raises(ExecutionError, match="after the video"):
+    with pytest.raises(ExecutionError, match="events after the video are not known"):
         blind.run("unseen_events count")
-    with pytest.raises(ExecutionError, match="without blue rubber sphere"):
+    with pytest.raises(ExecutionError, match="events without blue rubber sphere are not known"):
         blind.run(f"all_events {BLUE} get_counterfact count")
 
 
@@ -184,18 +187,18 @@ def test_motion_after_the_video_is_an_error(executor: Executor) -> None:
         executor.run("objects unseen_events unique get_frame filter_moving count")
 
 
-def test_a_batch_gives_what_single_runs_give(executor: Executor, small_scene: Scene) -> None:
+def test_a_batch_equals_single_runs(executor: Executor, small_scene: Scene) -> None:
     programs = [program for _, program, _ in ROWS] + ["objects yellow filter_color unique query_shape"]
     results = executor.run_batch(programs)
     assert results[:-1] == [Executor(small_scene).run(p) for p in programs[:-1]]
     assert isinstance(results[-1], ExecutionError)
     assert "step 4 unique(none)" in str(results[-1])
-    with pytest.raises(ProgramError, match="give choices"):
+    with pytest.raises(ProgramError, match="judges a choice; pass it to `judge`"):
         executor.run_batch(["unseen_events belong_to"])
 
 
-def test_choice_questions_and_answers_are_told_apart(executor: Executor) -> None:
-    with pytest.raises(ProgramError, match="give choices"):
+def test_programs_of_other_sorts_are_rejected(executor: Executor) -> None:
+    with pytest.raises(ProgramError, match="judges a choice; pass it to `judge`"):
         executor.answer("unseen_events belong_to")
     with pytest.raises(ProgramError, match="takes no choice"):
         executor.judge("objects count", [("", RED_CUBE)])
@@ -204,7 +207,7 @@ def test_choice_questions_and_answers_are_told_apart(executor: Executor) -> None
 
 
 def test_unknown_semantics(small_scene: Scene) -> None:
-    with pytest.raises(ExecutionError, match="'other' is not known"):
+    with pytest.raises(ExecutionError, match="unknown semantics 'other'"):
         Executor(small_scene, "other")
 
 
@@ -306,7 +309,7 @@ def test_the_trace_as_a_tree(executor: Executor) -> None:
     ]
 
 
-def test_steps_know_what_they_rest_on(executor: Executor) -> None:
+def test_steps_list_the_objects_and_events_they_depend_on(executor: Executor) -> None:
     trace = executor.answer("events objects filter_collision count").trace
     assert trace[-1].events == (Event("collision", 20, (0, 1)), Event("collision", 40, (1, 2)))
     assert trace[1].objects == (0, 1, 2, 3)
@@ -327,7 +330,7 @@ def test_belonging_agrees_with_membership(scene: Scene) -> None:
 @given(scenes(), st.data())
 @settings(deadline=None)
 def test_removing_an_unrelated_object_changes_no_ancestor(scene: Scene, data: st.DataObject) -> None:
-    """An object that takes part in nothing that led to an event may go: the event's ancestors stay."""
+    """Removing an object that takes part in no ancestor of an event keeps the ancestors of that event."""
     ancestors = ancestor_sets(scene.events)
     for index, event in enumerate(scene.events):
         before = {scene.events[i] for i in range(len(scene.events)) if ancestors[1 << index] >> i & 1}
@@ -335,13 +338,13 @@ def test_removing_an_unrelated_object_changes_no_ancestor(scene: Scene, data: st
         unrelated = [o.id for o in scene.objects if o.id not in involved]
         if not unrelated:
             continue
-        gone = data.draw(st.sampled_from(unrelated))
-        kept = [e for e in scene.events if gone not in e.objects]
+        removed = data.draw(st.sampled_from(unrelated))
+        kept = [e for e in scene.events if removed not in e.objects]
         after = ancestor_sets(kept)[1 << kept.index(event)]
         assert {kept[i] for i in range(len(kept)) if after >> i & 1} == before
 
 
-def test_of_two_predictions_the_likelier_one_is_right(small_scene: Scene) -> None:
+def test_the_likelier_of_two_predictions_is_correct(small_scene: Scene) -> None:
     red_sphere = "objects red filter_color sphere filter_shape unique"
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, red_sphere))]
     question = "unseen_events belong_to"
@@ -350,7 +353,7 @@ def test_of_two_predictions_the_likelier_one_is_right(small_scene: Scene) -> Non
     scores[0, 3] = scores[3, 0] = 0.3
     scored = Executor(replace(small_scene, unseen_scores=scores))
     assert [c.answer for c in scored.judge(question, choices).choices] == ["wrong", "correct"]
-    # Where the scene itself tells the options apart, and for other questions, scores do not matter.
+    # Scores do not matter where the choices are judged differently, and for other questions.
     happens = [("c", possible(GREEN, red_sphere)), ("b", possible(RED_CUBE, red_sphere))]
     assert [c.answer for c in scored.judge(question, happens).choices] == ["correct", "wrong"]
     assert [c.answer for c in scored.judge(question + " negate", choices).choices] == ["correct", "correct"]

@@ -5,6 +5,8 @@ import json
 import threading
 import zipfile
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,14 +20,14 @@ from nsdr.clevrer.questions import read_questions, write_questions
 from nsdr.clevrer.schema import CHUNK_CHARACTERS, iterate_list
 from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
 from nsdr.cli.main import main
-from nsdr.evaluation.score import evaluate, evaluate_file
+from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.symbolic import Executor
 
 from .test_clevrer import square
 
 
 def annotation(video: int = 3) -> dict:
-    """Two resting objects, one of which is hit though nothing moves."""
+    """Two objects at rest that collide although nothing moves."""
     vectors = {name: [0.0, 0.0, 0.0] for name in ("location", "orientation", "velocity", "angular_velocity")}
     frames = [
         {"frame_id": f, "objects": [{"object_id": i, "inside_camera_view": True, **vectors} for i in range(2)]}
@@ -75,7 +77,7 @@ def proposal(video: int = 3) -> dict:
 
 @pytest.fixture
 def root(tmp_path):
-    """A small data set: video 3 as a file, videos 4 and its annotation inside zips."""
+    """A small data set: video 3 and its annotation as files, video 4 and its annotation in zips."""
     folder = tmp_path / "clevrer"
     videos = folder / "videos" / "train" / "video_00000-01000"
     videos.mkdir(parents=True)
@@ -93,7 +95,7 @@ def root(tmp_path):
     return folder
 
 
-def test_files_are_found_also_inside_zips(root) -> None:
+def test_files_are_found_in_folders_and_zips(root) -> None:
     train = CLEVRER(root).split("train")
     assert train.video(3).name == "video_00003.mp4"
     assert train.video(4).read_bytes() == VIDEO.read_bytes()
@@ -123,14 +125,14 @@ def test_inventory_and_verify(root, capsys) -> None:
     assert "incomplete" in out
 
 
-def test_a_broken_zip_is_named(root) -> None:
+def test_an_unreadable_zip_is_named(root) -> None:
     (root / "videos" / "train" / "video_train.zip").write_bytes(b"half")
     with pytest.raises(DataError, match=r"video_train\.zip: not a readable zip"):
         CLEVRER(root).split("train").video(4)
 
 
 class _Server(http.server.BaseHTTPRequestHandler):
-    """Serves `files`, breaking off after `cut` bytes as long as `cuts` last."""
+    """Serves `files`; the first `cuts` answers end after `cut` bytes."""
 
     files: dict[str, bytes] = {}  # noqa: RUF012
     cut = 1000
@@ -183,25 +185,25 @@ def fetch(server: str, folder, **options):
     return download(folder, "train", ["questions"], base_url=server, wait_s=0.0, progress=False, **options)
 
 
-def test_download_goes_on_where_it_broke_off(server, tmp_path) -> None:
+def test_download_resumes_after_broken_connections(server, tmp_path) -> None:
     _Server.cuts = 3
     (path,) = fetch(server, tmp_path)
     assert path.read_bytes() == _Server.files["/questions/train.json"]
     assert _Server.ranges == [None, "bytes=1000-", "bytes=2000-", "bytes=3000-"]
     fetch(server, tmp_path)
-    assert len(_Server.ranges) == 4  # complete files are not fetched again
+    assert len(_Server.ranges) == 4  # complete files are skipped
 
 
-def test_download_gives_up_and_a_later_call_goes_on(server, tmp_path) -> None:
+def test_download_gives_up_and_a_later_call_resumes(server, tmp_path) -> None:
     _Server.cut, _Server.cuts = 0, 100
-    with pytest.raises(DataError, match="broke off 3 times in a row"):
+    with pytest.raises(DataError, match="failed 3 times in a row"):
         fetch(server, tmp_path, retries=2)
     _Server.cut, _Server.cuts = 1000, 1
     (path,) = fetch(server, tmp_path)
     assert path.read_bytes() == _Server.files["/questions/train.json"]
 
 
-def test_a_part_that_was_complete_is_taken_and_a_foreign_one_is_dropped(server, tmp_path) -> None:
+def test_a_complete_partial_file_is_kept_and_one_of_another_file_is_dropped(server, tmp_path) -> None:
     data = _Server.files["/questions/train.json"]
     part = tmp_path / "questions" / "train.json.part"
     part.parent.mkdir()
@@ -239,12 +241,12 @@ def test_large_lists_are_read_item_by_item(tmp_path) -> None:
     [
         ("", "expected a JSON list"),
         ("{}", "expected a JSON list"),
-        ('[{"a": 1}, {"a"', r"\[1\]: not readable as JSON"),
-        ("[1, 2", r"\[1\]: not readable as JSON|expected , or \]"),
+        ('[{"a": 1}, {"a"', r"\[1\]: not valid JSON"),
+        ("[1, 2", r"\[1\]: not valid JSON|expected , or \]"),
         ("[1 2]", r"expected , or \], got '2'"),
     ],
 )
-def test_broken_lists_name_the_item(tmp_path, content: str, message: str) -> None:
+def test_malformed_lists_name_the_item(tmp_path, content: str, message: str) -> None:
     (tmp_path / "list.json").write_text(content)
     with pytest.raises(DataError, match=message):
         list(iterate_list(tmp_path / "list.json"))
@@ -286,10 +288,10 @@ def test_annotations_round_trip(tmp_path) -> None:
         (lambda a: a["collision"][0].update(object_ids=[1, 1]), "expected two different object ids"),
     ],
 )
-def test_broken_annotations_name_the_position(tmp_path, change, message) -> None:
-    broken = annotation()
-    change(broken)
-    (tmp_path / "a.json").write_text(json.dumps(broken))
+def test_malformed_annotations_name_the_location(tmp_path, change, message) -> None:
+    malformed = annotation()
+    change(malformed)
+    (tmp_path / "a.json").write_text(json.dumps(malformed))
     with pytest.raises(DataError, match=rf"a\.json: .*{message}"):
         read_annotation(tmp_path / "a.json")
 
@@ -341,6 +343,10 @@ def test_submission(tmp_path) -> None:
         read_submission(tmp_path / "s.json")
 
 
+def evaluate_file(questions: Path, source: str, data: Path, **options: Any) -> dict[str, Any]:
+    return run_evaluation(EvaluationConfig(questions=str(questions), data=str(data), source=source, **options))
+
+
 @pytest.mark.parametrize(
     ("source", "folder"),
     [("annotations", "annotations/train"), ("ground-truth", "processed_proposals")],
@@ -352,7 +358,7 @@ def test_evaluation_on_true_scenes(root, source: str, folder: str) -> None:
     assert report["predictive"]["per_option"] is None
 
 
-def test_evaluation_on_predictions_by_both_semantics(root, tmp_path) -> None:
+def test_evaluation_on_predictions_with_both_semantics(root, tmp_path) -> None:
     hit = [
         {"color": "red", "material": "metal", "shape": "cube"},
         {"color": "blue", "material": "metal", "shape": "sphere"},
@@ -370,7 +376,7 @@ def test_evaluation_on_predictions_by_both_semantics(root, tmp_path) -> None:
     assert official["results"][0]["correct"] is False
 
 
-def test_what_fails_counts_as_wrong_and_is_listed(root, capsys) -> None:
+def test_failed_questions_count_as_wrong_and_are_listed(root, capsys) -> None:
     (root / "annotations" / "train" / "annotation_00003.json").write_text("{}")
     arguments = ["--questions", str(root / "questions" / "train.json"), "--programs", "gold"]
     arguments += ["--source", "annotations", "--data", str(root / "annotations" / "train")]
@@ -382,7 +388,7 @@ def test_what_fails_counts_as_wrong_and_is_listed(root, capsys) -> None:
     assert "1 questions failed" in capsys.readouterr().out
 
 
-def test_types_can_be_chosen_and_must_be_known(root, example_scene) -> None:
+def test_question_types_are_selected_and_validated(root, example_scene) -> None:
     scenes = read_questions(QUESTIONS)
     report = evaluate([(scenes[0], Executor(example_scene))], types=["predictive"])
     assert report["predictive"]["per_question"] == 1.0

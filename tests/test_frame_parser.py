@@ -6,18 +6,21 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from torch.utils.data import DataLoader
 
-from nsdr import DataError, VideoError, VideoProposals
+import nsdr.frame_parser
+import nsdr.tracking
+from nsdr import CheckpointError, DataError, VideoError, VideoProposals
 from nsdr.clevrer.proposals import proposals_document, proposals_from_rows
-from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset
+from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, TorchvisionBackbone, build_frame_parser
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.frame_parser.roi_heads import AttributePredictor, JointAttributePredictor, attribute_probabilities
 from nsdr.frame_parser.training_frames import write_frames
-from nsdr.io import video as encode
+from nsdr.io.checkpoint import load_checkpoint
 from nsdr.io.files import write_json
-from nsdr.io.video import read_video
+from nsdr.io.video import read_video, write_video
 from nsdr.tracking.localization import ground_location, outline
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.tracking.visibility import hidden_sides
@@ -35,13 +38,13 @@ def tiny_parser() -> FrameParser:
     return FrameParser(build_frame_parser(TINY), batch_size=2)
 
 
-def test_widths_that_crash_the_backend_are_refused() -> None:
+def test_widths_that_crash_the_backend_are_rejected() -> None:
     with pytest.raises(DataError, match=r"widths: expected multiples of 16, got \(8, 16, 16, 16\)"):
         FrameParserConfig(widths=(8, 16, 16, 16))
 
 
 @pytest.mark.parametrize("backbone", ["resnet18", "resnet50", "mobilenet_v3"])
-def test_torchvisions_backbones_give_the_slim_ones_levels(backbone: str) -> None:
+def test_torchvision_backbones_have_the_levels_of_the_slim_one(backbone: str) -> None:
     network = TorchvisionBackbone(backbone, 16)
     levels = network(torch.rand(1, 3, 64, 96))
     assert {name: tuple(level.shape) for name, level in levels.items()} == {
@@ -51,7 +54,7 @@ def test_torchvisions_backbones_give_the_slim_ones_levels(backbone: str) -> None
     }
 
 
-def test_unknown_backbones_and_heads_are_refused() -> None:
+def test_unknown_backbones_and_heads_are_rejected() -> None:
     with pytest.raises(DataError, match="backbone: 'vgg'; expected one of slim, resnet18"):
         FrameParserConfig(backbone="vgg")
     with pytest.raises(DataError, match="attributes: 'two'; expected three or joint"):
@@ -85,7 +88,7 @@ def test_the_papers_joint_label_is_learned(tiny_frames) -> None:
     assert all(torch.isfinite(v) for v in losses.values())
 
 
-def test_a_stride_leaves_frames_out_but_not_the_last(tiny_parser: FrameParser) -> None:
+def test_a_stride_skips_frames_but_not_the_last(tiny_parser: FrameParser) -> None:
     seen = []
     parser = FrameParser(tiny_parser.model, batch_size=2, stride=4)
     parser._detections = lambda frames: seen.extend(frames) or [_nothing() for _ in frames]
@@ -131,7 +134,7 @@ def test_videos_with_proposals_become_frames(tmp_path, tiny_frames) -> None:
     record = FrameDataset(tiny_frames, "all").records[0]
     image = cv2.imread(str(tiny_frames / "images" / record["file_name"]), cv2.IMREAD_COLOR_RGB)
     videos, proposals = tmp_path / "videos", tmp_path / "proposals"
-    encode.write_video(videos / "video_00007.mp4", [image] * 20)
+    write_video(videos / "video_00007.mp4", [image] * 20)
     rows = [
         (f, attribute_index(o["color"], o["material"], o["shape"]), 1.0, o["segmentation"]["counts"])
         for f in range(20)
@@ -152,7 +155,7 @@ def test_videos_with_proposals_become_frames(tmp_path, tiny_frames) -> None:
         write_frames(videos, tmp_path / "empty", tmp_path / "out2")
 
 
-def test_losses_are_finite_also_without_objects(tiny_frames) -> None:
+def test_losses_are_finite_even_without_objects(tiny_frames) -> None:
     torch.manual_seed(0)
     model = build_frame_parser(TINY).train()
     dataset = FrameDataset(tiny_frames, "train")
@@ -192,7 +195,7 @@ def test_batches_give_what_single_frames_give(tiny_parser: FrameParser) -> None:
     np.testing.assert_allclose(together.centroid_px, alone.centroid_px, atol=1.0)
 
 
-def test_no_frames_and_no_objects_are_no_error(tiny_parser: FrameParser) -> None:
+def test_frames_without_objects_give_no_proposals(tiny_parser: FrameParser) -> None:
     tiny_parser.model.roi_heads.score_thresh = 1.1
     found = tiny_parser.parse(np.zeros((2, 320, 480, 3), np.uint8))
     tiny_parser.model.roi_heads.score_thresh = 0.5
@@ -213,6 +216,40 @@ def test_dataset_splits_by_scene_and_augments(tiny_frames) -> None:
     assert changed[1]["boxes"][0, 0] == 480 - plain[1]["boxes"][0, 2]
 
 
+def test_dataset_items_depend_on_seed_epoch_and_index_only(tiny_frames) -> None:
+    dataset = FrameDataset(tiny_frames, "train", AugmentConfig(), seed=3)
+    image = dataset[1][0]
+    assert torch.equal(image, dataset[1][0])
+    assert torch.equal(image, dataset[-3][0])
+    assert torch.equal(image, FrameDataset(tiny_frames, "train", AugmentConfig(), seed=3)[1][0])
+    assert not torch.equal(image, FrameDataset(tiny_frames, "train", AugmentConfig())[1][0])
+    dataset.set_epoch(1)
+    assert not torch.equal(image, dataset[1][0])
+    dataset.set_epoch(0)
+    assert torch.equal(image, dataset[1][0])
+    with pytest.raises(IndexError):
+        dataset[4]
+    with pytest.raises(DataError, match="seed is -1; expected 0 or more"):
+        FrameDataset(tiny_frames, seed=-1)
+    with pytest.raises(DataError, match="epoch is -1; expected 0 or more"):
+        dataset.set_epoch(-1)
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_dataset_works_with_a_data_loader(tiny_frames, workers: int) -> None:
+    dataset = FrameDataset(tiny_frames, "train", AugmentConfig())
+    batches = list(DataLoader(dataset, batch_size=2, collate_fn=collate, num_workers=workers))
+    assert len(batches) == 2
+    loaded = [item for images, targets in batches for item in zip(images, targets, strict=True)]
+    for index, (image, target) in enumerate(loaded):
+        expected_image, expected_target = dataset[index]
+        assert torch.equal(image, expected_image)
+        assert all(torch.equal(target[name], value) for name, value in expected_target.items())
+    torch.manual_seed(0)
+    losses = build_frame_parser(TINY).train()(*batches[0])
+    assert all(torch.isfinite(v) for v in losses.values())
+
+
 def test_dataset_errors_name_the_file(tiny_frames, tmp_path) -> None:
     with pytest.raises(DataError, match="no frames for part 'all'"):
         FrameDataset(tmp_path / "empty", "all")
@@ -226,8 +263,49 @@ def test_dataset_errors_name_the_file(tiny_frames, tmp_path) -> None:
         FrameDataset(tiny_frames, "all")
 
 
+def test_a_saved_parser_gives_the_same_proposals(tiny_parser: FrameParser, tmp_path) -> None:
+    tiny_parser.save_pretrained(tmp_path, {"metrics": {"f1": 0.5}})
+    again = FrameParser.from_pretrained(tmp_path, device="cpu", batch_size=2)
+    assert again.model.config == TINY
+    assert load_checkpoint(tmp_path, "frame_parser")[1]["metrics"] == {"f1": 0.5}
+    frames = np.random.default_rng(0).integers(0, 255, (3, 320, 480, 3), dtype=np.uint8)
+    results = []
+    for parser in (tiny_parser, again):
+        parser.model.roi_heads.score_thresh = 0.3
+        results.append(parser.parse(frames))
+        parser.model.roi_heads.score_thresh = 0.5
+    assert len(results[0]) > 0
+    assert results[0].masks == results[1].masks
+    np.testing.assert_array_equal(results[0].score, results[1].score)
+    np.testing.assert_array_equal(results[0].attribute, results[1].attribute)
+    with pytest.raises(CheckpointError, match="expected a network of build_frame_parser, got _Perfect"):
+        FrameParser(_Perfect([])).save_pretrained(tmp_path)
+
+
+def test_a_parser_moves_to_a_device_or_says_why_not(tiny_parser: FrameParser, tmp_path) -> None:
+    assert tiny_parser.to("cpu") is tiny_parser
+    assert next(tiny_parser.model.parameters()).device.type == "cpu"
+    with pytest.raises(DataError, match="device 'abacus'"):
+        tiny_parser.to("abacus")
+    tiny_parser.save_pretrained(tmp_path)
+    with pytest.raises(DataError, match="device 'abacus'"):
+        FrameParser.from_pretrained(tmp_path, device="abacus")
+    with pytest.raises(CheckpointError, match="no checkpoint"):
+        FrameParser.from_pretrained(tmp_path / "none")
+
+
+def test_public_names_load_from_the_packages() -> None:
+    for package in (nsdr.frame_parser, nsdr.tracking):
+        assert all(getattr(package, name) is not None for name in package.__all__)
+        assert dir(package) == sorted(package.__all__)
+        with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+            _ = package.nothing
+    assert nsdr.frame_parser.FrameParser is FrameParser
+    assert nsdr.tracking.track is track
+
+
 class _Perfect(torch.nn.Module):
-    """Gives back the targets of a dataset, in order, as detections."""
+    """Returns the targets of a dataset, in order, as detections."""
 
     def __init__(self, targets) -> None:
         super().__init__()
@@ -267,7 +345,7 @@ def test_outline_centroid_gives_the_position(shape: str, x: float, y: float) -> 
     np.testing.assert_allclose(ground_location(shape, centroid, box)[0], [x, y], atol=0.03)
 
 
-def test_an_outline_cut_by_the_border_gives_the_position_by_its_free_edge() -> None:
+def test_the_visible_sides_give_the_position_of_an_outline_cut_by_the_border() -> None:
     expected = ground_from_pixels([474.0, 160.0])
     polygon = outline("sphere", *expected)
     centroid = np.array([[470.0, 160.0]])  # of the visible part, too far left
@@ -276,7 +354,7 @@ def test_an_outline_cut_by_the_border_gives_the_position_by_its_free_edge() -> N
 
 
 def moving(frames, attribute: int, x0: float, speed: float, score: float = 0.99):
-    """Rows of one object that moves to the right of the image at a speed in pixels a frame."""
+    """Rows of one object that moves to the right in the image, at a speed in pixels per frame."""
     rows = []
     for f in frames:
         x = x0 + speed * f
@@ -319,12 +397,12 @@ def test_an_object_that_enters_in_the_last_frames_is_kept() -> None:
     (late,) = track(at(range(122, 128), 16)).tracks
     assert late.frame_index.tolist() == list(range(122, 128))
     assert len(track(at(range(127, 128), 16)).tracks) == 1
-    assert track(at(range(126, 128), 16), TrackerConfig(min_late_frames=3)).tracks == ()  # seen too little
+    assert track(at(range(126, 128), 16), TrackerConfig(min_late_frames=3)).tracks == ()  # seen in too few frames
     assert track(at(range(100, 106), 16)).tracks == ()  # not until the end
     assert track(at(range(122, 128), 200)).tracks == ()  # not from the border
 
 
-def test_rare_and_unsure_identities_are_dropped() -> None:
+def test_rare_and_uncertain_identities_are_dropped() -> None:
     rows = moving(range(40), RED, 50, 4) + moving(range(10), BLUE, 300, 0) + moving(range(40), GREEN, 200, 0, score=0.8)
     assert [t.object.color for t in track(as_proposals(rows)).tracks] == ["red"]
     rows += moving(range(10, 11), BLUE, 300, 0)
@@ -332,7 +410,7 @@ def test_rare_and_unsure_identities_are_dropped() -> None:
     assert len(track(as_proposals(rows), TrackerConfig(score=0.7)).tracks) == 3
 
 
-def test_doubles_of_one_triple_become_one_track() -> None:
+def test_two_tracklets_of_one_triple_become_one_track() -> None:
     rows = moving(range(40), RED, 50, 4) + moving(range(10, 30), RED, 300, 0)
     video = track(as_proposals(rows))
     assert len(video.tracks) == 1
@@ -346,7 +424,7 @@ def test_proposals_from_empty_masks_are_left_out() -> None:
     assert len(proposals_from_rows(1, [(0, 1, 0.9, empty)])) == 0
 
 
-def write_video(path, frames: int = 128, size=(480, 320), rate: float = 25.0) -> None:
+def draw_video(path, frames: int = 128, size=(480, 320), rate: float = 25.0) -> None:
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
     for f in range(frames):
         image = np.full((size[1], size[0], 3), 120, np.uint8)
@@ -356,14 +434,14 @@ def write_video(path, frames: int = 128, size=(480, 320), rate: float = 25.0) ->
 
 
 def test_a_normal_video_is_read_without_warning(tmp_path) -> None:
-    write_video(tmp_path / "v.mp4")
+    draw_video(tmp_path / "v.mp4")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert read_video(tmp_path / "v.mp4").shape == (128, 320, 480, 3)
 
 
 def test_other_sizes_keep_their_aspect(tmp_path) -> None:
-    write_video(tmp_path / "v.mp4", size=(320, 320))
+    draw_video(tmp_path / "v.mp4", size=(320, 320))
     with pytest.warns(UserWarning, match="320x320 px, resized"):
         frames = read_video(tmp_path / "v.mp4")
     assert frames.shape == (128, 320, 480, 3)
@@ -373,16 +451,16 @@ def test_other_sizes_keep_their_aspect(tmp_path) -> None:
 
 
 def test_other_frame_rates_are_resampled(tmp_path) -> None:
-    write_video(tmp_path / "v.mp4", frames=256, rate=50)
+    draw_video(tmp_path / "v.mp4", frames=256, rate=50)
     with pytest.warns(UserWarning, match="50 frames per second, resampled to 25"):
         assert len(read_video(tmp_path / "v.mp4")) == 128
-    write_video(tmp_path / "slow.mp4", frames=64, rate=12.5)
+    draw_video(tmp_path / "slow.mp4", frames=64, rate=12.5)
     with pytest.warns(UserWarning, match="resampled"):
         assert len(read_video(tmp_path / "slow.mp4")) in (127, 128)
 
 
 def test_short_videos_are_read_with_a_warning(tmp_path) -> None:
-    write_video(tmp_path / "v.mp4", frames=30)
+    draw_video(tmp_path / "v.mp4", frames=30)
     with pytest.warns(UserWarning, match=r"30 frames, CLEVRER's videos have 128"):
         assert len(read_video(tmp_path / "v.mp4")) == 30
 
@@ -393,13 +471,13 @@ def test_broken_videos_are_named(tmp_path) -> None:
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(VideoError, match=r"text\.mp4: not a video"):
         read_video(tmp_path / "text.mp4")
-    write_video(tmp_path / "empty.mp4", frames=0)
+    draw_video(tmp_path / "empty.mp4", frames=0)
     with pytest.raises(VideoError, match=r"empty\.mp4: (not a video|holds no frames)"):
         read_video(tmp_path / "empty.mp4")
 
 
-def test_masks_are_pasted_where_training_read_them() -> None:
-    """RoIAlign of a true mask, pasted back, gives the mask's centroid to a tenth of a pixel, wherever the box lies."""
+def test_masks_are_pasted_where_training_samples_them() -> None:
+    """The RoIAlign of a true mask, pasted back, has the mask's centroid to a tenth of a pixel for any box position."""
     from torchvision.ops import roi_align
 
     from nsdr.frame_parser.parser import _pasted
@@ -416,19 +494,19 @@ def test_masks_are_pasted_where_training_read_them() -> None:
         assert abs(found_rows.mean() - rows.mean()) < 0.1
 
 
-def test_a_partly_covered_object_is_placed_by_its_free_sides() -> None:
+def test_a_partly_hidden_object_is_localized_by_its_visible_sides() -> None:
     whole = np.array([outline("cylinder", -0.5, 0.1).min(0), outline("cylinder", -0.5, 0.1).max(0)]).ravel()
     near = np.array([outline("cylinder", 0.3, 0.25).min(0), outline("cylinder", 0.3, 0.25).max(0)]).ravel()
     seen = whole.copy()
-    seen[2] = near[0]  # the nearer one covers its right side
+    seen[2] = near[0]  # the nearer object hides its right side
     boxes = np.round(np.stack([seen, near])).astype(int)
     hidden = hidden_sides(boxes)
     assert hidden[0].tolist() == [False, False, True, False]
     assert not hidden[1].any()
     centroid = np.array([[(seen[0] + seen[2]) / 2, (seen[1] + seen[3]) / 2]])
-    blind = ground_location("cylinder", centroid, boxes[:1], np.zeros((1, 4), bool))[0]
-    placed = ground_location("cylinder", centroid, boxes[:1], hidden[:1])[0]
-    assert np.hypot(*(placed - [-0.5, 0.1])) < 0.03 < np.hypot(*(blind - [-0.5, 0.1]))
+    by_centroid = ground_location("cylinder", centroid, boxes[:1], np.zeros((1, 4), bool))[0]
+    by_sides = ground_location("cylinder", centroid, boxes[:1], hidden[:1])[0]
+    assert np.hypot(*(by_sides - [-0.5, 0.1])) < 0.03 < np.hypot(*(by_centroid - [-0.5, 0.1]))
 
 
 def test_sides_at_the_border_are_hidden() -> None:

@@ -1,4 +1,4 @@
-"""Simulation, rendering and writing of data sets."""
+"""Simulation of scenes, the preview renderer, and generated data sets."""
 
 import json
 from dataclasses import replace
@@ -18,7 +18,8 @@ from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
 from nsdr.generate.physics.resimulate import resimulate
-from nsdr.generate.physics.scene import SceneConfig, SimulatedScene, simulate_scene
+from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
+from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.records import truth_document
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.raycast import Solid, instance_ids
@@ -31,6 +32,7 @@ from nsdr.tracking.localization import outline
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
 from nsdr.world.camera import Camera, pixels_from_world
+from nsdr.world.physics_constants import GRAVITY, GROUND_FRICTION, LINEAR_DAMPING, STEP_SECONDS, STEPS_PER_FRAME
 from nsdr.world.shapes import hull_vertices, rendered_rotation
 
 
@@ -49,7 +51,7 @@ def scenes() -> list[SimulatedScene]:
 
 
 @pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
-def test_hulls_have_the_objects_size(shape: str) -> None:
+def test_hulls_have_the_size_of_the_objects(shape: str) -> None:
     points = np.array(hull_vertices(shape))
     np.testing.assert_allclose(points.max(0), 0.2, atol=5e-4)
     np.testing.assert_allclose(points.min(0), -0.2, atol=5e-4)
@@ -58,10 +60,10 @@ def test_hulls_have_the_objects_size(shape: str) -> None:
 def test_sliding_follows_the_law_of_deceleration() -> None:
     with Simulator() as simulator:
         motion = simulator.run([ball(-2, 0, 2.8), cube(-2, 1, 2.8)], 60)
-    for body, friction in ((0, 0.0), (1, 0.03 * 9.81)):
+    for body, friction in ((0, 0.0), (1, GROUND_FRICTION["cube"] * GRAVITY)):
         speed = 2.8
-        for _ in range(59 * 7):
-            speed -= (0.04 * speed + 0.04 * speed**2 + friction) * 0.004
+        for _ in range(59 * STEPS_PER_FRAME):
+            speed -= (LINEAR_DAMPING * speed + LINEAR_DAMPING * speed**2 + friction) * STEP_SECONDS
         assert motion.velocity[body, -1, 0] == pytest.approx(speed, abs=0.01)
 
 
@@ -84,7 +86,7 @@ def test_a_run_can_be_stopped_at_a_contact() -> None:
         assert simulator.run([ball(-0.8, 0, 2.0), ball(0, 0)], 60).complete
 
 
-def test_a_scene_is_given_by_its_seed_alone(scenes) -> None:
+def test_a_scene_depends_on_its_seed_only(scenes) -> None:
     again = simulate_scene(scenes[3].seed)
     assert again.objects == scenes[3].objects
     np.testing.assert_array_equal(again.motion.location_world, scenes[3].motion.location_world)
@@ -129,7 +131,7 @@ def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) 
     assert found > 10
 
 
-def test_controls_are_kept() -> None:
+def test_scenes_obey_the_configuration() -> None:
     config = SceneConfig(
         objects={3: 1.0}, colors=("red", "blue"), held_out=("red cube", "metal"), speed=(2.0, 2.1), n_frames=60
     )
@@ -139,8 +141,8 @@ def test_controls_are_kept() -> None:
     assert scene.motion.location_world.shape[1] == 84
     speed = np.linalg.norm(scene.motion.velocity[0, 0])
     assert 2.0 <= speed <= 2.1
-    wanted = simulate_scene(500201, replace(config, held_out=(), only=("red cube",)))
-    assert any((o.color, o.shape) == ("red", "cube") for o in wanted.objects)
+    scene = simulate_scene(500201, replace(config, held_out=(), only=("red cube",)))
+    assert any((o.color, o.shape) == ("red", "cube") for o in scene.objects)
 
 
 @pytest.mark.parametrize(
@@ -148,23 +150,23 @@ def test_controls_are_kept() -> None:
     [
         ({"colors": ("pink",)}, "colors: expected some of gray"),
         ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 objects or more"),
-        ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 kinds of objects for scenes of 6"),
-        ({"only": ("red",), "colors": ("blue",)}, "only: none of red is left"),
+        ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 combinations for scenes of 6 objects"),
+        ({"only": ("red",), "colors": ("blue",)}, "only: .* leave no combination that matches red"),
         ({"n_frames": 5}, "n_frames: expected at least 10"),
     ],
 )
-def test_impossible_controls_are_refused(values, message) -> None:
+def test_impossible_configurations_are_rejected(values, message) -> None:
     with pytest.raises(DataError, match=message):
         SceneConfig(**values)
 
 
-def test_a_configuration_without_scenes_ends_with_an_error(monkeypatch) -> None:
+def test_a_configuration_without_scenes_raises(monkeypatch) -> None:
     monkeypatch.setattr("nsdr.generate.physics.scene.RESTARTS", 2)
-    with pytest.raises(DataError, match="seed 1: no scene found in 2 tries"):
+    with pytest.raises(DataError, match="seed 1: no scene found in 2 attempts"):
         simulate_scene(1, SceneConfig(area=(5.0, 5.1, 5.0, 5.1)))
 
 
-def test_clevrers_view_is_its_camera() -> None:
+def test_the_default_view_is_clevrers_camera() -> None:
     points = np.random.default_rng(0).uniform(-2, 2, (50, 3))
     np.testing.assert_allclose(Camera().pixels(points), pixels_from_world(points), atol=1e-3)
     assert view_of(RenderConfig(), 7) == View()
@@ -196,7 +198,7 @@ def test_masks_are_the_outlines(shape: str) -> None:
     assert (mask & (drawn > 0)).sum() / union > 0.95
 
 
-def test_nearer_objects_cover_farther_ones() -> None:
+def test_nearer_objects_occlude_farther_ones() -> None:
     back, front = (Solid("sphere", np.array([x, 0.0, 0.2]), np.eye(3)) for x in (-0.4, 0.0))
     alone = (instance_ids([back], Camera()) == 0).sum()
     both = instance_ids([back, front], Camera())
@@ -235,7 +237,7 @@ def test_a_generated_data_set_verifies_clean_and_reads(tiny, capsys) -> None:
     scene = scene_from_annotation(split.annotation(1))
     assert scene.n_frames == 40
     truth = scene_from_truth(read_json(Files(tiny.output, "train", 1).truth))
-    assert truth.n_frames == 40  # the file knows its video's length
+    assert truth.n_frames == 40  # the file records its video's length
     assert truth.objects == scene.objects
     assert truth.events == scene.events
     assert truth.unseen is not None
@@ -246,7 +248,7 @@ def test_a_generated_data_set_verifies_clean_and_reads(tiny, capsys) -> None:
     assert not (Path(tiny.output) / "annotations" / "test").exists()
 
 
-def test_the_manifest_and_statistics_tell_how_it_was_made(tiny) -> None:
+def test_the_manifest_and_statistics_describe_the_data_set(tiny) -> None:
     manifest = read_json(Path(tiny.output) / "manifest.json")
     assert manifest["config"]["seed"] == 500300
     assert manifest["splits"] == {"train": [0, 2], "validation": [10000, 10000], "test": [15000, 15001]}
@@ -258,14 +260,18 @@ def test_the_manifest_and_statistics_tell_how_it_was_made(tiny) -> None:
     assert (Path(tiny.output) / "statistics.png").stat().st_size > 1000
 
 
-def test_generation_goes_on_where_it_stopped(tiny) -> None:
-    kept = Files(tiny.output, "train", 0)
-    lost = Files(tiny.output, "train", 1)
-    before = kept.video.stat().st_mtime_ns, lost.truth.read_bytes(), lost.annotation.read_bytes()
-    lost.truth.unlink()
-    lost.annotation.unlink()
+def test_an_interrupted_generation_resumes(tiny) -> None:
+    finished = Files(tiny.output, "train", 0)
+    unfinished = Files(tiny.output, "train", 1)
+    before = finished.video.stat().st_mtime_ns, unfinished.truth.read_bytes(), unfinished.annotation.read_bytes()
+    unfinished.truth.unlink()
+    unfinished.annotation.unlink()
     generate_dataset(tiny)
-    assert (kept.video.stat().st_mtime_ns, lost.truth.read_bytes(), lost.annotation.read_bytes()) == before
+    assert (
+        finished.video.stat().st_mtime_ns,
+        unfinished.truth.read_bytes(),
+        unfinished.annotation.read_bytes(),
+    ) == before
     with pytest.raises(DataError, match="made with another seed; choose another folder"):
         generate_dataset(replace(tiny, seed=1))
 
@@ -303,7 +309,7 @@ def test_blender_frames_resume(tiny, tmp_path, monkeypatch, scenes) -> None:
     assert rendered == ["000.png", "001.png", "002.png", "001.png"]
 
 
-def test_missing_blender_is_told_with_its_remedy(monkeypatch) -> None:
+def test_the_error_for_missing_blender_names_the_package(monkeypatch) -> None:
     import sys
 
     from nsdr.generate.render.blender import Blender
@@ -313,7 +319,7 @@ def test_missing_blender_is_told_with_its_remedy(monkeypatch) -> None:
         Blender(RenderConfig())
 
 
-def test_bad_data_set_options_are_refused(tmp_path, capsys) -> None:
+def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     for values, message in (
         ({"renderer": "oil"}, "renderer is 'oil'; expected one of preview"),
         ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
@@ -334,7 +340,7 @@ def test_scene_command_writes_a_truth_file(tmp_path, capsys) -> None:
     assert len(scene_from_truth(read_json(path)).objects) == 3
 
 
-def test_statistics_count_what_scenes_hold(small_scene) -> None:
+def test_statistics_count_the_content_of_scenes(small_scene) -> None:
     counts = count_scenes([small_scene])
     assert counts["collisions"] == {"2": 1.0}
     assert counts["collision_frame"] == {"20": 0.5, "40": 0.5}

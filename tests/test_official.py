@@ -1,4 +1,4 @@
-"""The released executor's quirks, one row each, on a small prediction file."""
+"""The quirks of the released executor, one row each, on a small prediction file."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ GHOST = {"color": "yellow", "material": "metal", "shape": "cube"}
 
 
 def sample(frame: int) -> dict[str, Any]:
-    """A creeps until it speeds up after the video; B enters at 10 and leaves at 60; C appears only after the video."""
+    """A moves slowly and accelerates after the video; B enters at 10 and leaves at 60; C appears only after the video."""
     objects = [{"x": 10.0 + (0.05 * frame if frame <= 125 else 6.25 + 3.0 * (frame - 125)), "y": 20.0, **A}]
     if 10 <= frame < 60:
         objects.append({"x": 30.0, "y": 10.0 + 1.0 * frame, **B})
@@ -51,15 +51,15 @@ RED, BLUE, GREEN = (f"objects {c} filter_color unique" for c in ("red", "blue", 
 
 ROWS = [
     ("collisions are not deduplicated", "events objects filter_collision count", "2"),
-    ("and are in order of time", f"events {RED} filter_collision first filter_order get_frame", "frame 33"),
+    ("collisions are in order of time", f"events {RED} filter_collision first filter_order get_frame", "frame 33"),
     ("enter at the first sample with the object", f"events {BLUE} filter_in unique get_frame", "frame 10"),
     ("leave at the first sample without it", f"events {BLUE} filter_out unique get_frame", "frame 60"),
     ("unseen entrances never match", "events objects filter_in count", "1"),
-    ("nor among unseen events", "unseen_events objects filter_in exist", "no"),
-    ("unseen collisions do", f"unseen_events {GREEN} filter_collision exist", "yes"),
+    ("unseen entrances do not match among unseen events", "unseen_events objects filter_in exist", "no"),
+    ("unseen collisions match", f"unseen_events {GREEN} filter_collision exist", "yes"),
     ("the end is frame 125", "end get_frame", "frame 125"),
-    ("at 125 the difference ahead reaches into the prediction", "objects end get_frame filter_moving count", "1"),
-    ("at 0 it creeps at 0.05 a frame: at rest", "objects start get_frame filter_stationary count", "1"),
+    ("at 125 the forward difference uses a predicted sample", "objects end get_frame filter_moving count", "1"),
+    ("at 0 it moves at 0.05 per frame: at rest", "objects start get_frame filter_stationary count", "1"),
     ("null: movement after the video counts", "objects null filter_moving count", "2"),
     ("null: visible in the video only", "objects null filter_stationary count", "0"),
     (
@@ -70,12 +70,12 @@ ROWS = [
     ("a count of a frame", f"events {RED} filter_collision last filter_order get_frame count", "error"),
     ("motion at a frame with a sample", f"objects events {BLUE} filter_in unique get_frame filter_moving count", "1"),
     ("start is skipped, the end token stops", "<START> objects count <END> objects nonsense", "3"),
-    ("so does null in capitals", "objects count <NULL> exist", "3"),
+    ("so does the null token", "objects count <NULL> exist", "3"),
     ("unknown tokens are values", "objects count nonsense", "nonsense"),
-    ("which fit no module", "objects nonsense filter_color count", "error"),
+    ("unknown tokens fit no module", "objects nonsense filter_color count", "error"),
     ("what is left below the top is ignored", "objects objects count", "3"),
-    ("underflow", "count", "error"),
-    ("nothing", "", "error"),
+    ("missing arguments", "count", "error"),
+    ("an empty program", "", "error"),
     ("unique of several", "objects unique query_color", "error"),
     ("an empty filter_end is no event", "objects filter_end get_frame", "error"),
     ("a number where filter_before wants an event", "events objects count filter_before count", "error"),
@@ -83,8 +83,8 @@ ROWS = [
     ("no direction where it is absent", f"{GREEN} start get_frame query_direction", "error"),
     ("counterfactual collisions count at any frame", f"all_events {BLUE} get_counterfact count", "1"),
     ("pairs, not times", f"all_events {GREEN} get_counterfact count", "1"),
-    ("the research executor's names", "objects events filter_end query_frame filter_resting count", "0"),
-    ("and its shortcut", f"{GREEN} counterfact_events count", "1"),
+    ("the released executor's names", "objects events filter_end query_frame filter_resting count", "0"),
+    ("the released executor's shortcut", f"{GREEN} counterfact_events count", "1"),
 ]
 
 
@@ -98,14 +98,16 @@ def test_taking_part_is_not_being_responsible(document: dict[str, Any]) -> None:
     judge = Executor(document, "official").judge(question, [("blue", BLUE), ("red", RED), ("green", GREEN)])
     # Blue entered before: that is an ancestor. Red has no earlier event.
     assert [c.answer for c in judge.choices] == ["correct", "wrong", "wrong"]
-    broken = Executor(document, "official").judge(question, [("yellow", "objects yellow filter_color unique")])
-    assert broken.choices[0].answer == "error"
+    failed = Executor(document, "official").judge(question, [("yellow", "objects yellow filter_color unique")])
+    assert failed.choices[0].answer == "error"
 
 
 def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Scene) -> None:
-    with pytest.raises(ExecutionError, match="runs on the content of a prediction file, got a Scene"):
+    with pytest.raises(
+        ExecutionError, match="the official semantics runs on the content of a prediction file, got a Scene"
+    ):
         Executor(small_scene, "official")
-    with pytest.raises(ExecutionError, match="runs on a Scene, got a dict"):
+    with pytest.raises(ExecutionError, match="the paper semantics runs on a Scene, got a dict"):
         Executor(document, "paper")
     with pytest.raises(DataError, match="not a prediction file"):
         official_world({"objects": []})
@@ -114,13 +116,13 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
 
 
 def test_collisions_from_velocities() -> None:
-    # 0 flies to the right and turns back at frame 20 beside 1, which rests; 2 is far away.
-    turning = {t: (50.0, 10.0 + t if t <= 20 else 50.0 - t) for t in range(0, 50, 5)}
+    # 0 moves to the right and reverses at frame 20 next to 1, which is at rest; 2 is far away.
+    reversing = {t: (50.0, 10.0 + t if t <= 20 else 50.0 - t) for t in range(0, 50, 5)}
     resting = dict.fromkeys(range(0, 50, 5), (50.0, 40.0))
     far = dict.fromkeys(range(0, 50, 5), (90.0, 140.0))
-    (event,) = velocity_collisions([turning, resting, far])
+    (event,) = velocity_collisions([reversing, resting, far])
     assert (event.objects, event.frame) == ((0, 1), 20)
-    assert velocity_collisions([turning, far]) == []
+    assert velocity_collisions([reversing, far]) == []
 
 
 def test_ne_replaces_the_predicted_collisions(document: dict[str, Any]) -> None:
@@ -138,7 +140,7 @@ def test_paper_semantics_of_the_same_file(document: dict[str, Any]) -> None:
     assert {k: len(v) for k, v in (scene.counterfactual or {}).items()} == {0: 0, 1: 1, 2: 1}
 
 
-def test_our_predictions_are_written_as_such_a_file(tmp_path) -> None:
+def test_our_predictions_are_written_as_a_prediction_file(tmp_path) -> None:
     from nsdr import StatePredictor
 
     prediction = StatePredictor(_Script(SMALL)).predict(tracks(128))
@@ -170,7 +172,7 @@ def test_our_predictions_are_written_as_such_a_file(tmp_path) -> None:
         ),
     ],
 )
-def test_broken_prediction_files_name_the_position(document, tmp_path, change, message) -> None:
+def test_malformed_prediction_files_name_the_location(document, tmp_path, change, message) -> None:
     change(document)
     write_json(tmp_path / "sim.json", document)
     with pytest.raises(DataError, match=rf"sim\.json: {message}"):

@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from nsdr import DataError, Executor, Scene, load
+from nsdr import DataError, Executor, PipelineConfig, Scene, load
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.cli.main import main
-from nsdr.evaluation.batch import parse_videos, predict_dynamics
+from nsdr.evaluation import parse_videos, predict_dynamics
 from nsdr.io.video import write_video
 
 
@@ -29,7 +29,7 @@ def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_pat
     output = tmp_path / "scenes"
     assert main(["parse-videos", str(videos), "-o", str(output), "--workers", "1", "--stride", "2"]) == 1
     text = capsys.readouterr().out
-    assert "2 done, 0 done before, 1 failed" in text
+    assert "2 done, 0 kept from before, 1 failed" in text
     assert "video_00003.mp4: VideoError" in text
     assert len(load(Scene, output / "scene_00001.json").objects) >= 2
     assert json.loads((output / "proposal_00001.json").read_text())["video_index"] == 1
@@ -37,7 +37,7 @@ def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_pat
     before = (output / "scene_00002.json").read_bytes()
     (output / "scene_00001.json").unlink()
     (videos / "video_00003.mp4").unlink()
-    summary = parse_videos(videos, output, stride=2, workers=1)
+    summary = parse_videos(videos, output, settings=PipelineConfig(stride=2), workers=1)
     assert summary.done == ("video_00001.mp4",)
     assert summary.skipped == ("video_00002.mp4",)
     assert summary.failed == {}
@@ -53,7 +53,7 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     compact, _ = tiny_motion
     output = tmp_path / "predictions"
     assert main(["predict-dynamics", str(compact), "-o", str(output), "--workers", "1"]) == 0
-    assert "4 done, 0 done before, 0 failed" in capsys.readouterr().out
+    assert "4 done, 0 kept from before, 0 failed" in capsys.readouterr().out
     document = read_predictions(output / "sim_00000.json")
     assert [p["what_if"] for p in document["predictions"]] == [-1, 0, 1]
     assert len(scene_from_predictions(document).objects) == 2
@@ -109,7 +109,7 @@ def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, 
     assert "has no video_10003.mp4" in errors[10003]
     assert errors[10000] == errors[10001] == ""
     failures = json.loads(next((tmp_path / "cache").rglob("failures.json")).read_text())
-    assert sorted(failures) == ["10002", "10003"]
+    assert sorted(failures) == ["10002"]  # 10003 has no video to work on
     assert main([*command, str(tmp_path / "other.json"), "--limit", "1", "--dynamics", "state"]) == 0
     assert len(list((tmp_path / "cache").rglob("scene_*.json"))) == 3  # another configuration, another folder
 
@@ -117,5 +117,25 @@ def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, 
 def test_what_a_split_cannot_be_evaluated_from_is_said(tmp_path, capsys) -> None:
     assert main(["evaluate", "--source", "truth"]) == 2
     assert "give --questions and --data, or --root" in capsys.readouterr().err
+    (tmp_path / "questions").mkdir()
+    (tmp_path / "questions" / "validation.json").write_text("[]")
     assert main(["evaluate", "--source", "truth", "--root", str(tmp_path)]) == 2
-    assert "from videos or proposals, not from truth" in capsys.readouterr().err
+    assert "source truth cannot be read from a split of --root" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--source", "zebra"], "source is 'zebra'; expected one of videos, proposals"),
+        (["--source", "truth", "--stride", "2"], "stride is of the frame parser and needs --source videos"),
+        (["--source", "truth", "--collisions", "velocity"], "needs --semantics official"),
+        (["--source", "truth", "--semantics", "official"], "runs on predictions, not on truth"),
+        (["--source", "truth", "--truth", "x"], "truth_source and truth go together"),
+        (["--source", "truth", "--every", "0"], "expected at least 1"),
+        (["--source", "truth", "--set", "tracker.score"], "expected key=value"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(options, message, capsys, tmp_path) -> None:
+    (tmp_path / "q.json").write_text('[{"scene_index": 0, "video_filename": "video_00000.mp4", "questions": []}]')
+    assert main(["evaluate", "--questions", str(tmp_path / "q.json"), "--data", str(tmp_path), *options]) in (0, 2)
+    assert message in capsys.readouterr().err

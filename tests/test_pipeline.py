@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nsdr import Pipeline, Program, QuestionError, Scene, VideoError
+from nsdr import DataError, DynamicsPrediction, Pipeline, Program, QuestionError, Rollout, Scene, VideoError
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.questions import read_questions
 from nsdr.pipeline import Perception
@@ -116,3 +116,24 @@ def test_a_short_video_works(pipeline: Pipeline, tmp_path) -> None:
     with pytest.warns(UserWarning, match="40 frames"):
         scene = pipeline.scene(tmp_path / "short.mp4")
     assert scene.n_frames == 40
+
+
+def test_a_replaced_part_takes_effect(pipeline: Pipeline, perception: Perception, monkeypatch) -> None:
+    class Still:
+        def predict(self, tracks, observed=None):
+            n = len(tracks.tracks)
+            rollout = Rollout(np.zeros((n, 180, 2)), np.ones((n, 180), bool), ())
+            return DynamicsPrediction(tuple(t.object for t in tracks.tracks), tracks.n_frames, rollout, {})
+
+    monkeypatch.setattr(pipeline.frame_parser, "parse", lambda *_, **__: perception.proposals)
+    assert pipeline.answer(VIDEO, "How many collisions happen?").answer != "0"
+    monkeypatch.setattr(pipeline, "dynamics", Still())
+    assert pipeline.answer(VIDEO, "How many collisions happen?").answer == "0"
+
+
+def test_a_pipeline_is_saved_and_loaded(pipeline: Pipeline, perception: Perception, tmp_path) -> None:
+    pipeline.save_pretrained(tmp_path)
+    again = Pipeline.from_pretrained(tmp_path, device="cpu")
+    assert again.perceive(proposals=perception.proposals).scene == perception.scene
+    with pytest.raises(DataError, match="device 'zebra' cannot be used"):
+        again.to("zebra")

@@ -1,3 +1,5 @@
+import copy
+import pickle
 from pathlib import Path
 
 import pytest
@@ -21,7 +23,7 @@ def test_postfix_text_and_tree_are_one_program() -> None:
     assert program.tree() == TREE
 
 
-def test_paper_capitals_are_read() -> None:
+def test_capitals_of_the_paper_are_parsed() -> None:
     assert Program.parse('Count(Filter_shape(Objects, "Sphere"))').tokens == (
         "objects",
         "sphere",
@@ -30,19 +32,19 @@ def test_paper_capitals_are_read() -> None:
     )
 
 
-def test_research_names_are_read() -> None:
+def test_names_of_the_released_executor_are_parsed() -> None:
     source = "objects events filter_end query_frame filter_resting count"
     assert Program.parse(source).tokens == ("objects", "end", "get_frame", "filter_stationary", "count")
 
 
-def test_question_with_an_open_choice_prints_and_reads_back() -> None:
+def test_a_program_that_judges_a_choice_prints_and_parses_back() -> None:
     program = Program.parse("unseen_events belong_to")
     assert program.needs_choice
     assert program.tree() == "Belong_to(Choice, Unseen_events)"
     assert Program.parse(program.tree()) == program
 
 
-def test_choice_and_question_become_one() -> None:
+def test_choice_and_question_are_joined() -> None:
     choice = Program.parse("objects red filter_color unique")
     whole = choice.then(Program.parse("unseen_events belong_to"))
     assert whole.result == Kind.BOOLEAN
@@ -61,7 +63,7 @@ def test_choice_and_question_become_one() -> None:
         ("red", "ends in the word 'red'"),
         ("Count(Objects", r"1 \( without"),
         ("Objects)", r"\) without"),
-        ("Count(#)", "cannot read the program at '#"),
+        ("Count(#)", "cannot parse the program at '#"),
     ],
 )
 def test_errors_name_the_token(source: str, message: str) -> None:
@@ -118,8 +120,33 @@ def _word(kind: Kind) -> st.SearchStrategy[str]:
 
 @given(st.sampled_from([Kind.NUMBER, Kind.BOOLEAN, Kind.OBJECT, Kind.EVENT]).flatmap(lambda k: programs(k)))
 @settings(deadline=None, max_examples=200, suppress_health_check=[HealthCheck.too_slow])
-def test_reading_and_printing_are_inverse(tokens: list[str]) -> None:
+def test_parsing_and_printing_are_inverse(tokens: list[str]) -> None:
     program = Program.parse(tokens)
     assert program.tokens == tuple(tokens)
     assert Program.parse(str(program)) == program
     assert Program.parse(program.tree()) == program
+
+
+@given(st.sampled_from([Kind.NUMBER, Kind.BOOLEAN, Kind.OBJECT, Kind.EVENT]).flatmap(lambda k: programs(k)))
+@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+def test_pickling_and_copying_keep_a_program(tokens: list[str]) -> None:
+    for program in (Program.parse(tokens), Program.parse_official(tokens)):
+        for twin in (pickle.loads(pickle.dumps(program)), copy.copy(program), copy.deepcopy(program)):
+            assert twin == program
+            assert hash(twin) == hash(program)
+            assert twin.result == program.result
+            assert twin.official == program.official
+
+
+@pytest.mark.parametrize("source", ["<START> objects objects count <END> exist", "objects count nonsense"])
+def test_official_programs_can_be_pickled(source: str) -> None:
+    program = Program.parse_official(source.split())
+    twin = pickle.loads(pickle.dumps(program))
+    assert (twin, twin.steps) == (program, program.steps)
+    with pytest.raises(ProgramError):
+        Program.parse(program.tokens)
+
+
+def test_questions_that_judge_a_choice_can_be_pickled() -> None:
+    question = Program.parse("unseen_events belong_to")
+    assert pickle.loads(pickle.dumps(question)).needs_choice

@@ -3,8 +3,9 @@ import random
 import pytest
 import torch
 
-from nsdr import CheckpointError, Program, QuestionError, QuestionParser
-from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+import nsdr.question_parser.grammar
+from nsdr import CheckpointError, DataError, Program, QuestionError, QuestionParser
+from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
@@ -15,7 +16,7 @@ from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS, Tokenizer, split
 
 @pytest.fixture(scope="module")
 def parser() -> QuestionParser:
-    return QuestionParser.from_checkpoint(find_checkpoint("default"))
+    return QuestionParser.from_pretrained(device="cpu")
 
 
 @pytest.mark.parametrize("kind", TEXT_KINDS)
@@ -48,7 +49,7 @@ def test_one_text_alone_gives_what_a_batch_gives(parser: QuestionParser) -> None
     assert parser.parse_batch([]) == []
 
 
-def test_unknown_words_are_named_with_near_ones(parser: QuestionParser) -> None:
+def test_unknown_words_are_named_with_similar_ones(parser: QuestionParser) -> None:
     with pytest.raises(QuestionError, match=r"unknown word 'colr'.*did you mean.*color"):
         parser.parse("What colr is the moving object?")
     with pytest.raises(QuestionError, match="is empty"):
@@ -56,19 +57,19 @@ def test_unknown_words_are_named_with_near_ones(parser: QuestionParser) -> None:
 
 
 @pytest.mark.parametrize("text", ["the the the", "What is red", "How many cubes collide with the sphere?"])
-def test_texts_without_sense_are_refused(parser: QuestionParser, text: str) -> None:
+def test_meaningless_texts_are_rejected(parser: QuestionParser, text: str) -> None:
     with pytest.raises(
-        QuestionError, match=r"(fits no program|is no descriptive text).*word it as CLEVRER's questions are"
+        QuestionError, match=r"(fits no program|is not a descriptive question).*word it like a CLEVRER question"
     ):
         parser.parse(text)
 
 
-def test_texts_of_another_kind_are_told_apart(parser: QuestionParser) -> None:
+def test_texts_of_another_kind_are_rejected(parser: QuestionParser) -> None:
     with pytest.raises(QuestionError, match="give choices with it"):
         parser.parse("What will happen next?")
     with pytest.raises(QuestionError, match="ask it without choices"):
         parser.parse("How many collisions happen?", "multiple_choice")
-    with pytest.raises(QuestionError, match="is no choice text"):
+    with pytest.raises(QuestionError, match="is not a choice"):
         parser.parse("How many collisions happen?", "choice")
     with pytest.raises(QuestionError, match="kind is 'riddle'"):
         parser.parse("How many?", "riddle")
@@ -109,15 +110,55 @@ def test_split_words() -> None:
     assert split_words("The cube's entrance, now?") == ["the", "cube", "'s", "entrance", "now"]
 
 
-def test_a_checkpoint_with_other_tokens_is_refused(tmp_path) -> None:
+def test_a_checkpoint_with_other_tokens_is_rejected(tmp_path) -> None:
     config = QuestionParserConfig(embedding=8, hidden=8)
     networks = build_networks(5, config)
     details = {"words": ["a", "b", "c", "d"], "program_tokens": ["count"]}
     save_checkpoint(tmp_path, "question_parser", networks.state_dict(), config, details)
-    with pytest.raises(CheckpointError, match="knows other program tokens"):
+    with pytest.raises(CheckpointError, match="trained with other program tokens"):
         QuestionParser.from_checkpoint(tmp_path)
     state, _ = load_checkpoint(tmp_path, "question_parser")
     assert set(state) == set(networks.state_dict())
+
+
+def test_a_saved_parser_gives_the_same_programs(parser: QuestionParser, tmp_path) -> None:
+    rng = random.Random(7)
+    parser.save_pretrained(tmp_path, {"metrics": {"exact": 1.0}})
+    again = QuestionParser.from_pretrained(tmp_path, device="cpu", beam=2)
+    assert again.beam == 2
+    assert load_checkpoint(tmp_path, "question_parser")[1]["metrics"] == {"exact": 1.0}
+    again.beam = 1
+    for kind in TEXT_KINDS:
+        texts = [sample(kind, rng)[0] for _ in range(20)]
+        assert again.candidates(texts, kind) == parser.candidates(texts, kind)
+
+
+def test_a_parser_moves_to_a_device_or_says_why_not(parser: QuestionParser, tmp_path) -> None:
+    assert parser.to("cpu") is parser
+    assert {p.device.type for p in parser.networks.parameters()} == {"cpu"}
+    assert list(parser.parse("How many collisions happen?").tokens)[-1] == "count"
+    with pytest.raises(DataError, match="device 'abacus'"):
+        parser.to("abacus")
+    with pytest.raises(DataError, match="device 'abacus'"):
+        QuestionParser.from_pretrained(device="abacus")
+    with pytest.raises(CheckpointError, match="no checkpoint"):
+        QuestionParser.from_pretrained(tmp_path / "none")
+
+
+def test_public_names_load_from_the_packages() -> None:
+    for package in (nsdr.question_parser, nsdr.question_parser.grammar):
+        assert all(getattr(package, name) is not None for name in package.__all__)
+        assert dir(package) == sorted(package.__all__)
+        with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+            _ = package.nothing
+    assert nsdr.question_parser.QuestionParser is QuestionParser
+
+
+def test_rewordings_of_the_shipped_parser_use_its_words(parser: QuestionParser) -> None:
+    rng = random.Random(8)
+    for kind in TEXT_KINDS:
+        for _ in range(2000):
+            parser.tokenizer.encode(paraphrased(sample(kind, rng)[0], rng))
 
 
 def test_unknown_words_can_be_left_out(parser: QuestionParser) -> None:

@@ -1,4 +1,4 @@
-"""The question generator: what it asks, that the answers hold, and that types give nothing away."""
+"""The question generator: its questions, their answers, and the balance of a question set."""
 
 import json
 import random
@@ -13,7 +13,8 @@ from nsdr.clevrer.questions import read_questions, without_answers
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.cli.main import main
 from nsdr.generate.physics.bullet import Simulator
-from nsdr.generate.physics.scene import SceneConfig, simulate_scene
+from nsdr.generate.physics.scene import simulate_scene
+from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions
 from nsdr.generate.questions.statistics import count_questions
@@ -40,7 +41,7 @@ def generated(scenes):
     return list(generate_questions(scenes))
 
 
-def test_generated_answers_are_what_their_programs_give(scenes, generated) -> None:
+def test_generated_answers_agree_with_their_programs(scenes, generated) -> None:
     for (_, _, scene), questions in zip(scenes, generated, strict=True):
         executor = Executor(scene)
         for q in questions.questions:
@@ -50,7 +51,7 @@ def test_generated_answers_are_what_their_programs_give(scenes, generated) -> No
                 assert executor.run([*c.program, *q.program]) is (c.answer == "correct")
 
 
-def test_questions_keep_the_releases_rules(scenes, generated) -> None:
+def test_questions_follow_the_rules_of_the_release(scenes, generated) -> None:
     for (_, _, scene), questions in zip(scenes, generated, strict=True):
         assert [q.id for q in questions.questions] == list(range(len(questions.questions)))
         kinds = [q.type == "descriptive" for q in questions.questions]
@@ -77,7 +78,7 @@ def test_generation_is_deterministic(scenes, generated) -> None:
     assert list(generate_questions(scenes, QuestionConfig(seed=1))) != generated
 
 
-def test_scenes_without_all_truth_get_fewer_types(small_scene) -> None:
+def test_scenes_with_partial_truth_get_fewer_types(small_scene) -> None:
     partial = Scene(small_scene.objects, 128, small_scene.visible, None, small_scene.events)
     types = {q.type for s in generate_questions([(0, "v", partial)] * 3) for q in s.questions}
     assert types == {"descriptive", "explanatory"}
@@ -128,7 +129,7 @@ def test_descriptions_are_unique_and_vary(small_scene) -> None:
 
 
 def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
-    """Cheap random scenes, all truth known."""
+    """Random scenes with complete ground truth, made without simulation."""
     import numpy as np
 
     rng = random.Random(5)
@@ -158,7 +159,7 @@ def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
     return result
 
 
-def test_types_give_no_answers_away() -> None:
+def test_answers_are_balanced_within_each_type() -> None:
     questions = list(generate_questions(many_scenes(60)))
     counts = count_questions(questions)
     assert abs(counts["answers, exist"]["yes"] - counts["answers, exist"]["no"]) <= 2
@@ -176,7 +177,7 @@ def test_types_give_no_answers_away() -> None:
     assert rows["predictive"] == (0.5, 0.0)
 
 
-def test_baselines_count_on_other_questions_when_given(generated) -> None:
+def test_baselines_count_frequencies_on_given_training_questions(generated) -> None:
     rows = q_type_baselines(generated[:4], training=generated[4:])
     assert set(rows) == {"random", "frequent"}
     assert 0 <= rows["random"]["descriptive"] <= 1
@@ -188,7 +189,7 @@ def test_baselines_count_on_other_questions_when_given(generated) -> None:
     ("values", "message"),
     [({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"), ({"max_options": 1}, "at least 2")],
 )
-def test_bad_question_options_are_refused(values, message) -> None:
+def test_invalid_question_options_are_rejected(values, message) -> None:
     with pytest.raises(DataError, match=message):
         QuestionConfig(**values)
 
@@ -212,7 +213,7 @@ def test_question_command_writes_file_and_statistics(truths, tmp_path, capsys) -
     assert "holds no truth_*.json" in capsys.readouterr().err
 
 
-def test_the_grammar_enumerates_every_content_once() -> None:
+def test_the_grammar_enumerates_every_meaning_once() -> None:
     class TwoWords:
         def one(self, choose):
             return choose.pick([("red",), ("blue", "cube")])

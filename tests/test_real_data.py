@@ -11,7 +11,7 @@ from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, re
 from nsdr.clevrer.questions import read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
 from nsdr.clevrer.truth_blocks import read_truth
-from nsdr.evaluation.score import evaluate, evaluate_file
+from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.resimulate import resimulate
 from nsdr.symbolic import Executor
@@ -32,9 +32,8 @@ def test_true_scenes_answer_all_explanatory_questions(shared) -> None:
 
 
 def test_true_scenes_answer_all_questions_without_motion(shared) -> None:
-    report = evaluate_file(
-        shared / "real/questions/mixed_dev.json", "ground-truth", shared / "real/truth_dev.json.gz", programs="gold"
-    )
+    questions, data = shared / "real/questions/mixed_dev.json", shared / "real/truth_dev.json.gz"
+    report = run_evaluation(EvaluationConfig(str(questions), str(data), source="ground-truth", programs="gold"))
     assert report["explanatory"]["per_option"] == 1.0
     programs = {
         (s.scene_index, q.id): q.program
@@ -125,7 +124,7 @@ def test_tracker_finds_the_true_objects(shared) -> None:
 
 
 def test_real_proposals_are_answered_well(shared) -> None:
-    """A floor under what was measured on all of mixed_dev; the full numbers are in the README."""
+    """A floor under what was measured on all of mixed_dev; the full numbers are in docs/results.md."""
     from nsdr import Pipeline
 
     pipeline = Pipeline.from_pretrained()

@@ -1,4 +1,4 @@
-"""Blender renders. These tests need `bpy`, in an environment of its own: `pip install -e '.[render]' pytest hypothesis`."""
+"""Rendering with Blender. Needs `bpy` in a separate environment: `pip install -e '.[render]' pytest hypothesis`."""
 
 from pathlib import Path
 

@@ -1,3 +1,4 @@
+import csv
 import json
 import shutil
 from dataclasses import replace
@@ -10,10 +11,12 @@ from jsonargparse import ArgumentError
 from safetensors.torch import load_file
 
 from nsdr import DataError, FrameParser, QuestionParser, StatePredictor
+from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
-from nsdr.training import dynamics, frame_parser, question_parser
-from nsdr.training import patch_dynamics as dynamics_paper
+from nsdr.training import dynamics, frame_parser, question_parser, question_parser_task
+from nsdr.training.ablation import ALL, parse_sizes
 from nsdr.training.loop import LoopConfig, Task, learning_rate_at, train
+from nsdr.world.timeline import VIDEO_FRAMES
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
 
@@ -41,7 +44,7 @@ def test_frame_parser_trains_and_its_checkpoint_loads(tiny_frames, tmp_path) -> 
     assert config["config"]["loop"]["steps"] == 2
     assert config["revision"]
     card = json.loads((Path(output) / "frame_parser.json").read_text())
-    assert card["training"]["frames"] == "frames"  # no path of this machine
+    assert card["training"]["frames"] == "frames"  # no absolute path
     assert list((tmp_path / "run").glob("events.out.tfevents*"))
 
 
@@ -84,13 +87,13 @@ class _Killed(Exception):
     pass
 
 
-def test_a_killed_run_goes_on_to_the_same_result(tmp_path, monkeypatch) -> None:
+def test_a_killed_run_resumes_to_the_same_result(tmp_path, monkeypatch) -> None:
     """Killed after step 3 with a checkpoint of step 2: the resumed run equals the uninterrupted one."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     steps = ["--loop.steps", "6"]
     question_parser.main(question_arguments(whole, *steps))
 
-    losses = question_parser.QuestionParserTask.losses
+    losses = question_parser_task.QuestionParserTask.losses
     calls = []
 
     def failing(self, model, batch):
@@ -99,7 +102,7 @@ def test_a_killed_run_goes_on_to_the_same_result(tmp_path, monkeypatch) -> None:
             raise _Killed
         return losses(self, model, batch)
 
-    monkeypatch.setattr(question_parser.QuestionParserTask, "losses", failing)
+    monkeypatch.setattr(question_parser_task.QuestionParserTask, "losses", failing)
     with pytest.raises(_Killed):
         question_parser.main(question_arguments(broken, *steps))
     assert [p.name for p in broken.glob("step_*")] == ["step_0000002"]
@@ -108,7 +111,7 @@ def test_a_killed_run_goes_on_to_the_same_result(tmp_path, monkeypatch) -> None:
     assert all(torch.equal(first[name], second[name]) for name in first)
 
 
-def test_a_half_written_checkpoint_is_passed_over(tmp_path) -> None:
+def test_an_incomplete_checkpoint_is_ignored(tmp_path) -> None:
     run = tmp_path / "run"
     question_parser.main(question_arguments(run, "--loop.steps", "2"))
     shutil.copytree(run / "step_0000002", run / "step_0000099")
@@ -129,30 +132,65 @@ def test_unknown_keys_are_errors(tmp_path) -> None:
         question_parser.main(["--config", str(tmp_path / "c.yaml")])
 
 
-@pytest.mark.parametrize("part", [frame_parser, dynamics, question_parser])
-def test_shipped_configurations_are_read(part, monkeypatch) -> None:
-    class Reached(Exception):
-        pass
+def test_sizes_of_an_ablation() -> None:
+    assert parse_sizes("10, 100,all") == [10, 100, ALL]
+    with pytest.raises(DataError, match="expected numbers of programs"):
+        parse_sizes("ten")
+    with pytest.raises(DataError, match="expected positive numbers"):
+        parse_sizes("-1")
+
+
+def test_ablation_trains_once_per_size_and_writes_a_table(tmp_path) -> None:
+    with pytest.raises(DataError, match="needs --evaluation_questions FILE and --evaluation_scenes FOLDER"):
+        question_parser.main(question_arguments(tmp_path / "run", "--ablation", "2"))
+    program = ("events", "filter_collision", "count")
+    question = Question(0, "How many collisions happen?", "descriptive", "count", program, "0", ())
+    write_questions(tmp_path / "questions.json", [SceneQuestions(7, "video_00007.mp4", (question,))])
+    objects = [{"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}]
+    frames = [{"objects": [{"object_id": 0, "velocity": [0, 0, 0], "inside_camera_view": True}]}] * VIDEO_FRAMES
+    truth = {"objects": objects, "frames": frames, "collisions": [], "counterfactual": {}}
+    (tmp_path / "truth_00007.json").write_text(json.dumps(truth))
+    data = ["--evaluation_questions", str(tmp_path / "questions.json"), "--evaluation_scenes", str(tmp_path)]
+    small = question_arguments(tmp_path / "run", "--loop.steps", "2", "--ablation", "2,all")
+    with open(question_parser.main([*small, *data])) as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["programs"], row["question_type"], row["questions"]) for row in rows] == [
+        ("2", "descriptive", "1"),
+        ("all", "descriptive", "1"),
+    ]
+    assert (tmp_path / "run" / "2" / "checkpoint" / "question_parser.safetensors").exists()
+
+
+class _ReachedError(Exception):
+    """The configuration was read and the task is about to be made."""
+
+
+@pytest.mark.parametrize(
+    ("part", "module", "tasks"),
+    [
+        (frame_parser, frame_parser, ["FrameParserTask"]),
+        (dynamics, dynamics, ["StateModelTask", "PatchModelTask"]),
+        (question_parser, question_parser_task, ["QuestionParserTask"]),
+    ],
+)
+def test_shipped_configurations_are_read(part, module, tasks, monkeypatch) -> None:
 
     def stop(config):
-        raise Reached
+        raise _ReachedError
 
     name = part.__name__.rsplit(".", 1)[-1]
-    task = {"frame_parser": "FrameParserTask", "dynamics": "StateModelTask", "question_parser": "QuestionParserTask"}[
-        name
-    ]
-    monkeypatch.setattr(part, task, stop)
-    monkeypatch.setattr(dynamics_paper, "PatchModelTask", stop)
+    for task in tasks:
+        monkeypatch.setattr(module, task, stop)
     files = sorted((Path(__file__).parent.parent / "configs" / name).glob("*.yaml"))
-    files = [f for f in files if f.name != "physics.yaml"]  # nothing in it is trained
+    files = [f for f in files if f.name != "physics.yaml"]  # a backend without training
     assert files
     for path in files:
-        with pytest.raises(Reached):
+        with pytest.raises(_ReachedError):
             part.main(["--config", str(path)])
 
 
 class _Line(Task):
-    """Fits y = w x; the loss can be made to explode."""
+    """Fits y = w x; with `explode`, one of its losses is not finite."""
 
     def __init__(self, explode: bool = False) -> None:
         torch.manual_seed(0)
@@ -173,7 +211,7 @@ class _Line(Task):
 def test_loop_fits_a_line(tmp_path) -> None:
     config = LoopConfig(steps=300, learning_rate=0.1, device="cpu", save_every=1000)
     assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
-    # A finished run is not repeated; its measures are read.
+    # A finished run is not repeated: its metrics are read.
     assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
 
 

@@ -1,4 +1,4 @@
-"""The paper's Q-type baselines: answers from the question's type alone. They show what a question set gives away."""
+"""The paper's Q-type baselines, which answer from the question's type alone and so measure the bias of a question set."""
 
 import random
 from collections import Counter, defaultdict
@@ -23,7 +23,7 @@ PUBLISHED_Q_TYPE = {
         "counterfactual": (50.2, 1.0),
     },
 }
-"""Test split, percent, from the paper's table of baselines; multiple choice per option and per question."""
+"""Accuracies on the test split (%) from the paper's table of baselines; multiple choice as (per option, per question)."""
 
 
 def q_type_baselines(
@@ -31,13 +31,13 @@ def q_type_baselines(
 ) -> dict[str, dict[str, Any]]:
     """Accuracies (0-1) of "random" and "frequent" answers, as {baseline: {type: accuracy or (per option, per question)}}.
 
-    Random draws an answer as often as it occurs for the question's subtype, or for the options of its type; frequent
-    takes the most frequent one.
+    "random" draws an answer with its frequency among the answers to the question's subtype, or to the options of its type.
+    "frequent" gives the most frequent answer.
 
     Args:
         scenes: questions with answers.
-        seed: of the random answers.
-        training: what the frequencies are counted on; None takes `scenes`.
+        seed: seed of the random answers.
+        training: questions on which the frequencies are counted; None uses `scenes`.
     """
     answers: dict[str, Counter[str]] = defaultdict(Counter)
     for question in _questions(training if training is not None else scenes):
@@ -45,12 +45,12 @@ def q_type_baselines(
     rng = random.Random(seed)
     result: dict[str, dict[str, Any]] = {}
     for baseline in ("random", "frequent"):
-        right: dict[str, list[list[bool]]] = {kind: [] for kind in QUESTION_TYPES}
+        correct: dict[str, list[list[bool]]] = {kind: [] for kind in QUESTION_TYPES}
         for question in _questions(scenes):
             counts = answers[_key(question)]
             guesses = [_guess(counts, baseline, rng) for _ in _answers(question)]
-            right[question.type].append([g == a for g, a in zip(guesses, _answers(question), strict=True)])
-        result[baseline] = {kind: _accuracy(kind, rows) for kind, rows in right.items() if rows}
+            correct[question.type].append([g == a for g, a in zip(guesses, _answers(question), strict=True)])
+        result[baseline] = {kind: _accuracy(kind, rows) for kind, rows in correct.items() if rows}
     return result
 
 
@@ -75,6 +75,6 @@ def _guess(counts: Counter[str], baseline: str, rng: random.Random) -> str:
 
 
 def _accuracy(kind: str, rows: list[list[bool]]) -> Any:
-    options = [right for row in rows for right in row]
+    options = [correct for row in rows for correct in row]
     per_option = sum(options) / len(options)
     return per_option if kind == "descriptive" else (per_option, sum(map(all, rows)) / len(rows))

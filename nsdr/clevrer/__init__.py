@@ -1,0 +1,156 @@
+"""CLEVRER's files: one reader, and a writer where one is needed, for each kind, and the scenes they describe."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+# Function and module have the same name; imported lazily, the name could mean the module.
+from nsdr.clevrer.download import OFFICIAL_ROOT, download
+
+if TYPE_CHECKING:
+    from nsdr.clevrer.annotations import (
+        IRREGULAR_VIDEOS,
+        check_annotation,
+        check_ground_truth,
+        read_annotation,
+        write_annotation,
+    )
+    from nsdr.clevrer.dataset import CLEVRER, KINDS, SPLITS, Inventory, Split
+    from nsdr.clevrer.predictions import (
+        SAMPLE_FRAMES,
+        check_predictions,
+        predictions_document,
+        read_predictions,
+        scene_from_predictions,
+    )
+    from nsdr.clevrer.proposals import (
+        mask_numbers,
+        parse_proposals,
+        proposals_document,
+        proposals_from_rows,
+        read_compact_proposals,
+        read_ground_truth,
+        read_proposals,
+    )
+    from nsdr.clevrer.questions import (
+        QUESTION_TYPES,
+        Choice,
+        Question,
+        SceneQuestions,
+        iterate_questions,
+        read_questions,
+        without_answers,
+        write_questions,
+    )
+    from nsdr.clevrer.scenes import (
+        collisions_in_view,
+        enter_exit_events,
+        scene_from_annotation,
+        scene_from_ground_truth,
+        scene_from_truth,
+        speed_world_per_s,
+    )
+    from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
+    from nsdr.clevrer.truth_blocks import read_truth
+
+_HOME = {
+    "nsdr.clevrer.annotations": [
+        "IRREGULAR_VIDEOS",
+        "check_annotation",
+        "check_ground_truth",
+        "read_annotation",
+        "write_annotation",
+    ],
+    "nsdr.clevrer.dataset": ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"],
+    "nsdr.clevrer.predictions": [
+        "SAMPLE_FRAMES",
+        "check_predictions",
+        "predictions_document",
+        "read_predictions",
+        "scene_from_predictions",
+    ],
+    "nsdr.clevrer.proposals": [
+        "mask_numbers",
+        "parse_proposals",
+        "proposals_document",
+        "proposals_from_rows",
+        "read_compact_proposals",
+        "read_ground_truth",
+        "read_proposals",
+    ],
+    "nsdr.clevrer.questions": [
+        "QUESTION_TYPES",
+        "Choice",
+        "Question",
+        "SceneQuestions",
+        "iterate_questions",
+        "read_questions",
+        "without_answers",
+        "write_questions",
+    ],
+    "nsdr.clevrer.scenes": [
+        "collisions_in_view",
+        "enter_exit_events",
+        "scene_from_annotation",
+        "scene_from_ground_truth",
+        "scene_from_truth",
+        "speed_world_per_s",
+    ],
+    "nsdr.clevrer.submissions": ["read_submission", "submission_document", "write_submission"],
+    "nsdr.clevrer.truth_blocks": ["read_truth"],
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "CLEVRER",
+    "IRREGULAR_VIDEOS",
+    "KINDS",
+    "OFFICIAL_ROOT",
+    "QUESTION_TYPES",
+    "SAMPLE_FRAMES",
+    "SPLITS",
+    "Choice",
+    "Inventory",
+    "Question",
+    "SceneQuestions",
+    "Split",
+    "check_annotation",
+    "check_ground_truth",
+    "check_predictions",
+    "collisions_in_view",
+    "download",
+    "enter_exit_events",
+    "iterate_questions",
+    "mask_numbers",
+    "parse_proposals",
+    "predictions_document",
+    "proposals_document",
+    "proposals_from_rows",
+    "read_annotation",
+    "read_compact_proposals",
+    "read_ground_truth",
+    "read_predictions",
+    "read_proposals",
+    "read_questions",
+    "read_submission",
+    "read_truth",
+    "scene_from_annotation",
+    "scene_from_ground_truth",
+    "scene_from_predictions",
+    "scene_from_truth",
+    "speed_world_per_s",
+    "submission_document",
+    "without_answers",
+    "write_annotation",
+    "write_questions",
+    "write_submission",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'nsdr.clevrer' has no attribute {name!r}")
+    return getattr(import_module(_MODULE_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

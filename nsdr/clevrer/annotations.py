@@ -1,4 +1,4 @@
-"""CLEVRER's annotation files (`annotation_N.json`), and the `ground_truth` block of the research code's proposal files."""
+"""CLEVRER's annotation files (`annotation_N.json`), and the `ground_truth` block of the released code's proposal files."""
 
 from pathlib import Path
 from typing import Any
@@ -8,18 +8,22 @@ from nsdr.errors import DataError
 from nsdr.io.files import read_json, write_json
 from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["check_annotation", "check_ground_truth", "read_annotation", "write_annotation"]
+__all__ = ["IRREGULAR_VIDEOS", "check_annotation", "check_ground_truth", "read_annotation", "write_annotation"]
 
 IRREGULAR_VIDEOS = (7648, 9777, 10800)
-"""Released videos of other lengths, which differ even between their video and proposal files: any length will do."""
+"""Indices of released videos that do not have 128 frames. Their length also differs between video and proposal file, so it is
+not checked."""
 VECTORS = ("location", "orientation", "velocity", "angular_velocity")
+"""Keys of the 3-vectors of each object in each frame."""
+VECTOR_LENGTH = 3
+"""Numbers in each of `VECTORS`: x, y, z."""
 
 
 def read_annotation(path: str | Path) -> dict[str, Any]:
-    """The content of an annotation file, checked (see `nsdr.clevrer.scenes.scene_from_annotation`).
+    """Read and check an annotation file; `nsdr.clevrer.scene_from_annotation` makes a scene of it.
 
     Raises:
-        DataError: names the file, the position inside the JSON and what was expected there.
+        DataError: names the file, the location in the file and what was expected there.
     """
     annotation = read_json(path)
     try:
@@ -36,14 +40,14 @@ def write_annotation(path: str | Path, annotation: dict[str, Any], n_frames: int
 
 
 def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
-    """Demand the form of an annotation.
+    """Check the form of an annotation.
 
     Args:
-        annotation: the content of the file.
-        n_frames: length of the data set's videos; the release's irregular ones may have another.
+        annotation: content of the file.
+        n_frames: number of frames of the data set's videos; not checked for `IRREGULAR_VIDEOS`.
 
     Raises:
-        DataError: names the position inside and what was expected there.
+        DataError: names the location in the file and what was expected there.
     """
     video = get(annotation, "scene_index", int, "annotation")
     get(annotation, "video_filename", str, "annotation")
@@ -52,16 +56,15 @@ def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
     if len(frames) != n_frames and video not in IRREGULAR_VIDEOS:
         raise DataError(f"motion_trajectory: expected {n_frames} frames for video {video}, got {len(frames)}")
     for f, frame in enumerate(frames):
-        where = f"motion_trajectory[{f}]"
-        if get(frame, "frame_id", int, where) != f:
-            raise DataError(f"{where}.frame_id: expected {f}, got {frame['frame_id']}")
-        rows = get(frame, "objects", list, where)
-        for i, row in enumerate(rows):
-            position = f"{where}.objects[{i}]"
-            _check_index(get(row, "object_id", int, position), len(objects), f"{position}.object_id")
-            get(row, "inside_camera_view", bool, position)
+        frame_where = f"motion_trajectory[{f}]"
+        if get(frame, "frame_id", int, frame_where) != f:
+            raise DataError(f"{frame_where}.frame_id: expected {f}, got {frame['frame_id']}")
+        for i, row in enumerate(get(frame, "objects", list, frame_where)):
+            where = f"{frame_where}.objects[{i}]"
+            _check_index(get(row, "object_id", int, where), len(objects), f"{where}.object_id")
+            get(row, "inside_camera_view", bool, where)
             for name in VECTORS:
-                _check_vector(get(row, name, list, position), f"{position}.{name}")
+                _check_vector(get(row, name, list, where), f"{where}.{name}")
     for c, collision in enumerate(get(annotation, "collision", list, "annotation")):
         where = f"collision[{c}]"
         _check_pair(get(collision, "object_ids", list, where), len(objects), f"{where}.object_ids")
@@ -69,22 +72,26 @@ def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
 
 
 def check_ground_truth(block: Any, where: str = "ground_truth") -> None:
-    """Demand the form of a `ground_truth` block.
+    """Check the form of a `ground_truth` block.
+
+    Args:
+        block: the block.
+        where: its location in the file, for error messages.
 
     Raises:
-        DataError: names the position inside and what was expected there.
+        DataError: names the location in the file and what was expected there.
     """
     objects = check_objects(get(block, "objects", list, where), "id", f"{where}.objects")
     for i, event in enumerate(get(block, "in_outs", list, where)):
-        position = f"{where}.in_outs[{i}]"
-        get(event, "frame", int, position)
-        _check_index(get(event, "object", int, position), len(objects), f"{position}.object")
-        if get(event, "type", str, position) not in ("in", "out"):
-            raise DataError(f"{position}.type: expected in or out, got {event['type']!r}")
+        event_where = f"{where}.in_outs[{i}]"
+        get(event, "frame", int, event_where)
+        _check_index(get(event, "object", int, event_where), len(objects), f"{event_where}.object")
+        if get(event, "type", str, event_where) not in ("in", "out"):
+            raise DataError(f"{event_where}.type: expected in or out, got {event['type']!r}")
     for i, event in enumerate(get(block, "collisions", list, where)):
-        position = f"{where}.collisions[{i}]"
-        get(event, "frame", int, position)
-        _check_pair(get(event, "object", list, position), len(objects), f"{position}.object")
+        event_where = f"{where}.collisions[{i}]"
+        get(event, "frame", int, event_where)
+        _check_pair(get(event, "object", list, event_where), len(objects), f"{event_where}.object")
 
 
 def _check_index(index: int, n: int, where: str) -> None:
@@ -100,5 +107,5 @@ def _check_pair(pair: list[Any], n: int, where: str) -> None:
 
 
 def _check_vector(vector: list[Any], where: str) -> None:
-    if len(vector) != 3 or not all(isinstance(v, int | float) for v in vector):
-        raise DataError(f"{where}: expected 3 numbers, got {vector!r:.60}")
+    if len(vector) != VECTOR_LENGTH or not all(isinstance(v, int | float) for v in vector):
+        raise DataError(f"{where}: expected {VECTOR_LENGTH} numbers, got {vector!r:.60}")

@@ -1,4 +1,4 @@
-"""The official folder layout: what is there, what is missing, and access by split."""
+"""Access to a folder with CLEVRER's files by split and video index, and a list of what is missing."""
 
 import zipfile
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from nsdr.clevrer.proposals import parse_proposals
 from nsdr.clevrer.questions import SceneQuestions, iterate_questions
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
-from nsdr.io.files import parse_json, read_json
+from nsdr.io.files import atomic_path, parse_json, read_json
 from nsdr.types import VideoProposals
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -20,23 +20,33 @@ __all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"]
 
 SPLITS = {"train": range(0, 10000), "validation": range(10000, 15000), "test": range(15000, 20000)}
 """Video indices of each split."""
-
 KINDS = ("videos", "annotations", "questions", "proposals")
+"""Kinds of files."""
 _FOLDERS = {
     "videos": ["videos/{split}", "video_{split}"],
     "annotations": ["annotations/{split}", "annotation_{split}"],
     "proposals": ["derender_proposals", "processed_proposals", "proposals"],
 }
+"""Folders that may hold each kind of file, later ones first choice."""
 _FILES = {
     "videos": ["video_{index:05d}.mp4"],
     "annotations": ["annotation_{index:05d}.json"],
     "proposals": ["proposal_{index:05d}.json", "sim_{index:05d}.json", "sim_{index:05d}.json.gz"],
 }
+"""File names of each kind, in order of preference."""
 
 
 @dataclass(frozen=True)
 class Inventory:
-    """What a data set holds of one kind in one split: `found` of `expected` files, and the first that are missing."""
+    """How complete one kind of files is in one split.
+
+    Attributes:
+        split: name of the split.
+        kind: one of `KINDS`.
+        found: number of files found.
+        expected: number of files of the complete split.
+        missing: video indices of the missing files.
+    """
 
     split: str
     kind: str
@@ -46,11 +56,11 @@ class Inventory:
 
 
 class CLEVRER:
-    """A folder with CLEVRER's files.
+    """A folder with CLEVRER's files, all or some of them.
 
-    Looked for below `root`: `videos/{split}/`, `annotations/{split}/` (with or without the official sub-folders of 1,000, or
-    as the official zips, unopened), `questions/{split}.json` or `{split}.json`, and proposals in `derender_proposals/` or
-    `processed_proposals/`. Parts may be missing. Generated data sets say in `manifest.json` which videos they have.
+    Below `root`, videos and annotations are in `videos/{split}/` and `annotations/{split}/` (directly, in the official
+    sub-folders of 1,000 files, or in the official zips), questions in `questions/{split}.json` or `{split}.json`, and proposals
+    in `derender_proposals/` or `processed_proposals/`. The `manifest.json` of a generated data set lists its videos.
 
     Args:
         root: the folder.
@@ -62,12 +72,15 @@ class CLEVRER:
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root)
         if not self.root.is_dir():
-            raise DataError(f"{root}: no such folder; `nsdr data download` makes one")
+            raise DataError(f"{root}: no such folder; `nsdr data download` creates one")
         path = self.root / "manifest.json"
         self.manifest = read_manifest(path) if path.is_file() else None
 
     def split(self, name: str) -> "Split":
-        """One of the splits "train", "validation" and "test".
+        """One split.
+
+        Args:
+            name: "train", "validation" or "test".
 
         Raises:
             DataError: another name.
@@ -80,15 +93,18 @@ class CLEVRER:
         return Split(self.root, name, range(start, stop), tuple(self.manifest["kinds"]), self.manifest["n_frames"])
 
     def inventory(self) -> list[Inventory]:
-        """What is there and what is missing, for every split and kind."""
+        """How complete each kind of files is, for every split."""
         return [row for name in SPLITS for row in self.split(name).inventory()]
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """What a generated data set says of itself: `splits` (first and last index + 1), `kinds` of files and `n_frames`.
+    """Read and check the `manifest.json` of a generated data set.
+
+    Returns:
+        `splits` (first and last video index + 1 by split), `kinds` of files, and `n_frames` per video.
 
     Raises:
-        DataError: not such a file.
+        DataError: the file is missing or malformed; names the file and the location in the file.
     """
     manifest = read_json(path)
     splits = get(manifest, "splits", dict, str(path))
@@ -102,7 +118,15 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 class Split:
-    """One split: access by video index. Made by `CLEVRER.split`."""
+    """The files of one split by video index; made by `CLEVRER.split`.
+
+    Args:
+        root: folder of the data set.
+        name: "train", "validation" or "test".
+        indices: video indices of the split.
+        kinds: kinds of files that the data set has.
+        n_frames: number of frames of each video.
+    """
 
     def __init__(
         self, root: Path, name: str, indices: range, kinds: tuple[str, ...] = KINDS, n_frames: int = VIDEO_FRAMES
@@ -112,22 +136,22 @@ class Split:
 
     @cached_property
     def _files(self) -> dict[str, dict[str, "Entry"]]:
-        """For each kind, where a file name is found."""
+        """Locations of all files, by kind and file name."""
         return {kind: dict(_listing(self.root, kind, self.name)) for kind in _FILES}
 
     @property
     def question_file(self) -> Path | None:
-        """The split's question file, None when it is missing."""
+        """Path of the split's question file; None if it is missing."""
         for path in (self.root / "questions" / f"{self.name}.json", self.root / f"{self.name}.json"):
             if path.is_file():
                 return path
         return None
 
     def questions(self) -> Iterator[SceneQuestions]:
-        """Questions scene by scene.
+        """Yield the questions scene by scene.
 
         Raises:
-            DataError: the file is missing or broken.
+            DataError: the file is missing or malformed.
         """
         path = self.question_file
         if path is None:
@@ -135,27 +159,25 @@ class Split:
         return iterate_questions(path)
 
     def video(self, index: int) -> Path:
-        """Path of a video. A video inside a zip is unpacked beside the zip first.
+        """Path of a video. A video in a zip is first extracted next to the zip.
 
         Raises:
-            DataError: it is missing.
+            DataError: the video is missing.
         """
         entry = self._entry("videos", index)
         if entry.member is None:
             return entry.path
         target = entry.path.parent / entry.path.stem / entry.member
         if not target.exists():
-            from nsdr.io.files import atomic_path
-
             with atomic_path(target) as temporary:
                 temporary.write_bytes(entry.read())
         return target
 
     def annotation(self, index: int) -> dict[str, Any]:
-        """Content of an annotation file, checked.
+        """Read and check an annotation file.
 
         Raises:
-            DataError: missing or broken.
+            DataError: the file is missing or malformed.
         """
         entry = self._entry("annotations", index)
         annotation = parse_json(entry.read(), str(entry))
@@ -166,25 +188,29 @@ class Split:
         return dict(annotation)
 
     def raw_proposals(self, index: int) -> bytes:
-        """Bytes of a proposal file; raises `DataError` when it is missing."""
+        """Bytes of a proposal file.
+
+        Raises:
+            DataError: the file is missing.
+        """
         return self._entry("proposals", index).read()
 
     def proposals(self, index: int) -> VideoProposals:
-        """Mask proposals of a video.
+        """Read the mask proposals of a video.
 
         Raises:
-            DataError: missing or broken.
+            DataError: the file is missing or malformed.
         """
         entry = self._entry("proposals", index)
         return parse_proposals(entry.read(), str(entry))
 
     def inventory(self) -> list[Inventory]:
-        """What is there and what is missing of every kind."""
+        """How complete each kind of files is."""
         rows = []
         for kind in self.kinds if self.indices else ():
             if kind == "questions":
-                there = self.question_file is not None
-                rows.append(Inventory(self.name, kind, int(there), 1, ()))
+                found = self.question_file is not None
+                rows.append(Inventory(self.name, kind, int(found), 1, ()))
             elif not (kind == "annotations" and self.name == "test"):
                 missing = [i for i in self.indices if self._name(kind, i) is None]
                 n = len(self.indices)
@@ -204,13 +230,22 @@ class Split:
 
 @dataclass(frozen=True)
 class Entry:
-    """A file in a folder, or a member of a zip."""
+    """A file in a folder, or a member of a zip.
+
+    Attributes:
+        path: the file or the zip.
+        member: name inside the zip; None for a file in a folder.
+    """
 
     path: Path
     member: str | None = None
 
     def read(self) -> bytes:
-        """Its bytes; raises `DataError` when it cannot be read."""
+        """Read the bytes.
+
+        Raises:
+            DataError: they cannot be read.
+        """
         try:
             if self.member is None:
                 return self.path.read_bytes()
@@ -224,7 +259,7 @@ class Entry:
 
 
 def _listing(root: Path, kind: str, split: str) -> Iterator[tuple[str, Entry]]:
-    """(file name, entry) of all files of a kind, zips first so that unpacked files win."""
+    """Yield (file name, entry) of all files of a kind, zips first, so that extracted files replace their zip members."""
     for pattern in _FOLDERS[kind]:
         folder = root / pattern.format(split=split)
         singular = kind.removesuffix("s")

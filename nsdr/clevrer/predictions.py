@@ -1,8 +1,9 @@
-"""The research code's dynamics prediction files (`sim_N.json`): its interchange between dynamics and executor.
+"""The released code's prediction files (`sim_N.json`), which its executor reads from its dynamics predictor.
 
-`objects: [{id, color, material, shape}]`; `predictions[0]` has `what_if: -1`, each other one `what_if: k`, the removed object;
-a prediction has `trajectory: [{frame_index, objects: [{x, y, color, material, shape}]}]`, sampled every 5 frames, with x the
-row (0-100) and y the column (0-150) of the grid, and `collisions: [{frame, objects: [attributes, attributes]}]`.
+`objects` is a list of `{id, color, material, shape}`. `predictions[0]` has `what_if: -1`; each further prediction has
+`what_if: k`, the id of the removed object. A prediction has `trajectory: [{frame_index, objects: [{x, y, color, material,
+shape}]}]`, sampled every 5th frame, with x the row (0-100) and y the column (0-150) of the grid, and
+`collisions: [{frame, objects: [attributes, attributes]}]`.
 """
 
 from collections.abc import Mapping
@@ -16,22 +17,29 @@ from nsdr.clevrer.schema import get, scene_object
 from nsdr.errors import DataError
 from nsdr.io.files import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
-from nsdr.world.camera import grid_from_pixels, ground_from_pixels, pixels_from_grid, pixels_from_world
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, OBJECT_RADIUS_WORLD
+from nsdr.world.camera import grid_from_pixels, ground_from_pixels, on_ground, pixels_from_grid, pixels_from_world
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
+from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["SAMPLE_FRAMES", "predictions_document", "read_predictions", "scene_from_predictions"]
+__all__ = ["SAMPLE_FRAMES", "check_predictions", "predictions_document", "read_predictions", "scene_from_predictions"]
 
 SAMPLE_FRAMES = 5
-"""Frames between two samples of a trajectory."""
+"""Frames from one sample of a trajectory to the next."""
+NOTHING_REMOVED = -1
+"""`what_if` of the prediction in which no object is removed."""
+SAMPLED_MOVING_SPEED_WORLD_PER_S = 5 * MOVING_SPEED_WORLD_PER_S
+"""Speed between samples above which an object counts as moving (world units/s): 5 times the threshold for true velocities,
+because sampled positions are rounded and come from masks."""
 
 Triple = tuple[str, str, str]
+"""Color, material and shape."""
 
 
 def read_predictions(path: str | Path) -> dict[str, Any]:
-    """The content of a prediction file, checked.
+    """Read and check a prediction file.
 
     Raises:
-        DataError: names the file, the position inside the JSON and what was expected there.
+        DataError: names the file, the location in the file and what was expected there.
     """
     document = read_json(path)
     try:
@@ -42,10 +50,10 @@ def read_predictions(path: str | Path) -> dict[str, Any]:
 
 
 def check_predictions(document: Any) -> None:
-    """Demand the form of a prediction file.
+    """Check the form of a prediction file's content.
 
     Raises:
-        DataError: names the position inside and what was expected there.
+        DataError: names the location in the file and what was expected there.
     """
     objects = get(document, "objects", list, "file")
     for i, o in enumerate(objects):
@@ -53,14 +61,14 @@ def check_predictions(document: Any) -> None:
     for p, prediction in enumerate(get(document, "predictions", list, "file")):
         where = f"predictions[{p}]"
         what_if = get(prediction, "what_if", int, where)
-        if (p == 0) != (what_if == -1) or not -1 <= what_if < len(objects):
-            expected = "-1, nothing removed" if p == 0 else f"0 to {len(objects) - 1}"
+        if (p == 0) != (what_if == NOTHING_REMOVED) or not NOTHING_REMOVED <= what_if < len(objects):
+            expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {len(objects) - 1}"
             raise DataError(f"{where}.what_if: expected {expected}, got {what_if}")
         for s, sample in enumerate(get(prediction, "trajectory", list, where)):
             for i, o in enumerate(get(sample, "objects", list, f"{where}.trajectory[{s}]")):
-                position = f"{where}.trajectory[{s}].objects[{i}]"
-                scene_object(o, i, position)
-                get(o, "x", (int, float), position), get(o, "y", (int, float), position)
+                object_where = f"{where}.trajectory[{s}].objects[{i}]"
+                scene_object(o, i, object_where)
+                get(o, "x", (int, float), object_where), get(o, "y", (int, float), object_where)
         for c, collision in enumerate(get(prediction, "collisions", list, where)):
             pair = get(collision, "objects", list, f"{where}.collisions[{c}]")
             if len(pair) != 2:
@@ -69,14 +77,19 @@ def check_predictions(document: Any) -> None:
                 scene_object(o, i, f"{where}.collisions[{c}].objects[{i}]")
 
 
-def scene_from_predictions(document: Mapping[str, Any], n_frames: int = 128) -> Scene:
-    """Scene of a prediction file by the paper's semantics: dense frames, each pair collides once, motion on the ground.
+def scene_from_predictions(document: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:
+    """The scene of a prediction file with the paper's semantics.
 
-    Collisions of objects that are not listed are left out. For the released executor's own reading of the same file see
-    `nsdr.symbolic.official`.
+    Each frame takes visibility and motion from the latest sample, motion is measured on the ground, only the first collision
+    of each pair counts, and collisions of unlisted objects are dropped. For the released executor's reading of the same file
+    see `nsdr.symbolic.official`.
+
+    Args:
+        document: content of a prediction file.
+        n_frames: number of frames of the video.
 
     Raises:
-        DataError: a missing key or unknown attribute.
+        DataError: a missing key or unknown attribute word.
     """
     try:
         objects = tuple(scene_object(o, i, f"objects[{i}]") for i, o in enumerate(document["objects"]))
@@ -105,18 +118,18 @@ def scene_from_predictions(document: Mapping[str, Any], n_frames: int = 128) -> 
 
 
 def _moving(grid: Any, seen: Any, times: Any) -> Any:
-    """(n, S) whether an object moves at a sample: both neighbouring samples must show motion on the ground."""
+    """(n, S) bool, whether an object moves at a sample: the lower of its speeds from the previous and to the next sample,
+    where it was seen in both, exceeds the threshold."""
     world = ground_from_pixels(pixels_from_grid(grid))
     speed = speed_world_per_s(world[:, 1:] - world[:, :-1], np.diff(times)[:, None])
     speed = np.where(seen[:, 1:] & seen[:, :-1], speed, np.inf)
     missing = np.full((len(grid), 1), np.inf)
     slower = np.minimum(np.concatenate([missing, speed], 1), np.concatenate([speed, missing], 1))
-    # 5 times the truth's threshold: positions are rounded and come from masks.
-    return np.isfinite(slower) & (slower > 5 * MOVING_SPEED_WORLD_PER_S)
+    return np.isfinite(slower) & (slower > SAMPLED_MOVING_SPEED_WORLD_PER_S)
 
 
 def _first_collisions(rows: list[Mapping[str, Any]], ids: Mapping[Triple, int]) -> list[Event]:
-    """Each pair's first collision, in order of time."""
+    """The first collision of each pair, in order of time."""
     first: dict[tuple[int, int], int] = {}
     for row in rows:
         a, b = (ids.get((o["color"], o["material"], o["shape"]), -1) for o in row["objects"])
@@ -127,13 +140,12 @@ def _first_collisions(rows: list[Mapping[str, Any]], ids: Mapping[Triple, int]) 
 
 
 def predictions_document(prediction: DynamicsPrediction) -> dict[str, Any]:
-    """The dynamics predictor's output in the form of a prediction file, readable by the released executor."""
+    """The content of a prediction file, which the released executor can read, from a dynamics prediction."""
     words = [{"color": o.color, "material": o.material, "shape": o.shape} for o in prediction.objects]
 
     def rows(rollout: Rollout, what_if: int) -> dict[str, Any]:
         world = rollout.location_world[:, ::SAMPLE_FRAMES]
-        height = np.full((*world.shape[:2], 1), OBJECT_RADIUS_WORLD)
-        grid = grid_from_pixels(pixels_from_world(np.concatenate([world, height], -1)))
+        grid = grid_from_pixels(pixels_from_world(on_ground(world)))
         trajectory = []
         for s in range(world.shape[1]):
             shown = [
@@ -146,4 +158,4 @@ def predictions_document(prediction: DynamicsPrediction) -> dict[str, Any]:
 
     others = [rows(rollout, removed) for removed, rollout in sorted(prediction.counterfactual.items())]
     objects = [{"id": o.id, **w} for o, w in zip(prediction.objects, words, strict=True)]
-    return {"objects": objects, "predictions": [rows(prediction.observed, -1), *others]}
+    return {"objects": objects, "predictions": [rows(prediction.observed, NOTHING_REMOVED), *others]}

@@ -1,4 +1,4 @@
-"""CLEVRER's mask proposals: official JSON files (plain or gzipped), and the same reduced to numbers in one NPZ file."""
+"""CLEVRER's mask proposals: official JSON files (plain or gzipped), and compact NPZ files of many videos without masks."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -15,6 +15,7 @@ from nsdr.errors import DataError
 from nsdr.io.files import parse_json
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.timeline import VIDEO_FRAMES
 from nsdr.world.vocabulary import attribute_index, attributes_of
 
 __all__ = [
@@ -27,21 +28,35 @@ __all__ = [
     "read_proposals",
 ]
 
+PIXEL_CENTRE_PX = 0.5
+"""Offset from the index of a pixel to its centre (pixels)."""
+SCORE_DECIMALS = 6
+"""Decimal places of scores in written files."""
+COMPACT_SCORE_STEPS = 255.0
+"""Steps per unit of score in compact files, which store scores as bytes."""
+COMPACT_CENTROID_STEPS_PER_PX = 64.0
+"""Steps per pixel of centroids in compact files."""
+COMPACT_ARRAYS = ("video", "frame", "attr", "score", "cx64", "cy64", "area", "box")
+"""Arrays of a compact file."""
+
 
 def read_proposals(path: str | Path) -> VideoProposals:
-    """Read `proposal_N.json` or the research code's `sim_N.json`, also gzipped.
+    """Read CLEVRER's `proposal_N.json` or the released code's `sim_N.json`, plain or gzipped.
 
     Raises:
-        DataError: not a proposal file; names the file, the position inside and what was expected.
+        DataError: not a proposal file; names the file, the location in the file and what was expected there.
     """
     return parse_proposals(_bytes(path), str(path))
 
 
 def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
-    """The `ground_truth` block of a `processed_proposals` file, checked, and the video's number of frames.
+    """Read and check the `ground_truth` block of a file of `processed_proposals`.
+
+    Returns:
+        The block, and the number of frames of the video.
 
     Raises:
-        DataError: there is no such block, or it is broken.
+        DataError: there is no such block, or it is malformed; names the file and the location in the file.
     """
     content = parse_json(_bytes(path), str(path))
     block = get(content, "ground_truth", dict, str(path))
@@ -60,7 +75,15 @@ def _bytes(path: str | Path) -> bytes:
 
 
 def parse_proposals(data: bytes, name: str) -> VideoProposals:
-    """Proposals from a file's bytes; raises as `read_proposals`, with `name` for the file."""
+    """Parse the bytes of a proposal file.
+
+    Args:
+        data: JSON, plain or gzipped.
+        name: name of the file, for error messages.
+
+    Raises:
+        DataError: not a proposal file; names `name`, the location in the file and what was expected there.
+    """
     content = parse_json(data, name)
     frames = get(content, "frames", list, name)
     indices = _frame_indices(frames, name)
@@ -68,18 +91,18 @@ def parse_proposals(data: bytes, name: str) -> VideoProposals:
     for f, frame in zip(indices, frames, strict=True):
         for i, o in enumerate(get(frame, "objects", list, f"{name}: frames[{f}]")):
             where = f"{name}: frames[{f}].objects[{i}]"
-            found = scene_object(o, 0, where)
+            detected = scene_object(o, 0, where)
             mask = get(o, "mask", dict, where)
             size, counts = get(mask, "size", list, f"{where}.mask"), get(mask, "counts", str, f"{where}.mask")
             if size != [HEIGHT_PX, WIDTH_PX]:
                 raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {size}")
             score = float(get(o, "score", (float, int), where))
-            rows.append((f, attribute_index(found.color, found.material, found.shape), score, counts))
+            rows.append((f, attribute_index(detected.color, detected.material, detected.shape), score, counts))
     return proposals_from_rows(max(indices, default=-1) + 1, rows)
 
 
 def _frame_indices(frames: Sequence[Any], name: str) -> list[int]:
-    """`frame_index` of every frame, ascending; the irregular video 7648 leaves some out."""
+    """`frame_index` of every frame, ascending. The irregular video 7648 skips some frames."""
     indices = [get(frame, "frame_index", int, f"{name}: frames[{f}]") for f, frame in enumerate(frames)]
     if any(b <= a for a, b in pairwise(indices)):
         raise DataError(f"{name}: frames: frame_index must ascend")
@@ -87,7 +110,12 @@ def _frame_indices(frames: Sequence[Any], name: str) -> list[int]:
 
 
 def proposals_from_rows(n_frames: int, rows: Sequence[tuple[int, int, float, str]]) -> VideoProposals:
-    """Proposals from (frame, attribute index, score, COCO run-length string) rows; empty masks are left out."""
+    """Make proposals from rows; rows with empty masks are dropped.
+
+    Args:
+        n_frames: number of frames of the video.
+        rows: (frame, attribute index, score, COCO run-length string), in any order.
+    """
     kept, centroids, areas, boxes = [], [], [], []
     for row in sorted(rows, key=lambda r: r[0]):
         centroid, area, box = mask_numbers(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": row[3].encode()}))
@@ -109,22 +137,29 @@ def proposals_from_rows(n_frames: int, rows: Sequence[tuple[int, int, float, str
 
 
 def mask_numbers(mask: NDArray[np.uint8]) -> tuple[tuple[float, float], int, tuple[int, int, int, int]]:
-    """Centroid (column, row) of the pixel centres, area, and box (x0, y0, x1, y1), end exclusive, of a mask (H, W)."""
+    """Centroid, area and bounding box of a mask; all zero for an empty mask.
+
+    Args:
+        mask: (H, W) uint8.
+
+    Returns:
+        Mean (column, row) of the pixel centres, number of pixels, and box (left, top, right, bottom) with exclusive end.
+    """
     rows, columns = np.nonzero(mask)
     if not len(rows):
         return (0.0, 0.0), 0, (0, 0, 0, 0)
     box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
-    return (float(columns.mean()) + 0.5, float(rows.mean()) + 0.5), len(rows), box
+    return (float(columns.mean()) + PIXEL_CENTRE_PX, float(rows.mean()) + PIXEL_CENTRE_PX), len(rows), box
 
 
 def proposals_document(proposals: VideoProposals, video_index: int, video_filename: str) -> dict[str, Any]:
-    """The official JSON document; inverse of `read_proposals`.
+    """The official JSON document of a video's proposals; inverse of `read_proposals`.
 
     Raises:
-        DataError: the proposals carry no masks.
+        DataError: the proposals have no masks.
     """
     if proposals.masks is None:
-        raise DataError("these proposals carry no masks; the official format needs them")
+        raise DataError("the proposals have no masks, which the official format needs")
     frames: list[dict[str, Any]] = [{"frame_index": f, "objects": []} for f in range(proposals.n_frames)]
     for i, mask in enumerate(proposals.masks):
         frame = int(proposals.frame_index[i])
@@ -135,7 +170,7 @@ def proposals_document(proposals: VideoProposals, video_index: int, video_filena
                 "color": color,
                 "material": material,
                 "shape": shape,
-                "score": round(float(proposals.score[i]), 6),
+                "score": round(float(proposals.score[i]), SCORE_DECIMALS),
                 "video_index": video_index,
                 "frame_index": frame,
             }
@@ -146,14 +181,14 @@ def proposals_document(proposals: VideoProposals, video_index: int, video_filena
 def read_compact_proposals(
     path: str | Path, n_frames: Mapping[int, int] | None = None
 ) -> Iterator[tuple[int, VideoProposals]]:
-    """Read proposals of many videos reduced to numbers: one row a detection, in one NPZ.
+    """Read a compact NPZ file: proposals of many videos without masks, one row per detection.
 
-    Arrays: `video`, `frame`, `attr` (attribute index), `score` (0-255), `cx64`, `cy64` (mean pixel index in 1/64 px), `area`,
-    `box` (x0, y0, x1, y1); rows sorted by video and frame.
+    Arrays: `video`, `frame`, `attr` (attribute index), `score` (0-255), `cx64` and `cy64` (mean pixel index in 1/64 px),
+    `area`, and `box` (left, top, right, bottom); rows are sorted by video and frame.
 
     Args:
         path: the NPZ file.
-        n_frames: frames of the videos that do not have 128.
+        n_frames: number of frames by video index, for videos that do not have 128.
 
     Yields:
         (video index, proposals without masks).
@@ -163,7 +198,7 @@ def read_compact_proposals(
     """
     try:
         with np.load(path) as arrays:
-            a = {name: arrays[name] for name in ("video", "frame", "attr", "score", "cx64", "cy64", "area", "box")}
+            a = {name: arrays[name] for name in COMPACT_ARRAYS}
     except (OSError, KeyError, ValueError) as e:
         raise DataError(f"{path}: not a compact proposal file ({e})") from e
     starts = np.flatnonzero(np.diff(a["video"].astype(np.int64), prepend=-1))
@@ -173,11 +208,11 @@ def read_compact_proposals(
         yield (
             video,
             VideoProposals(
-                (n_frames or {}).get(video, 128),
+                (n_frames or {}).get(video, VIDEO_FRAMES),
                 a["frame"][rows].astype(np.int64),
                 a["attr"][rows].astype(np.int64),
-                a["score"][rows] / 255.0,
-                np.stack([a["cx64"][rows], a["cy64"][rows]], 1) / 64.0 + 0.5,
+                a["score"][rows] / COMPACT_SCORE_STEPS,
+                np.stack([a["cx64"][rows], a["cy64"][rows]], 1) / COMPACT_CENTROID_STEPS_PER_PX + PIXEL_CENTRE_PX,
                 a["area"][rows].astype(np.int64),
                 a["box"][rows].astype(np.int64),
             ),

@@ -1,4 +1,4 @@
-"""CLEVRER's question files (schema: `train.json`, `validation.json`, `test.json`)."""
+"""CLEVRER's question files: `train.json`, `validation.json` and `test.json`."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,11 +21,19 @@ __all__ = [
 ]
 
 QUESTION_TYPES = ("descriptive", "explanatory", "predictive", "counterfactual")
+"""CLEVRER's question types; all but descriptive questions are multiple choice."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """An option of a multiple-choice question; `program` and `answer` ("correct" or "wrong") are None in the test split."""
+    """A choice of a multiple-choice question.
+
+    Attributes:
+        id: id within the question.
+        text: the choice's text.
+        program: postfix tokens; None in the test split.
+        answer: "correct" or "wrong"; None in the test split.
+    """
 
     id: int
     text: str
@@ -35,7 +43,17 @@ class Choice:
 
 @dataclass(frozen=True)
 class Question:
-    """A question; `program` is None in the test split, `answer` there and for multiple choice, `subtype` for the latter."""
+    """A question.
+
+    Attributes:
+        id: id within the scene.
+        text: the question's text.
+        type: one of `QUESTION_TYPES`.
+        subtype: subtype of a descriptive question; None for multiple choice.
+        program: postfix tokens; None in the test split.
+        answer: the answer word; None in the test split and for multiple choice.
+        choices: the choices; empty for a descriptive question.
+    """
 
     id: int
     text: str
@@ -48,7 +66,13 @@ class Question:
 
 @dataclass(frozen=True)
 class SceneQuestions:
-    """All questions of one video."""
+    """All questions of one video.
+
+    Attributes:
+        scene_index: index of the video.
+        video_filename: file name of the video.
+        questions: the questions.
+    """
 
     scene_index: int
     video_filename: str
@@ -56,17 +80,21 @@ class SceneQuestions:
 
 
 def iterate_questions(path: str | Path) -> Iterator[SceneQuestions]:
-    """Scenes of a question file one by one; large files are never held whole.
+    """Yield the scenes of a question file one by one, without reading the whole file into memory.
 
     Raises:
-        DataError: names the file, the position inside the JSON, and what was expected there.
+        DataError: names the file, the location in the file and what was expected there.
     """
     for i, scene in enumerate(iterate_list(path)):
         yield _scene(scene, f"{path}: [{i}]")
 
 
 def read_questions(path: str | Path) -> list[SceneQuestions]:
-    """All scenes of a question file; raises as `iterate_questions`."""
+    """Read all scenes of a question file.
+
+    Raises:
+        DataError: names the file, the location in the file and what was expected there.
+    """
     return list(iterate_questions(path))
 
 
@@ -76,7 +104,7 @@ def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
 
 
 def without_answers(scene: SceneQuestions) -> SceneQuestions:
-    """The same questions as the test split has them: without answers and programs."""
+    """The same questions without answers and programs, as in the test split."""
     questions = []
     for q in scene.questions:
         choices = tuple(replace(c, program=None, answer=None) for c in q.choices)
@@ -116,12 +144,12 @@ def _question(question: Any, where: str) -> Question:
         raise DataError(f"{where}.question_type: {kind!r}; expected one of {', '.join(QUESTION_TYPES)}")
     choices = []
     for i, choice in enumerate(question.get("choices") or []):
-        position = f"{where}.choices[{i}]"
+        choice_where = f"{where}.choices[{i}]"
         answer = choice.get("answer") if isinstance(choice, dict) else None
         if answer not in (None, "correct", "wrong"):
-            raise DataError(f"{position}.answer: {answer!r}; expected correct or wrong")
-        text, number = get(choice, "choice", str, position), get(choice, "choice_id", int, position)
-        choices.append(Choice(number, text, _program(choice, position), answer))
+            raise DataError(f"{choice_where}.answer: {answer!r}; expected correct or wrong")
+        text, number = get(choice, "choice", str, choice_where), get(choice, "choice_id", int, choice_where)
+        choices.append(Choice(number, text, _program(choice, choice_where), answer))
     if bool(choices) == (kind == "descriptive"):
         raise DataError(f"{where}: a {kind} question with {len(choices)} choices")
     return Question(

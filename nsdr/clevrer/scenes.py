@@ -1,6 +1,6 @@
-"""Scenes from CLEVRER's own truth: annotations, ground-truth blocks and the generator's truth files.
+"""Scenes from ground truth: CLEVRER's annotations and ground-truth blocks, and truth files of generated videos.
 
-The rules (what counts as visible, entering, moving, colliding) are those that make CLEVRER's answers come out.
+The rules for what counts as visible, entering, moving and colliding are those that reproduce CLEVRER's answers.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from nsdr.errors import DataError
 from nsdr.types import Event, Scene, SceneObject
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
+from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = [
     "collisions_in_view",
@@ -24,7 +25,13 @@ __all__ = [
 
 
 def enter_exit_events(visible: NDArray[np.bool_]) -> list[Event]:
-    """Events from visibility (n_objects, n_frames): enter = first visible frame after an invisible one, exit = the reverse."""
+    """Entrances and exits, in order of object and frame.
+
+    An object enters at a visible frame after an invisible one, and exits at an invisible frame after a visible one.
+
+    Args:
+        visible: (n_objects, n_frames) bool.
+    """
     events = []
     change = np.diff(visible.astype(np.int8), axis=1)
     for i, frame in np.argwhere(change != 0):
@@ -33,10 +40,14 @@ def enter_exit_events(visible: NDArray[np.bool_]) -> list[Event]:
 
 
 def collisions_in_view(collisions: Iterable[Event], visible: NDArray[np.bool_]) -> list[Event]:
-    """Observed collisions as the ground truth counts them.
+    """Observed collisions as counted by the ground truth.
 
-    A collision with neither object visible at its frame is dropped; with one of them invisible it counts at the first
-    later frame in which both are visible, or never.
+    A collision in which neither object is visible is dropped. If only one is visible, the collision is counted at the first
+    later frame in which both are, and dropped if there is none.
+
+    Args:
+        collisions: events at their physical frames.
+        visible: (n_objects, n_frames) bool.
     """
     kept = []
     for event in collisions:
@@ -51,10 +62,13 @@ def collisions_in_view(collisions: Iterable[Event], visible: NDArray[np.bool_]) 
 
 
 def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
-    """Scene of an annotation file's content: observed events and motion.
+    """The scene of an annotation, with observed events and motion.
+
+    Args:
+        annotation: content of an annotation file.
 
     Raises:
-        DataError: a missing key or unknown attribute.
+        DataError: a missing key or unknown attribute word.
     """
     try:
         objects = _objects(annotation["object_property"], "object_id")
@@ -68,18 +82,18 @@ def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
 
 
 def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> Scene:
-    """Scene of a generator's `truth_S.json`: observed, unseen and counterfactual events, all known.
+    """The scene of a generated video's `truth_S.json`, with observed, unseen and counterfactual events and motion.
 
     Args:
-        truth: `objects`, `frames` (all 7/5 of the video), `collisions` and `counterfactual`.
-        n_frames: how many of the frames the video shows; None takes the file's own `n_frames`, or else 128.
+        truth: `objects`, `frames` (7/5 of the video's), `collisions` and `counterfactual`.
+        n_frames: number of frames that the video shows; None takes the file's `n_frames`, or 128 if it has none.
 
     Raises:
-        DataError: a missing key or unknown attribute.
+        DataError: a missing key or unknown attribute word.
     """
     try:
         objects = _objects(truth["objects"], "object_id")
-        n_frames = n_frames or truth.get("n_frames", 128)
+        n_frames = n_frames or truth.get("n_frames", VIDEO_FRAMES)
         visible, moving = _visible_and_moving(truth["frames"][:n_frames], len(objects))
         collisions = _collisions(truth["collisions"])
         counterfactual = {int(removed): tuple(_collisions(rows)) for removed, rows in truth["counterfactual"].items()}
@@ -91,15 +105,24 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
 
 
 def speed_world_per_s(step_world: NDArray[Any], frames: ArrayLike) -> NDArray[Any]:
-    """Speed in world units per second of steps (..., 2) on the ground that take a number of frames (broadcast)."""
+    """Speeds (...) of displacements on the ground (world units/s).
+
+    Args:
+        step_world: (..., 2) displacements (world units).
+        frames: number of frames that each displacement takes, broadcast against (...).
+    """
     return np.asarray(np.linalg.norm(step_world / (np.asarray(frames) * FRAME_SECONDS), axis=-1))
 
 
-def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = 128) -> Scene:
-    """Scene of a `ground_truth` block (or a row of the compact truth): observed events; motion is not known.
+def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:
+    """The scene of a `ground_truth` block, with observed events; motion is not known.
+
+    Args:
+        block: `objects`, `in_outs` and `collisions`, from `read_ground_truth` or `read_truth`.
+        n_frames: number of frames of the video.
 
     Raises:
-        DataError: a missing key or unknown attribute.
+        DataError: a missing key or unknown attribute word.
     """
     try:
         objects = _objects(block["objects"], "id")

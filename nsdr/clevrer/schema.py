@@ -1,4 +1,4 @@
-"""Checked access to values inside JSON documents: errors name the position and what was expected."""
+"""Checked access to values in JSON documents: errors name the location in the file and what was expected there."""
 
 import json
 from collections.abc import Iterator
@@ -13,13 +13,20 @@ __all__ = ["check_objects", "get", "iterate_list", "scene_object"]
 
 T = TypeVar("T")
 CHUNK_CHARACTERS = 1 << 16
+"""Number of characters read at a time by `iterate_list`."""
 
 
 def get(holder: Any, key: str, kind: type[T] | tuple[type[T], ...], where: str) -> T:
-    """`holder[key]`, of a type.
+    """`holder[key]`, checked.
+
+    Args:
+        holder: a JSON object.
+        key: the key.
+        kind: expected type or types of the value.
+        where: location of `holder` in the file, for error messages.
 
     Raises:
-        DataError: `holder` is no object, or the key is missing or of another type.
+        DataError: `holder` is not a JSON object, the key is missing, or the value is of another type.
     """
     if not isinstance(holder, dict):
         raise DataError(f"{where}: expected an object, got {type(holder).__name__}")
@@ -33,10 +40,15 @@ def get(holder: Any, key: str, kind: type[T] | tuple[type[T], ...], where: str) 
 
 
 def scene_object(row: Any, number: int, where: str) -> SceneObject:
-    """The object described by `color`, `material` and `shape`.
+    """The object that a row describes with `color`, `material` and `shape`.
+
+    Args:
+        row: a JSON object.
+        number: id of the object.
+        where: location of `row` in the file, for error messages.
 
     Raises:
-        DataError: an unknown or missing word.
+        DataError: an unknown or missing attribute word.
     """
     words = {}
     for name, known in ATTRIBUTES.items():
@@ -47,10 +59,15 @@ def scene_object(row: Any, number: int, where: str) -> SceneObject:
 
 
 def check_objects(rows: Any, key: str, where: str) -> tuple[SceneObject, ...]:
-    """Objects listed with ids 0, 1, ... under `key`, no attribute triple twice.
+    """The objects of a list of rows with ids 0, 1, ... under `key` and unique attribute triples.
+
+    Args:
+        rows: JSON objects.
+        key: key of the id.
+        where: location of the list in the file, for error messages.
 
     Raises:
-        DataError: an unknown word, ids out of order, or a triple that occurs twice.
+        DataError: an unknown attribute word, ids out of order, or a repeated triple.
     """
     objects: list[SceneObject] = []
     for i, row in enumerate(rows):
@@ -64,10 +81,10 @@ def check_objects(rows: Any, key: str, where: str) -> tuple[SceneObject, ...]:
 
 
 def iterate_list(path: str | Path) -> Iterator[Any]:
-    """Items of a file that holds one JSON list, read piece by piece.
+    """Yield the items of a file that holds one JSON list, without reading the whole file into memory.
 
     Raises:
-        DataError: missing, not a list, or broken; names the file and the item.
+        DataError: the file is missing, is not a list, or is not valid JSON; names the file and the item.
     """
     try:
         with open(path, encoding="utf-8") as file:
@@ -80,50 +97,50 @@ def iterate_list(path: str | Path) -> Iterator[Any]:
 
 def _items(file: IO[str], name: str) -> Iterator[Any]:
     decoder = json.JSONDecoder()
-    text, position, number, ended = "", 0, 0, False
+    text, offset, number, ended = "", 0, 0, False
 
-    def more() -> bool:
-        """Read on; False at the end of the file."""
-        nonlocal text, position, ended
-        piece = file.read(CHUNK_CHARACTERS)
-        ended = not piece
-        text, position = text[position:] + piece, 0
+    def read_chunk() -> bool:
+        """Read the next chunk; False at the end of the file."""
+        nonlocal text, offset, ended
+        chunk = file.read(CHUNK_CHARACTERS)
+        ended = not chunk
+        text, offset = text[offset:] + chunk, 0
         return not ended
 
-    def next_mark() -> str:
-        """The next character that is no white space."""
-        nonlocal position
+    def next_character() -> str:
+        """The next character that is not white space; empty at the end of the file."""
+        nonlocal offset
         while True:
-            while position < len(text) and text[position].isspace():
-                position += 1
-            if position < len(text):
-                return text[position]
-            if not more():
+            while offset < len(text) and text[offset].isspace():
+                offset += 1
+            if offset < len(text):
+                return text[offset]
+            if not read_chunk():
                 return ""
 
-    if next_mark() != "[":
+    if next_character() != "[":
         raise DataError(f"{name}: expected a JSON list")
-    position += 1
-    if next_mark() == "]":
+    offset += 1
+    if next_character() == "]":
         return
     while True:
-        next_mark()
+        next_character()
         try:
-            item, end = decoder.raw_decode(text, position)
-            # A number at the end of the piece may go on in the next one.
+            item, end = decoder.raw_decode(text, offset)
+            # A number at the end of the chunk may continue in the next one.
             complete = end < len(text) or ended
         except json.JSONDecodeError as e:
-            if not more():
-                raise DataError(f"{name}: [{number}]: not readable as JSON ({e.msg}); the file may be cut off") from e
+            if not read_chunk():
+                raise DataError(f"{name}: [{number}]: not valid JSON ({e.msg}); the file may be truncated") from e
             continue
         if not complete:
-            more()
+            read_chunk()
             continue
         yield item
-        position, number = end, number + 1
-        mark = next_mark()
-        if mark == "]":
+        offset, number = end, number + 1
+        character = next_character()
+        if character == "]":
             return
-        if mark != ",":
-            raise DataError(f"{name}: [{number}]: expected , or ], got {mark!r}; the file may be cut off")
-        position += 1
+        if character != ",":
+            raise DataError(f"{name}: [{number}]: expected , or ], got {character!r}; the file may be truncated")
+        offset += 1

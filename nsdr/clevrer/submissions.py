@@ -1,4 +1,4 @@
-"""Submission files for the test split (EvalAI)."""
+"""Submission files of answers to the test split (EvalAI)."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -12,10 +12,11 @@ __all__ = ["read_submission", "submission_document", "write_submission"]
 
 
 def submission_document(results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The submission of results as `nsdr.evaluation.score.evaluate` lists them; scenes and questions in ascending order.
+    """Make a submission from results, with scenes and questions in ascending order.
 
     Args:
-        results: each with `scene_index`, `question_id`, and `answer` or `choices: [{choice_id, answer}]`.
+        results: rows as listed by `nsdr.evaluation.score.evaluate`: `scene_index`, `question_id`, and `answer` or
+            `choices: [{choice_id, answer}]`. A row with neither is submitted as the answer "error".
     """
     scenes: dict[int, list[dict[str, Any]]] = {}
     for result in results:
@@ -37,10 +38,10 @@ def write_submission(path: str | Path, results: Iterable[Mapping[str, Any]]) -> 
 
 
 def read_submission(path: str | Path) -> list[dict[str, Any]]:
-    """The content of a submission file, checked.
+    """Read and check a submission file.
 
     Raises:
-        DataError: names the file, the position inside the JSON and what was expected there.
+        DataError: names the file, the location in the file and what was expected there.
     """
     content = read_json(path)
     if not isinstance(content, list):
@@ -49,15 +50,14 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
         where = f"{path}: [{s}]"
         get(scene, "scene_index", int, where)
         for q, question in enumerate(get(scene, "questions", list, where)):
-            position = f"{where}.questions[{q}]"
-            get(question, "question_id", int, position)
+            question_where = f"{where}.questions[{q}]"
+            get(question, "question_id", int, question_where)
             if "choices" not in question:
-                get(question, "answer", str, position)
+                get(question, "answer", str, question_where)
                 continue
-            for c, choice in enumerate(get(question, "choices", list, position)):
-                get(choice, "choice_id", int, f"{position}.choices[{c}]")
-                if get(choice, "answer", str, f"{position}.choices[{c}]") not in ("correct", "wrong"):
-                    raise DataError(
-                        f"{position}.choices[{c}].answer: expected correct or wrong, got {choice['answer']!r}"
-                    )
+            for c, choice in enumerate(get(question, "choices", list, question_where)):
+                choice_where = f"{question_where}.choices[{c}]"
+                get(choice, "choice_id", int, choice_where)
+                if get(choice, "answer", str, choice_where) not in ("correct", "wrong"):
+                    raise DataError(f"{choice_where}.answer: expected correct or wrong, got {choice['answer']!r}")
     return content

@@ -1,4 +1,4 @@
-"""Ground-truth blocks of many videos in one gzipped JSON list: objects, entrances, exits and collisions."""
+"""Ground-truth blocks of many videos in one gzipped JSON list."""
 
 import gzip
 import json
@@ -11,10 +11,13 @@ __all__ = ["read_truth"]
 
 
 def read_truth(path: str | Path) -> dict[int, dict[str, Any]]:
-    """Ground-truth blocks by video index from a gzipped JSON list.
+    """Read ground-truth blocks from a gzipped JSON list.
+
+    Returns:
+        Blocks by video index, each with `objects`, `in_outs` and `collisions` (see `scene_from_ground_truth`).
 
     Raises:
-        DataError: a missing or unreadable file.
+        DataError: the file is missing or not such a list.
     """
     try:
         rows = json.loads(gzip.decompress(Path(path).read_bytes()))

@@ -1,7 +1,4 @@
-"""The released executor's rule for collisions from motion alone (its variant NE), on the samples of its prediction files.
-
-Positions are (row, column) on the 100x150 grid, by sample frame.
-"""
+"""The released executor's rule that detects collisions from motion alone (its variant NE), on samples of prediction files."""
 
 from collections.abc import Sequence
 
@@ -10,21 +7,27 @@ from nsdr.types import Event
 __all__ = ["GridPath", "GridPosition", "velocity_collisions"]
 
 GridPosition = tuple[float, float]
+"""Position (row, column) on the 100x150 grid."""
 GridPath = dict[int, GridPosition]
 """Grid position by sample frame."""
 
 MIN_CHANGE_GRID_PER_FRAME, MAX_CHANGE_GRID_PER_FRAME = 0.1, 5.0
-"""Range of changes of velocity that count as a collision."""
+"""Range of velocity changes that count as a collision (grid units per frame). Source: the released executor."""
 PARTNER_DISTANCE_GRID = 20.0
-"""Objects farther apart than this do not collide."""
+"""Distance between two objects from which on they do not collide (grid units). Source: the released executor."""
 
 
 def velocity_collisions(paths: Sequence[GridPath]) -> list[Event]:
-    """Collisions read from motion alone (NE).
+    """Detect collisions from motion alone (NE).
 
-    For each object in order of id, samples where its velocity changes by a strict local maximum between 0.1 and 5 grid units a
-    frame, never the first or last; the partner is the nearest visible object closer than 20 grid units; each pair once, in
-    order of discovery.
+    An object collides at samples where its change of velocity is a strict local maximum between 0.1 and 5 grid units per
+    frame, except the first and last sample. Its partner is the nearest visible object closer than 20 grid units.
+
+    Args:
+        paths: grid positions of each object, in order of id.
+
+    Returns:
+        One event per pair, in order of detection: by object, then by frame.
     """
     found: dict[tuple[int, int], int] = {}
     for i, path in enumerate(paths):

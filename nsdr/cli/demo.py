@@ -14,7 +14,7 @@ __all__ = ["run_demo"]
 
 def run_demo(checkpoint: str | Path = "default", image: str | Path = "nsdr_demo.png") -> int:
     """Perceive the clip, answer its questions from pixels, compare with the truth, write an annotated image."""
-    from nsdr.cli.commands import write_annotated_image
+    from nsdr.visualize import write_annotated_image
 
     pipeline = Pipeline.from_pretrained(checkpoint)
     print(f"Watching {VIDEO.name} ...")

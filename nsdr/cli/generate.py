@@ -11,7 +11,8 @@ from nsdr.clevrer.questions import write_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
-from nsdr.generate.physics.scene import SceneConfig, simulate_scene
+from nsdr.generate.physics.scene import simulate_scene
+from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import truth_document

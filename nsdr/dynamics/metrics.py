@@ -1,4 +1,4 @@
-"""How well predicted collisions and motion agree with what happened."""
+"""Agreement of predicted collisions and motion with what happened."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -39,11 +39,14 @@ class Continues(Protocol):
 def rollout_errors(
     predictor: Continues, scenes: Sequence[MotionStates], starts: Sequence[int] = (60, 80, 100)
 ) -> dict[str, float]:
-    """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames on.
+    """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames ahead.
 
-    Objects that have no position in the rollout are left out.
+    A rollout sees the frames before its start only. Objects without a position in the rollout are left out.
 
-    The rollout sees the frames before `start` only.
+    Args:
+        predictor: continues motion.
+        scenes: real motion.
+        starts: first frames that the rollouts do not see.
     """
     distances: dict[int, list[float]] = {10: [], 25: [], 50: []}
     for states in scenes:

@@ -19,11 +19,11 @@ SPEED_WINDOW_FRAMES = 11
 
 
 def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
-    """Scene of the dynamics predictor's output: observed, unseen and counterfactual events, and motion.
+    """Scene of a dynamics backend's output: observed, unseen and counterfactual events, and motion.
 
     An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, it moves when it is
-    faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the one asked about and in those from it on: so
-    it rests until it is hit, and rests as soon as it has stopped.
+    faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the current one and in those from it on: so it is
+    at rest until it is hit, and as soon as it has stopped.
     """
     n_frames = prediction.n_frames
     visible = prediction.observed.visible[:, :n_frames]
@@ -49,8 +49,8 @@ def _speed(location_world: NDArray[np.floating[Any]], window: int = SPEED_WINDOW
     if window < 2:
         return np.zeros((n, frames))
     time = (np.arange(window) - (window - 1) / 2) * FRAME_SECONDS
-    pieces = np.lib.stride_tricks.sliding_window_view(location_world, window, axis=1)  # (n, F - window + 1, 2, window)
-    slope = np.linalg.norm(pieces @ (time / (time @ time)), axis=-1)
+    windows = np.lib.stride_tricks.sliding_window_view(location_world, window, axis=1)  # (n, F - window + 1, 2, window)
+    slope = np.linalg.norm(windows @ (time / (time @ time)), axis=-1)
     missing = np.full((n, window - 1), np.inf)
     speed = np.minimum(np.concatenate([missing, slope], 1), np.concatenate([slope, missing], 1))
     # Where a short video has neither window, the nearest one will do.

@@ -1,7 +1,7 @@
 """Tracks smoothed by physics: speeds, and entrance and exit frames, once the collisions are known.
 
 Between its collisions every object slides freely, so each stretch of a track is fitted by the law of
-`nsdr.dynamics.physics.sliding`.
+`nsdr.dynamics.sliding`.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
-from nsdr.dynamics.physics.sliding import fit_sliding, slide
+from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
 from nsdr.world.camera import on_ground

@@ -20,25 +20,25 @@ __all__ = ["VelocityConfig", "VelocityEvents", "velocity_collisions"]
 FloatArray = NDArray[np.floating[Any]]
 RULES = ("paper", "tuned")
 NEAR_FRAMES = 2
-"""So many frames around a change the partner's position and change are looked for."""
+"""Frames around a change of velocity in which the partner must be near and change its own velocity."""
 LEAD_FRAMES = 20
-"""So much of the video is looked at for collisions after it."""
+"""Last frames of the video that the search for collisions after it starts from."""
 CHANGED_WORLD = 0.1
-"""A partner that changes its velocity, too, may be so much further away than one that does not."""
+"""A partner whose velocity changes as well may be this much farther away (world units) than one whose velocity does not."""
 
 
 @dataclass(frozen=True)
 class VelocityConfig:
-    """How collisions are read from motion.
+    """How collisions are detected from motion. The tuned rule was set on tracks of left-out scenes of `train`.
 
     Attributes:
-        rule: "paper" is the released code's, on samples in the image; "tuned" works on the ground at every frame.
+        rule: "paper" is the released executor's, on samples in the image; "tuned" works on the ground plane at every frame.
         stride_frames: "paper": frames between samples.
-        span_frames: "tuned": velocities are means over so many frames before and after.
-        min_change: "tuned": of velocity, world units a frame. Set, as the others, on tracks of left-out scenes of `train`.
+        span_frames: "tuned": velocities are means over this many frames before and after (frames).
+        min_change: "tuned": smallest change of velocity that counts (world units per frame).
         partner_share: "tuned": share of `min_change` that the other object must change by.
-        reach_world: "tuned": largest gap of the two objects' outlines, taken as circles.
-        pause_frames: "tuned": changes of one object so near to each other are one.
+        reach_world: "tuned": largest gap between the two objects, taken as circles (world units).
+        pause_frames: "tuned": changes of one object closer in time than this are one change (frames).
     """
 
     rule: str = "tuned"
@@ -51,10 +51,10 @@ class VelocityConfig:
 
 
 class VelocityEvents:
-    """A backend whose collisions are all read from motion: the video's from the tracks, the others from its rollouts.
+    """A backend whose collisions are all detected from motion: the video's from the tracks, the others from its rollouts.
 
     Args:
-        backend: predicts motion, knowing the video's collisions as far as the rule finds them.
+        backend: predicts motion, given the video's collisions as far as the rule detects them.
         config: the rule.
 
     Raises:
@@ -67,8 +67,14 @@ class VelocityEvents:
         if self.config.rule not in RULES:
             raise DataError(f"rule is {self.config.rule!r}; expected one of {', '.join(RULES)}")
 
+    def to(self, device: str) -> "VelocityEvents":
+        """Move the backend's networks to a device."""
+        if hasattr(self.backend, "to"):
+            self.backend.to(device)
+        return self
+
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
-        """Motion with collisions where it changes; see `StatePredictor`."""
+        """Motion with collisions where it changes; see `DynamicsBackend`."""
         states = states_from_tracks(tracks)
         seen = Rollout(states.location_world, states.present, ())
         before = velocity_collisions(seen, self.config) if observed is None else tuple(observed)
@@ -80,19 +86,19 @@ class VelocityEvents:
             k: replace(without, collisions=velocity_collisions(without, self.config))
             for k, without in prediction.counterfactual.items()
         }
-        course = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None)
-        return replace(prediction, observed=course, counterfactual=counterfactual)
+        rollout = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None)
+        return replace(prediction, observed=rollout, counterfactual=counterfactual)
 
 
-def _from(course: Rollout, frame: int) -> Rollout:
-    """The course with nothing known before a frame."""
-    known = np.arange(course.visible.shape[1]) >= frame
-    location = np.where(known[:, None], course.location_world, np.nan)
-    return replace(course, location_world=location, visible=course.visible & known)
+def _from(rollout: Rollout, frame: int) -> Rollout:
+    """The rollout with nothing known before a frame."""
+    known = np.arange(rollout.visible.shape[1]) >= frame
+    location = np.where(known[:, None], rollout.location_world, np.nan)
+    return replace(rollout, location_world=location, visible=rollout.visible & known)
 
 
 def velocity_collisions(rollout: Rollout, config: VelocityConfig) -> tuple[Event, ...]:
-    """Collisions of one course, each pair once, by frame."""
+    """Collisions of one rollout, each pair once, by frame."""
     found = _in_image(rollout, config) if config.rule == "paper" else _on_ground(rollout, config)
     return tuple(sorted(found, key=lambda e: e.frame))
 
@@ -107,14 +113,14 @@ def _in_image(rollout: Rollout, config: VelocityConfig) -> list[Event]:
 
 
 def _on_ground(rollout: Rollout, config: VelocityConfig) -> list[Event]:
-    """A pair collides where one's velocity changes most of all times at which the other is near and changes its own."""
+    """A pair collides where one object's velocity changes most while the other is near and changes its own."""
     position, span = rollout.location_world, config.span_frames
     n, frames = rollout.visible.shape
     if frames <= 2 * span:
         return []
-    way = (position[:, span:] - position[:, :-span]) / span
+    step = (position[:, span:] - position[:, :-span]) / span
     change = np.zeros((n, frames))
-    change[:, span : frames - span] = np.nan_to_num(np.linalg.norm(way[:, span:] - way[:, :-span], axis=-1))
+    change[:, span : frames - span] = np.nan_to_num(np.linalg.norm(step[:, span:] - step[:, :-span], axis=-1))
     found: dict[tuple[int, ...], tuple[float, int]] = {}
     for i in range(n):
         taken = np.zeros(frames, bool)

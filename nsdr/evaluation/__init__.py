@@ -1,0 +1,22 @@
+"""Runs the pipeline over many videos, scores its answers, and makes the tables of `results/`."""
+
+from nsdr.evaluation.batch import parse_videos, predict_dynamics
+from nsdr.evaluation.experiments import run_experiment
+from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.runner import EvaluationConfig, run_evaluation
+from nsdr.evaluation.score import evaluate, format_table
+from nsdr.evaluation.sources import SOURCES, PerceptionInput, SceneSource
+
+__all__ = [
+    "SOURCES",
+    "EvaluationConfig",
+    "PerceptionInput",
+    "SceneSource",
+    "evaluate",
+    "format_table",
+    "parse_videos",
+    "predict_dynamics",
+    "run_evaluation",
+    "run_experiment",
+    "wilson_interval",
+]

@@ -1,64 +1,58 @@
-"""Whole folders of videos or proposals -> scenes: many processes, resumable, one failure does not stop the rest."""
+"""Whole folders of videos or proposals: many processes, resumable, one failure does not stop the others."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from nsdr.clevrer.predictions import predictions_document
 from nsdr.clevrer.proposals import proposals_document, read_compact_proposals, read_proposals
+from nsdr.dynamics.registry import checkpoint_folders
 from nsdr.errors import DataError
 from nsdr.io import storage
+from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import write_json
-from nsdr.io.tasks import run_tasks
-from nsdr.pipeline import Pipeline
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.runner import Job, Summary, run_jobs
+from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 
-__all__ = ["Summary", "parse_videos", "predict_dynamics"]
+__all__ = ["parse_videos", "predict_dynamics", "video_number"]
 
 FORMATS = ("predictions", "scenes")
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What became of the inputs: names done now, names done before, and the errors of those that failed."""
-
-    done: tuple[str, ...]
-    skipped: tuple[str, ...]
-    failed: Mapping[str, str]
 
 
 def parse_videos(
     videos: str | Path,
     output: str | Path,
     checkpoint: str = "default",
-    stride: int = 1,
+    settings: PipelineConfig | None = None,
     engine: str = "processes",
     workers: int = 0,
-    dynamics: str = "physics",
 ) -> Summary:
-    """Write `scene_N.json` and `proposal_N.json` for every video of a folder; those that are there already are skipped.
+    """Write `scene_N.json` and `proposal_N.json` for every video of a folder.
+
+    What an earlier run wrote is kept while its video, the settings, the weights and the code are the same.
 
     Args:
-        videos: folder with `*.mp4`, searched below, too.
+        videos: folder with `*.mp4`, searched recursively.
         output: folder to write; `failures.json` in it names what failed and why.
         checkpoint: weights.
-        stride: of the frame parser.
+        settings: of perception; None for the defaults.
         engine: "processes" or "ray".
-        workers: processes, 0 for one a CPU core.
-        dynamics: backend of the dynamics predictor, or its YAML file.
+        workers: number of processes; 0 is one per CPU core.
 
     Raises:
-        DataError: the folder holds no videos.
+        DataError: the folder holds no videos, or two that would be written to the same file.
     """
     paths = sorted(Path(videos).rglob("*.mp4"))
     if not paths:
         raise DataError(f"{videos}: holds no *.mp4")
-    jobs = {p.name: (p, Path(output) / f"scene_{_number(p)}.json") for p in paths}
-    return _each(partial(_parse_video, checkpoint, dynamics, stride), jobs, Path(output), engine, workers)
+    found = _by_number({str(p.relative_to(videos)): p for p in paths})
+    settings = settings or PipelineConfig()
+    jobs = _jobs(found, Path(output), "scene", checkpoint, settings, "videos")
+    return run_jobs(partial(_parse_video, checkpoint, settings), jobs, output, engine, workers)
 
 
 def predict_dynamics(
@@ -66,74 +60,80 @@ def predict_dynamics(
     output: str | Path,
     form: str = "predictions",
     checkpoint: str = "default",
+    settings: PipelineConfig | None = None,
     engine: str = "processes",
     workers: int = 0,
-    dynamics: str = "physics",
 ) -> Summary:
     """Write the motion and collisions of every proposal file: observed, after the video, and with each object removed.
 
     Args:
         proposals: folder with `proposal_N.json` or `sim_N.json` (also gzipped), or a compact NPZ.
-        output: folder to write; what is there already is skipped, and `failures.json` names what failed and why.
+        output: folder to write, as of `parse_videos`.
         form: "predictions" writes the research code's `sim_N.json`, which the released executor reads; "scenes" writes our
             `scene_N.json`.
-        checkpoint, engine, workers, dynamics: as of `parse_videos`.
+        checkpoint: weights.
+        settings: of perception; None for the defaults.
+        engine: "processes" or "ray".
+        workers: number of processes; 0 is one per CPU core.
 
     Raises:
-        DataError: an unknown form, or there are no proposals.
+        DataError: an unknown form, no proposals, or two files that would be written to the same one.
     """
     if form not in FORMATS:
         raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
-    stem = "sim" if form == "predictions" else "scene"
     source = Path(proposals)
+    found: dict[str, tuple[str, Any]]
     if source.is_file():
-        found: dict[str, Any] = {f"{video:05d}": (video, p) for video, p in read_compact_proposals(source)}
+        found = {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(source)}
     else:
         names = ("proposal_*.json", "proposal_*.json.gz", "sim_*.json", "sim_*.json.gz")
-        found = {_number(p): p for name in names for p in sorted(source.rglob(name))}
+        found = _by_number({str(p.relative_to(source)): p for name in names for p in sorted(source.rglob(name))})
     if not found:
         raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")
-    jobs = {number: (item, Path(output) / f"{stem}_{number}.json") for number, item in found.items()}
-    return _each(partial(_predict, checkpoint, dynamics, form), jobs, Path(output), engine, workers)
+    settings = settings or PipelineConfig()
+    stem = "sim" if form == "predictions" else "scene"
+    jobs = _jobs(found, Path(output), stem, checkpoint, settings, form)
+    return run_jobs(partial(_predict, checkpoint, settings, form), jobs, output, engine, workers)
 
 
-def _number(path: Path) -> str:
+def video_number(path: Path) -> str:
+    """What tells a video's files apart: the last part of its name, "00012" of `video_00012.mp4`."""
     return path.name.split(".")[0].split("_")[-1]
 
 
-def _each(
-    function: Callable[[tuple[Any, Path]], None],
-    jobs: Mapping[str, tuple[Any, Path]],
-    output: Path,
-    engine: str,
-    workers: int,
-) -> Summary:
-    """Do `function((input, file to write))` for all jobs whose file is not there yet."""
-    skipped = [name for name, (_, path) in jobs.items() if path.exists()]
-    left: Sequence[tuple[Any, Path]] = [job for name, job in jobs.items() if name not in set(skipped)]
-    names = {path: name for name, (_, path) in jobs.items()}
-    done, failed = [], {}
-    outcomes = run_tasks(function, left, engine, workers)
-    for outcome in tqdm(outcomes, total=len(jobs), initial=len(skipped), unit="video", desc="videos"):
-        name = names[outcome.item[1]]
-        if outcome.error:
-            failed[name] = outcome.error
-        else:
-            done.append(name)
-    write_json(output / "failures.json", dict(sorted(failed.items())), indent=1)
-    return Summary(tuple(sorted(done)), tuple(skipped), failed)
+def _by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:
+    """(name, path) by number.
+
+    Raises:
+        DataError: two files have one number.
+    """
+    found: dict[str, tuple[str, Path]] = {}
+    for name, path in paths.items():
+        number = video_number(path)
+        if number in found:
+            raise DataError(f"{found[number][1]} and {path}: both are number {number}; rename one, or use two folders")
+        found[number] = (name, path)
+    return found
+
+
+def _jobs(
+    found: Mapping[str, tuple[str, Any]], output: Path, stem: str, checkpoint: str, settings: PipelineConfig, form: str
+) -> Sequence[Job[Any]]:
+    weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
+    common = fingerprint(config=[form, asdict(settings)], weights=weights).encode()
+    return [
+        Job(name, item, output / f"{stem}_{number}.json", fingerprint(inputs=[item, common]))
+        for number, (name, item) in found.items()
+    ]
 
 
 @lru_cache(maxsize=1)
-def _pipeline(checkpoint: str, dynamics: str, stride: int = 1) -> Pipeline:
-    pipeline = Pipeline.from_pretrained(checkpoint, dynamics)
-    pipeline.frame_parser.stride = stride
-    return pipeline
+def _pipeline(checkpoint: str, settings: PipelineConfig) -> Pipeline:
+    return Pipeline.from_pretrained(checkpoint, config=settings)
 
 
-def _parse_video(checkpoint: str, dynamics: str, stride: int, job: tuple[Path, Path]) -> None:
-    video, path = job
-    perception = _pipeline(checkpoint, dynamics, stride).perceive(video)
+def _parse_video(checkpoint: str, settings: PipelineConfig, video: Path, path: Path) -> None:
+    perception = _pipeline(checkpoint, settings).perceive(video)
     digits = "".join(c for c in video.stem if c.isdigit())
     assert perception.proposals is not None
     document = proposals_document(perception.proposals, int(digits or 0), video.name)
@@ -141,10 +141,9 @@ def _parse_video(checkpoint: str, dynamics: str, stride: int, job: tuple[Path, P
     storage.save(perception.scene, path)  # last: it marks the video as done
 
 
-def _predict(checkpoint: str, dynamics: str, form: str, job: tuple[Path | tuple[int, VideoProposals], Path]) -> None:
-    source, path = job
-    proposals = read_proposals(source) if isinstance(source, Path) else source[1]
-    perception = _pipeline(checkpoint, dynamics).perceive(proposals=proposals)
+def _predict(checkpoint: str, settings: PipelineConfig, form: str, source: Path | VideoProposals, path: Path) -> None:
+    proposals = read_proposals(source) if isinstance(source, Path) else source
+    perception = _pipeline(checkpoint, settings).perceive(proposals=proposals)
     if form == "scenes":
         storage.save(perception.scene, path)
     else:

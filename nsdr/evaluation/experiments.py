@@ -1,7 +1,7 @@
 """Tables from one command each: `nsdr experiment configs/experiments/NAME.yaml` writes results/NAME.json and .md.
 
-An experiment is a list of rows, each a call of `evaluate_file` or a baseline. Rows that already are in the
-results file, made from the same settings, are kept: a killed experiment goes on.
+An experiment is a list of rows, each an `EvaluationConfig`, a baseline or published numbers. Rows of the results file whose
+fingerprint is unchanged are kept: a killed experiment goes on.
 """
 
 import os
@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,13 @@ import nsdr
 from nsdr.baselines.q_type import q_type_baselines
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.errors import DataError
-from nsdr.evaluation.score import evaluate_file
+from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
 from nsdr.io.files import read_json, write_json
-from nsdr.io.fingerprint import code_revision
-from nsdr.types import Scene
+from nsdr.io.fingerprint import code_revision, fingerprint
 
 __all__ = ["ExperimentRow", "markdown_table", "read_experiment", "run_experiment"]
+
+BASELINES = ("random", "frequent")
 
 
 @dataclass(frozen=True)
@@ -33,31 +34,32 @@ class ExperimentRow:
 
     Attributes:
         name: as it stands in the table.
-        questions: question file.
-        source, data, programs, checkpoint, dynamics, collisions, semantics, exclude: as of `evaluate_file`.
-        types: question types to answer.
-        every: takes every so-manieth scene of those with such questions.
-        truth_source, truth: scenes whose observed collisions take the position of predicted ones; "" for none.
-        baseline: "random" or "frequent": Q-type baselines, whose frequencies are counted on the questions themselves.
-        published: numbers to print instead of measuring, one for descriptive and two for each other type.
+        evaluation: what is measured; None for published numbers.
+        baseline: "random" or "frequent" for Q-type baselines, whose frequencies are counted on the questions themselves; "" to
+            run the evaluation.
+        published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
     """
 
     name: str
-    questions: str = ""
-    source: str = "proposals"
-    data: str = ""
-    programs: str = "parsed"
-    checkpoint: str = "default"
-    dynamics: str = "physics"
-    collisions: str = "predicted"
-    semantics: str = "paper"
-    exclude: Sequence[int] = ()
-    types: Sequence[str] = QUESTION_TYPES
-    every: int = 1
-    truth_source: str = ""
-    truth: str = ""
+    evaluation: EvaluationConfig | None
     baseline: str = ""
-    published: Sequence[float] = field(default=())
+    published: tuple[float, ...] = ()
+
+    def settings(self) -> dict[str, Any]:
+        """The row as plain values, for the results file."""
+        evaluation = {} if self.evaluation is None else asdict(self.evaluation)
+        for name in ("cache", "engine", "workers"):
+            evaluation.pop(name, None)
+        row = {"name": self.name, "baseline": self.baseline, "published": list(self.published)}
+        return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
+
+    def fingerprint(self) -> str:
+        """Of everything the row's numbers depend on."""
+        if self.evaluation is None:
+            return fingerprint(config=self.settings())
+        if self.baseline:
+            return fingerprint(inputs=[Path(self.evaluation.questions)], config=self.settings())
+        return evaluation_fingerprint(self.evaluation)
 
 
 def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
@@ -69,9 +71,23 @@ def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
     try:
         content = yaml.safe_load(Path(path).read_text())
         common = content.get("common", {})
-        return content["title"], [ExperimentRow(**{**common, **row}) for row in content["rows"]]
-    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as e:
+        return content["title"], [_row({**common, **row}) for row in content["rows"]]
+    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError, DataError) as e:
         raise DataError(f"{path}: not an experiment file ({e}); see configs/experiments") from e
+
+
+def _row(values: dict[str, Any]) -> ExperimentRow:
+    name, baseline = values.pop("name"), values.pop("baseline", "")
+    published = tuple(values.pop("published", ()))
+    known = {f.name for f in fields(EvaluationConfig)}
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise DataError(f"unknown key {unknown[0]!r} in row {name!r}")
+    if baseline and baseline not in BASELINES:
+        raise DataError(f"baseline is {baseline!r}; expected {' or '.join(BASELINES)}")
+    if published:
+        return ExperimentRow(name, None, "", published)
+    return ExperimentRow(name, EvaluationConfig(**values), baseline)
 
 
 def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
@@ -91,43 +107,23 @@ def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
     file = Path(output) / f"{Path(path).stem}.json"
     known = {row["settings"]["name"]: row for row in read_json(file)["rows"]} if file.exists() else {}
     done: list[dict[str, Any]] = []
-    made: dict[Any, Scene] = {}
     for row in rows:
-        settings = {**asdict(row), "exclude": list(row.exclude), "types": list(row.types)}
-        settings["published"] = list(row.published)
-        before = known.get(row.name)
-        if before is None or before["settings"] != settings:
-            before = {"settings": settings, **_measured(row, made)}
-        done.append(before)
+        value = row.fingerprint()
+        kept = known.get(row.name)
+        if kept is None or kept.get("fingerprint") != value:
+            kept = {"settings": row.settings(), "fingerprint": value, **_measured(row)}
+        done.append(kept)
         write_json(file, {"title": title, "command": f"nsdr experiment {path}", "rows": done}, indent=1)
     table = file.with_suffix(".md")
     table.write_text(markdown_table(title, f"nsdr experiment {path}", done))
     return table
 
 
-def _measured(row: ExperimentRow, made: dict[Any, Scene]) -> dict[str, Any]:
-    if row.published:
+def _measured(row: ExperimentRow) -> dict[str, Any]:
+    if row.evaluation is None:
         return {"table": _published(row.published)}
     start = time.time()
-    if row.baseline:
-        report = _baseline(row)
-    else:
-        truth = (row.truth_source, row.truth) if row.truth_source else None
-        report = evaluate_file(
-            row.questions,
-            row.source,
-            row.data,
-            row.programs,
-            row.checkpoint,
-            row.types,
-            row.semantics,
-            row.collisions,
-            set(row.exclude),
-            row.dynamics,
-            truth,
-            made,
-            row.every,
-        )
+    report = _baseline(row.evaluation, row.baseline) if row.baseline else run_evaluation(row.evaluation)
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},
         "failed_questions": report["errors"],
@@ -139,11 +135,9 @@ def _measured(row: ExperimentRow, made: dict[Any, Scene]) -> dict[str, Any]:
     }
 
 
-def _baseline(row: ExperimentRow) -> dict[str, Any]:
-    if row.baseline not in ("random", "frequent"):
-        raise DataError(f"baseline is {row.baseline!r}; expected random or frequent")
-    scenes = [s for s in read_questions(row.questions) if s.scene_index not in set(row.exclude)]
-    accuracy = q_type_baselines(scenes)[row.baseline]
+def _baseline(config: EvaluationConfig, baseline: str) -> dict[str, Any]:
+    scenes = [s for s in read_questions(config.questions) if s.scene_index not in set(config.exclude)]
+    accuracy = q_type_baselines(scenes)[baseline]
     report: dict[str, Any] = {"errors": 0}
     for kind in QUESTION_TYPES:
         n = _count(scenes, kind)

@@ -1,7 +1,7 @@
-"""Frames with masks and attributes, for training and evaluating the frame parser."""
+"""Frames with masks and attributes, for training and evaluation of the frame parser."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,21 +18,33 @@ from nsdr.errors import DataError
 from nsdr.io.files import read_json
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["AugmentConfig", "FrameDataset", "augment", "image_tensor"]
+__all__ = ["AugmentConfig", "FrameDataset", "augment", "collate", "image_tensor"]
 
 Target = dict[str, Tensor]
+"""Target of one image, as `AttributeRoIHeads` describes it."""
+
+EVALUATION_EVERY = 20
+"""Scenes whose index is a multiple of this are for evaluation, all others for training."""
+CHANNEL_GAIN_DIVISOR = 3
+"""The relative change of each colour channel is at most that of the brightness divided by this."""
+BLUR_KERNEL_PX = 3
+"""Side of the Gaussian blur's kernel (pixels)."""
+BLUR_SIGMA_PX = (0.3, 0.9)
+"""Smallest and largest standard deviation of the Gaussian blur (pixels)."""
+JPEG_QUALITY = (30, 90)
+"""Lowest and highest JPEG quality (0-100)."""
 
 
 @dataclass(frozen=True)
 class AugmentConfig:
-    """What real H.264 video does to a clean render; each change is drawn for every image anew.
+    """Random changes that make clean renders look like H.264 video; drawn independently for every image.
 
     Attributes:
-        flip: probability of a horizontal flip (the camera looks along the symmetry plane y = 0).
-        brightness: largest relative change of brightness, and of each colour channel at a third of it.
-        noise: largest standard deviation of pixel noise (0-255).
-        blur: probability of a slight Gaussian blur.
-        jpeg: probability of JPEG compression, at quality 30-90.
+        flip: probability of a horizontal flip (0-1). The camera lies in the plane y = 0, so that a flipped view is valid.
+        brightness: largest relative change of brightness (0-1); that of each colour channel is a third of it.
+        noise: largest standard deviation of the pixel noise (grey levels, 0-255).
+        blur: probability of a slight Gaussian blur (0-1).
+        jpeg: probability of JPEG compression at a quality of 30-90 (0-1).
     """
 
     flip: float = 0.5
@@ -45,49 +57,75 @@ class AugmentConfig:
 def augment(
     image: NDArray[np.uint8], masks: NDArray[np.uint8], config: AugmentConfig, rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Change a image (H, W, 3) and its masks (N, H, W) at random; both come back as new arrays."""
+    """Randomly changed copies of an RGB image (H, W, 3) and its masks (N, H, W)."""
     if rng.random() < config.flip:
         image, masks = image[:, ::-1], masks[:, :, ::-1]
-    gain = 1 + config.brightness * (rng.uniform(-1, 1) + rng.uniform(-1, 1, 3) / 3)
+    gain = 1 + config.brightness * (rng.uniform(-1, 1) + rng.uniform(-1, 1, 3) / CHANNEL_GAIN_DIVISOR)
     changed = image * gain + rng.normal(size=image.shape) * rng.uniform(0, config.noise)
     image = np.clip(changed, 0, 255).astype(np.uint8)
     if rng.random() < config.blur:
-        image = cv2.GaussianBlur(image, (3, 3), rng.uniform(0.3, 0.9))  # type: ignore[assignment]
+        image = cv2.GaussianBlur(image, (BLUR_KERNEL_PX, BLUR_KERNEL_PX), rng.uniform(*BLUR_SIGMA_PX))  # type: ignore[assignment]
     if rng.random() < config.jpeg:
-        _, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(30, 91))])
-        image = cv2.imdecode(code, cv2.IMREAD_COLOR)  # type: ignore[assignment]
+        quality = int(rng.integers(JPEG_QUALITY[0], JPEG_QUALITY[1] + 1))
+        _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        image = cv2.imdecode(encoded, cv2.IMREAD_COLOR)  # type: ignore[assignment]
     return image, np.ascontiguousarray(masks)
 
 
 def image_tensor(image: NDArray[np.uint8]) -> Tensor:
-    """RGB image (H, W, 3) uint8 -> (3, H, W) float in 0-1, as the network takes it."""
+    """RGB image (H, W, 3) uint8 -> (3, H, W) float32 in 0-1, the network's input."""
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))).float().div_(255)
 
 
-class FrameDataset(Dataset[tuple[Tensor, Target]]):
-    """Images beside their masks and attributes.
+def collate(items: Sequence[tuple[Tensor, Target]]) -> tuple[list[Tensor], list[Target]]:
+    """Items of `FrameDataset` -> a list of B images (3, H, W) and a list of B targets: `model(*collate(items))`.
 
-    Either `annotations_*.jsonl` beside a folder `images`, one line a frame (`nsdr data frames` makes them of videos with mask
-    proposals, the release's or generated ones), or COCO's `*.json` whose categories are named like "red metal cube". A line
-    holds `file_name`, `scene`, `objects: [{color, material, shape, segmentation (COCO RLE)}]`. Items are an image tensor
-    (3, H, W) and a target (see `AttributeRoIHeads`). The split is by scene, so that no scene is in both.
+    It is the `collate_fn` of a `DataLoader`. Targets are not stacked, because they differ in their number of objects.
+    """
+    return [image for image, _ in items], [target for _, target in items]
+
+
+class FrameDataset(Dataset[tuple[Tensor, Target]]):
+    """Images with the masks and attributes of their objects.
+
+    The folder holds `images/` and one of two kinds of annotations. `annotations_*.jsonl` have one line per frame, with
+    `file_name`, `scene` and `objects: [{color, material, shape, segmentation (COCO RLE)}]`; `nsdr data frames` makes them from
+    videos with mask proposals. COCO `*.json` files have categories named like "red metal cube".
+
+    Items are an image (3, H, W) in 0-1 and its target (see `AttributeRoIHeads`). The augmentation of an item depends on `seed`,
+    the epoch and the index only, so that `dataset[i]` is reproducible. The split is by scene: no scene is in both parts.
+
+        >>> loader = DataLoader(FrameDataset(folder, augmentation=AugmentConfig()), 8, collate_fn=collate)
 
     Args:
-        folder: where the annotations are.
+        folder: folder with the annotations and `images/`.
         part: "train", "evaluation" (every 20th scene) or "all".
-        augmentation: what to change, or None to leave the images as they are.
+        augmentation: random changes; None leaves the images as they are.
+        seed: of the augmentation, 0 or more.
 
     Raises:
-        DataError: no annotations, an unknown attribute or a missing image, with its name.
+        DataError: no annotations, an unknown attribute or a missing image; names it.
     """
 
-    def __init__(self, folder: str | Path, part: str = "train", augmentation: AugmentConfig | None = None) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        part: str = "train",
+        augmentation: AugmentConfig | None = None,
+        seed: int = 0,
+    ) -> None:
+        if seed < 0:
+            raise DataError(f"seed is {seed}; expected 0 or more")
         self.folder = Path(folder)
         self.augmentation = augmentation
+        self.seed = seed
+        self.epoch = 0
         if part not in ("train", "evaluation", "all"):
             raise DataError(f"part is {part!r}; expected train, evaluation or all")
         self.records = [
-            r for r in _all_records(self.folder) if part == "all" or (r["scene"] % 20 == 0) != (part == "train")
+            r
+            for r in _all_records(self.folder)
+            if part == "all" or (r["scene"] % EVALUATION_EVERY == 0) != (part == "train")
         ]
         if not self.records:
             raise DataError(
@@ -97,11 +135,21 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
     def __len__(self) -> int:
         return len(self.records)
 
+    def set_epoch(self, epoch: int) -> None:
+        """Draw other augmentations in the items from now on.
+
+        Call it before iterating over a `DataLoader`; persistent workers keep the epoch that they started with.
+        """
+        if epoch < 0:
+            raise DataError(f"epoch is {epoch}; expected 0 or more")
+        self.epoch = epoch
+
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:
-        return self.get(index, np.random.default_rng())
+        index = range(len(self))[index]  # the same augmentation for negative indices
+        return self.get(index, np.random.default_rng((self.seed, self.epoch, index)))
 
     def get(self, index: int, rng: np.random.Generator) -> tuple[Tensor, Target]:
-        """Item `index`, a image (3, 320, 480) in 0-1 and its target, the augmentation drawn from `rng`."""
+        """Image (3, H, W) in 0-1 and target of item `index`, with the augmentation drawn from `rng`."""
         record = self.records[index]
         path = self.folder / "images" / record["file_name"]
         image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
@@ -122,7 +170,7 @@ def _all_records(folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
-    """Frame records of a COCO file; a image's `scene` is its `video_id` where it has one, else its own `id`."""
+    """Frame records of a COCO file; an image's `scene` is its `video_id` if it has one, else its own `id`."""
     content = read_json(path)
     try:
         words = {c["id"]: dict(zip(ATTRIBUTES, c["name"].split(), strict=True)) for c in content["categories"]}

@@ -1,4 +1,4 @@
-"""How well detections agree with the true objects of frames."""
+"""Metrics of the frame parser: detections against the true objects of frames."""
 
 import warnings
 from collections.abc import Iterable
@@ -7,27 +7,42 @@ import torch
 from torch import Tensor, nn
 from torchvision.ops import box_iou
 
+from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 __all__ = ["average_precision", "detection_scores"]
 
+MIN_SCORE = 0.9
+"""Detections with a score up to this are ignored (0-1; the paper's threshold for proposals)."""
+MIN_AREA_PX = 60
+"""True objects with a smaller visible area count neither as missed nor as detected (pixels)."""
+MATCH_IOU = 0.5
+"""Smallest intersection over union of the boxes of a detection and the object that it matches (0-1)."""
+
 
 @torch.no_grad()
 def detection_scores(
-    model: nn.Module, frames: Iterable[tuple[Tensor, dict[str, Tensor]]], score: float = 0.9, min_area_px: int = 60
+    model: nn.Module,
+    frames: Iterable[tuple[Tensor, dict[str, Tensor]]],
+    score: float = MIN_SCORE,
+    min_area_px: int = MIN_AREA_PX,
 ) -> dict[str, float]:
-    """Attribute-exact precision, recall and F1 at box IoU 0.5, the mean mask IoU and the accuracy of each attribute.
+    """Attribute-exact precision, recall and F1 at a box IoU of 0.5, mean mask IoU and accuracy of each attribute.
 
     Args:
         model: the network of `build_frame_parser`.
         frames: pairs of image (3, H, W) and target.
-        score: detections above it count.
-        min_area_px: true objects with fewer visible pixels are neither demanded nor punished.
+        score: detections with a score up to this are ignored (0-1).
+        min_area_px: true objects with a smaller visible area count neither as missed nor as detected (pixels).
+
+    Returns:
+        `precision`, `recall`, `f1`, `color_accuracy`, `material_accuracy`, `shape_accuracy` and `mask_iou` (0-1). Mask IoU and
+        accuracies are means over matched detections.
     """
     model.eval()
     device = next(model.parameters()).device
-    found = matched = exact = demanded = 0
-    right = dict.fromkeys(ATTRIBUTES, 0)
+    detected = matched = exact = expected = 0
+    correct = dict.fromkeys(ATTRIBUTES, 0)
     mask_iou = 0.0
     for image, target in frames:
         (detection,) = model([image.to(device)])
@@ -35,38 +50,44 @@ def detection_scores(
         boxes = detection["boxes"][kept].cpu()
         iou = box_iou(boxes, target["boxes"])
         areas = target["masks"].flatten(1).sum(1)
-        demanded += int((areas >= min_area_px).sum())
-        free = torch.ones(len(target["boxes"]), dtype=torch.bool)
+        expected += int((areas >= min_area_px).sum())
+        unmatched = torch.ones(len(target["boxes"]), dtype=torch.bool)
         for i in range(len(boxes)):
-            best = int((iou[i] * free).argmax()) if len(free) else -1
-            if best < 0 or not free[best] or iou[i, best] < 0.5:
-                found += 1
+            best = int((iou[i] * unmatched).argmax()) if len(unmatched) else -1
+            if best < 0 or not unmatched[best] or iou[i, best] < MATCH_IOU:
+                detected += 1
                 continue
-            free[best] = False
+            unmatched[best] = False
             if areas[best] < min_area_px:
                 continue
-            found += 1
+            detected += 1
             matched += 1
-            words = attributes_of(int(detection["attribute"][kept][i].argmax()))
-            true_words = [ATTRIBUTES[n][int(target[n][best])] for n in ATTRIBUTES]
-            same = dict(zip(ATTRIBUTES, (a == b for a, b in zip(words, true_words, strict=True)), strict=True))
+            names = attributes_of(int(detection["attribute"][kept][i].argmax()))
+            true_names = [ATTRIBUTES[n][int(target[n][best])] for n in ATTRIBUTES]
+            same = dict(zip(ATTRIBUTES, (a == b for a, b in zip(names, true_names, strict=True)), strict=True))
             exact += all(same.values())
             for name, value in same.items():
-                right[name] += value
-            mask = detection["masks"][kept][i, 0].cpu() > 0.5
+                correct[name] += value
+            mask = detection["masks"][kept][i, 0].cpu() > MASK_THRESHOLD
             true = target["masks"][best] > 0
             mask_iou += float((mask & true).sum() / (mask | true).sum())
-    precision, recall = exact / max(found, 1), exact / max(demanded, 1)
-    scores = {"precision": precision, "recall": recall, "f1": 2 * exact / max(found + demanded, 1)}
-    scores |= {f"{name}_accuracy": value / max(matched, 1) for name, value in right.items()}
+    precision, recall = exact / max(detected, 1), exact / max(expected, 1)
+    scores = {"precision": precision, "recall": recall, "f1": 2 * exact / max(detected + expected, 1)}
+    scores |= {f"{name}_accuracy": value / max(matched, 1) for name, value in correct.items()}
     return scores | {"mask_iou": mask_iou / max(matched, 1)}
 
 
 @torch.no_grad()
 def average_precision(model: nn.Module, frames: Iterable[tuple[Tensor, dict[str, Tensor]]]) -> dict[str, float]:
-    """COCO's average precision of masks and boxes, all objects one class: `mask_ap`, `mask_ap50`, `box_ap`, `box_ap50`.
+    """COCO's average precision of masks and boxes, with all objects in one class.
 
-    Computed by torchmetrics (extra `train`); empty where that is missing. `frames` are pairs of image (3, H, W) and target.
+    Args:
+        model: the network of `build_frame_parser`.
+        frames: pairs of image (3, H, W) and target.
+
+    Returns:
+        `mask_ap`, `mask_ap50`, `box_ap` and `box_ap50` (0-1), computed by torchmetrics; empty where that is not installed
+        (extra `train`).
     """
     try:
         from torchmetrics.detection import MeanAveragePrecision
@@ -75,14 +96,14 @@ def average_precision(model: nn.Module, frames: Iterable[tuple[Tensor, dict[str,
     model.eval()
     device = next(model.parameters()).device
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its own dependencies'
+        warnings.simplefilter("ignore")  # of torchmetrics' dependencies
         metric = MeanAveragePrecision(iou_type=("bbox", "segm"))
         for image, target in frames:
-            (found,) = model([image.to(device)])
-            masks = found["masks"][:, 0].cpu() > 0.5
-            guess = {"boxes": found["boxes"].cpu(), "scores": found["scores"].cpu(), "labels": found["labels"].cpu()}
+            (detection,) = model([image.to(device)])
+            masks = detection["masks"][:, 0].cpu() > MASK_THRESHOLD
+            predicted = {name: detection[name].cpu() for name in ("boxes", "scores", "labels")}
             true = {"boxes": target["boxes"], "labels": target["labels"], "masks": target["masks"].bool()}
-            metric.update([guess | {"masks": masks}], [true])
+            metric.update([predicted | {"masks": masks}], [true])
         values = metric.compute()
     return {
         f"{name}_{measure}": float(values[f"{prefix}_map{suffix}"])

@@ -1,4 +1,4 @@
-"""The frame parser's network: torchvision's `MaskRCNN` with a slim backbone and attribute heads (paper, section 4.1)."""
+"""The frame parser's network: torchvision's `MaskRCNN` with attribute heads and a choice of backbones (paper, section 4.1)."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -16,27 +16,59 @@ from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
 
 from nsdr.errors import DataError
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["FrameParserConfig", "SlimBackbone", "TorchvisionBackbone", "build_frame_parser"]
+__all__ = ["FrameParserConfig", "FrameParserNetwork", "SlimBackbone", "TorchvisionBackbone", "build_frame_parser"]
+
+CHANNEL_MULTIPLE = 16
+"""Channels of the slim backbone and the pyramid are multiples of this: oneDNN's channels-last convolutions crash the process
+on other widths (seen with torch 2.15 on a CPU)."""
+ROI_LEVELS = ["0", "1"]
+"""Pyramid levels that the second stage pools from (strides 4 and 8 px): CLEVRER's objects are 25-110 px wide."""
+ROI_CANONICAL_PX = 64
+"""Regions of this size are pooled from the level of stride 4 px, regions at least twice as large from that of 8 px (pixels)."""
+ROI_CANONICAL_LEVEL = 2
+"""Base-2 logarithm of the stride of the level that regions of the canonical size are pooled from."""
+ROI_SAMPLES = 2
+"""Samples per pooled cell along each axis (`sampling_ratio` of RoIAlign)."""
+BOX_CELLS, MASK_CELLS = 7, 14
+"""Side of the pooled features of the box head and of the mask head (cells)."""
+ANCHOR_ASPECT_RATIOS = (0.6, 1.0, 1.5)
+"""Height / width of the anchors."""
+RPN_CANDIDATES_TRAIN, RPN_CANDIDATES = 600, 200
+"""Best regions of each level before non-maximum suppression, in training and at inference."""
+ROI_MATCH_IOU = 0.5
+"""Regions with at least this intersection over union with a true box are positive in training, all others negative (0-1)."""
+ROI_BATCH = 64
+"""Regions per image that the second stage is trained on."""
+ROI_POSITIVE_SHARE = 0.25
+"""Largest share of positive regions among them (0-1)."""
+MIN_SCORE = 0.5
+"""Detections with a score up to this are dropped (0-1); the tracker has its own, higher threshold."""
+NMS_IOU = 0.5
+"""Of two detections with a larger intersection over union, the one with the lower score is dropped (0-1)."""
+MAX_DETECTIONS = 20
+"""Largest number of detections in an image."""
 
 
 @dataclass(frozen=True)
 class FrameParserConfig:
-    """Sizes of the frame parser.
+    """Architecture of the frame parser.
 
     Attributes:
-        backbone: "slim", or torchvision's "resnet18", "resnet50" (the paper's) or "mobilenet_v3", from random weights.
-        attributes: "three" heads for colour, material and shape, or "joint": one label for the 48 combinations (the paper's).
-        widths: of the slim backbone: channels of the four residual stages (strides 4, 8, 16, 32 px); multiples of 16.
-        blocks: of the slim backbone: residual blocks in each stage.
-        fpn_channels: channels of every pyramid level.
-        anchor_sizes_px: anchor side on the levels of stride 4, 8 and 16; CLEVRER's objects are 25-110 px wide.
+        backbone: "slim", or torchvision's "resnet18", "resnet50" (paper) or "mobilenet_v3"; weights are random at first.
+        attributes: "three" heads for colour, material and shape, or "joint": one label for the 48 combinations (paper).
+        widths: channels of the slim backbone's four residual stages (strides 4, 8, 16 and 32 px); multiples of 16.
+        blocks: residual blocks in each stage of the slim backbone.
+        fpn_channels: channels of every pyramid level; a multiple of 16.
+        anchor_sizes_px: anchor side on the levels of stride 4, 8 and 16 px (pixels). CLEVRER's objects are 25-110 px wide.
         box_features: width of the box head's two layers.
         mask_channels: channels of the mask head's convolutions.
-        mask_layers: number of those convolutions.
-        proposals: regions kept for the second stage at inference.
-        train_proposals: the same in training.
-        image_mean, image_std: RGB normalisation, measured on the rendered training frames (0-1).
+        mask_layers: number of the mask head's convolutions.
+        proposals: regions that the second stage takes at inference.
+        train_proposals: regions that the second stage's training samples are drawn from.
+        image_mean: mean of each RGB channel (0-1), measured on the rendered training frames.
+        image_std: standard deviation of each RGB channel (0-1), measured on the rendered training frames.
     """
 
     backbone: str = "slim"
@@ -60,14 +92,13 @@ class FrameParserConfig:
             )
         if self.attributes not in ("three", "joint"):
             raise DataError(f"FrameParserConfig.attributes: {self.attributes!r}; expected three or joint")
-        # oneDNN's channels-last convolutions crash the process on other widths (seen with torch 2.15 on CPU).
         for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
-            if any(v % 16 for v in value):
-                raise DataError(f"FrameParserConfig.{name}: expected multiples of 16, got {value}")
+            if any(v % CHANNEL_MULTIPLE for v in value):
+                raise DataError(f"FrameParserConfig.{name}: expected multiples of {CHANNEL_MULTIPLE}, got {value}")
 
 
 class SlimBackbone(nn.Module):
-    """A narrow ResNet with a feature pyramid on strides 4, 8 and 16 px (stride 32 px feeds it from above).
+    """A narrow ResNet with a feature pyramid of strides 4, 8 and 16 px; the stage of stride 32 px is its top-down input.
 
     `forward(images (B, 3, H, W))` returns `{"0": (B, C, H/4, W/4), "1": (B, C, H/8, W/8), "2": (B, C, H/16, W/16)}`.
     """
@@ -105,11 +136,11 @@ _BACKBONES: dict[str, tuple[dict[str, str], list[int]]] = {
     "resnet50": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [256, 512, 1024, 2048]),
     "mobilenet_v3": ({"3": "0", "6": "1", "12": "2", "15": "3"}, [24, 40, 112, 160]),
 }
-"""torchvision's backbones: layers of stride 4, 8, 16 and 32 px, and their channels."""
+"""torchvision's backbones: names of the layers of stride 4, 8, 16 and 32 px, and their channels."""
 
 
 class TorchvisionBackbone(nn.Module):
-    """A torchvision network with a feature pyramid; levels as of `SlimBackbone`."""
+    """A torchvision network with a feature pyramid; its levels are those of `SlimBackbone`."""
 
     def __init__(self, name: str, fpn_channels: int) -> None:
         super().__init__()
@@ -137,14 +168,20 @@ def _stage(in_channels: int, channels: int, blocks: int, stride: int) -> nn.Sequ
     return nn.Sequential(first, *(BasicBlock(channels, channels) for _ in range(blocks - 1)))
 
 
-def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
-    """Mask R-CNN for one class "object" with colour, material and shape heads, for 480x320 images, not upscaled.
+class FrameParserNetwork(MaskRCNN):
+    """torchvision's `MaskRCNN` that keeps the `FrameParserConfig` it was built from; made by `build_frame_parser`."""
 
-    Training: `model(images, targets)` returns the losses by name. Evaluation: `model(images)` returns a list of
-    detections (see `AttributeRoIHeads`). Images are (3, 320, 480) float RGB in 0-1.
+    config: FrameParserConfig
 
-    Differs from the paper: by default a slim ResNet and three attribute heads, trained from scratch, so that a CPU suffices;
-    `backbone="resnet50", attributes="joint"` is the paper's.
+
+def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNetwork:
+    """Mask R-CNN for the single class "object" with attribute heads, for images of 480x320 px that are not rescaled.
+
+    In training mode, `model(images, targets)` returns the losses by name. In evaluation mode, `model(images)` returns one
+    dictionary of detections per image (see `AttributeRoIHeads`). Images are (3, 320, 480) float RGB in 0-1.
+
+    Differs from the paper: the default is a slim ResNet with three attribute heads, trained from scratch, so that a CPU
+    suffices. `backbone="resnet50", attributes="joint"` gives the paper's architecture.
     """
     c = config or FrameParserConfig()
     backbone: nn.Module = (
@@ -152,29 +189,26 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
         if c.backbone == "slim"
         else TorchvisionBackbone(c.backbone, c.fpn_channels)
     )
-    levels = ["0", "1"]
-    # Both stages read strides 4 and 8: objects are 25-110 px wide.
-    box_pool = MultiScaleRoIAlign(levels, output_size=7, sampling_ratio=2, canonical_scale=64, canonical_level=2)
-    mask_pool = MultiScaleRoIAlign(levels, output_size=14, sampling_ratio=2, canonical_scale=64, canonical_level=2)
     heads: dict[str, Any] = {
-        "box_roi_pool": box_pool,
-        "box_head": TwoMLPHead(c.fpn_channels * 7 * 7, c.box_features),
+        "box_roi_pool": _roi_pool(BOX_CELLS),
+        "box_head": TwoMLPHead(c.fpn_channels * BOX_CELLS**2, c.box_features),
         "box_predictor": FastRCNNPredictor(c.box_features, num_classes=2),
-        "mask_roi_pool": mask_pool,
+        "mask_roi_pool": _roi_pool(MASK_CELLS),
         "mask_head": MaskRCNNHeads(c.fpn_channels, (c.mask_channels,) * c.mask_layers, dilation=1),
         "mask_predictor": MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
     }
-    model = MaskRCNN(
+    model = FrameParserNetwork(
         backbone,
-        min_size=320,
-        max_size=480,
+        min_size=HEIGHT_PX,
+        max_size=WIDTH_PX,
         image_mean=list(c.image_mean),
         image_std=list(c.image_std),
         rpn_anchor_generator=AnchorGenerator(
-            sizes=tuple((size,) for size in c.anchor_sizes_px), aspect_ratios=((0.6, 1.0, 1.5),) * 3
+            sizes=tuple((size,) for size in c.anchor_sizes_px),
+            aspect_ratios=(ANCHOR_ASPECT_RATIOS,) * len(c.anchor_sizes_px),
         ),
-        rpn_pre_nms_top_n_train=600,
-        rpn_pre_nms_top_n_test=200,
+        rpn_pre_nms_top_n_train=RPN_CANDIDATES_TRAIN,
+        rpn_pre_nms_top_n_test=RPN_CANDIDATES,
         rpn_post_nms_top_n_train=c.train_proposals,
         rpn_post_nms_top_n_test=c.proposals,
         _skip_resize=True,
@@ -182,14 +216,25 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> MaskRCNN:
     )
     model.roi_heads = AttributeRoIHeads(
         AttributePredictor(c.box_features) if c.attributes == "three" else JointAttributePredictor(c.box_features),
-        fg_iou_thresh=0.5,
-        bg_iou_thresh=0.5,
-        batch_size_per_image=64,
-        positive_fraction=0.25,
+        fg_iou_thresh=ROI_MATCH_IOU,
+        bg_iou_thresh=ROI_MATCH_IOU,
+        batch_size_per_image=ROI_BATCH,
+        positive_fraction=ROI_POSITIVE_SHARE,
         bbox_reg_weights=None,
-        score_thresh=0.5,
-        nms_thresh=0.5,
-        detections_per_img=20,
+        score_thresh=MIN_SCORE,
+        nms_thresh=NMS_IOU,
+        detections_per_img=MAX_DETECTIONS,
         **heads,
     )
+    model.config = c
     return model
+
+
+def _roi_pool(cells: int) -> MultiScaleRoIAlign:
+    return MultiScaleRoIAlign(
+        ROI_LEVELS,
+        output_size=cells,
+        sampling_ratio=ROI_SAMPLES,
+        canonical_scale=ROI_CANONICAL_PX,
+        canonical_level=ROI_CANONICAL_LEVEL,
+    )

@@ -1,10 +1,10 @@
-"""Videos -> proposals, with a trained network."""
+"""Proposals of videos by a trained network."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -15,25 +15,30 @@ from torch import nn
 from tqdm import tqdm
 
 from nsdr.clevrer.proposals import proposals_from_rows
-from nsdr.errors import DataError
+from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.dataset import image_tensor
-from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
+from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
+from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.io.device import resolve_device
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["FrameParser"]
 
-MASK_THRESHOLD = 0.5
-
 
 class FrameParser:
-    """Finds objects, their masks and attributes in every frame (paper, section 4.1).
+    """Detects objects with their masks and attributes in the frames of a video (paper, section 4.1).
+
+    It runs on the device of the network's weights, and its results are on the CPU.
 
     Args:
         model: a trained network of `build_frame_parser`.
         batch_size: frames per forward pass.
-        stride: look at every so-manieth frame only, and at the last one; the tracker bridges the others.
+        stride: process every n-th frame and the last one; the tracker bridges the others.
+
+    Raises:
+        DataError: `batch_size` or `stride` is less than 1.
     """
 
     def __init__(self, model: nn.Module, batch_size: int = 8, stride: int = 1) -> None:
@@ -43,11 +48,27 @@ class FrameParser:
         self.batch_size, self.stride = batch_size, stride
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "FrameParser":
-        """Load `frame_parser.safetensors` and its JSON; `options` are the constructor's.
+    def from_pretrained(cls, path_or_id: str | Path = "default", device: str = "auto", **options: Any) -> Self:
+        """The frame parser of a checkpoint.
+
+        Args:
+            path_or_id: a folder, the name of a shipped checkpoint or a repository id of the Hugging Face hub; see
+                `find_checkpoint`.
+            device: as of `to`.
+            options: arguments of the constructor.
 
         Raises:
-            CheckpointError: missing or corrupt.
+            CheckpointError: not found, incomplete or corrupt.
+            DataError: the device is unknown or not available.
+        """
+        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
+        """The frame parser of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
+
+        Raises:
+            CheckpointError: `frame_parser.safetensors` or `frame_parser.json` is missing or corrupt.
         """
         state, details = load_checkpoint(folder, "frame_parser")
         config: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in details["config"].items()}
@@ -55,21 +76,47 @@ class FrameParser:
         model.load_state_dict(state)
         return cls(model, **options)
 
-    @torch.no_grad()
-    def parse(self, frames: Iterable[NDArray[np.uint8]], progress: bool = False) -> VideoProposals:
-        """Proposals of all frames.
+    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
+        """Write `frame_parser.safetensors` and `frame_parser.json` for `from_pretrained`.
 
         Args:
-            frames: (320, 480, 3) uint8 RGB each; an array (F, 320, 480, 3) will do.
+            folder: created if missing; other parts of a checkpoint in it are kept.
+            details: plain values to add to the JSON, such as metrics.
+
+        Raises:
+            CheckpointError: the network was not made by `build_frame_parser`.
+        """
+        if not isinstance(self.model, FrameParserNetwork):
+            raise CheckpointError(f"expected a network of build_frame_parser, got {type(self.model).__name__}")
+        save_checkpoint(folder, "frame_parser", self.model.state_dict(), self.model.config, details or {})
+
+    def to(self, device: str) -> Self:
+        """Move the network to a device; returns the parser itself.
+
+        Args:
+            device: a device of torch, such as "cpu" or "cuda:1"; "auto" is CUDA where that is available, else the CPU.
+
+        Raises:
+            DataError: the device is unknown or not available.
+        """
+        self.model.to(resolve_device(device))
+        return self
+
+    @torch.no_grad()
+    def parse(self, frames: Iterable[NDArray[np.uint8]], progress: bool = False) -> VideoProposals:
+        """Proposals of a video.
+
+        Args:
+            frames: images (320, 480, 3) uint8 RGB, or an array (F, 320, 480, 3) of them.
             progress: show a progress bar.
 
         Returns:
-            Detections above a score of 0.5, masks included; the tracker takes those above its own threshold.
+            Detections with a score above 0.5, with masks; the tracker applies its own threshold.
         """
         rows: list[tuple[int, int, float, str]] = []
         count = 0
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
-        # Decoding runs ahead in a thread, so that the processor's time goes to the network.
+        # A thread decodes the next batch of frames while the network processes the present one.
         with ThreadPoolExecutor(1) as pool:
             batches = _batches(frames, self.batch_size, self.stride)
             upcoming = pool.submit(next, batches, None)
@@ -83,7 +130,7 @@ class FrameParser:
         return proposals_from_rows(count, rows)
 
     def _detections(self, frames: list[NDArray[np.uint8]]) -> list[dict[str, Any]]:
-        """The network's stages one after the other, without torchvision's pasting of masks (see `_pasted`)."""
+        """The network's stages one by one, without its post-processing, which pastes masks differently (see `_pasted`)."""
         model: Any = self.model
         device = next(model.parameters()).device
         images, _ = model.transform([image_tensor(frame).to(device) for frame in frames])
@@ -96,7 +143,7 @@ class FrameParser:
 def _batches(
     frames: Iterable[NDArray[np.uint8]], size: int, stride: int
 ) -> Iterator[list[tuple[int, NDArray[np.uint8]]]]:
-    """Every `stride`-th frame and the last one, with their indices."""
+    """Batches of (frame index, frame): every `stride`-th frame and the last one."""
 
     def chosen() -> Iterator[tuple[int, NDArray[np.uint8]]]:
         last = None
@@ -113,7 +160,7 @@ def _batches(
 
 
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:
-    """(attribute index, score, COCO run-length string) of each detected object."""
+    """(attribute index, score, COCO run-length mask) of each detected object."""
     boxes, masks = detection["boxes"].cpu().numpy(), detection["masks"][:, 0].float().cpu().numpy()
     attributes = detection["attribute"].argmax(1).tolist()
     for i, score in enumerate(detection["scores"].tolist()):
@@ -121,10 +168,10 @@ def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:
 
 
 def _pasted(mask: NDArray[np.float32], box_xyxy_px: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A box's mask probabilities (M, M) as a binary mask (320, 480) in Fortran order.
+    """Mask probabilities (M, M) in a box -> binary mask (320, 480) of the image, in Fortran order.
 
-    torchvision's own pasting cuts boxes to whole pixels, which shifts masks by half a pixel and makes them jitter by as much.
-    Its training targets (RoIAlign, not aligned) read the value of pixel i at the coordinate i: so does this.
+    torchvision's `paste_masks_in_image` truncates boxes to whole pixels, which shifts masks by half a pixel and makes them
+    jitter by as much. Here, pixel i has its value at coordinate i, as in the training targets (RoIAlign, `aligned=False`).
     """
     image = np.zeros((HEIGHT_PX, WIDTH_PX), np.uint8, order="F")
     x0, y0, x1, y1 = box_xyxy_px.astype(float)

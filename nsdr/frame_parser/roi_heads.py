@@ -18,6 +18,11 @@ from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 __all__ = ["AttributePredictor", "AttributeRoIHeads", "JointAttributePredictor"]
 
 COMBINATIONS = len(COLORS) * len(MATERIALS) * len(SHAPES)
+"""Number of attribute combinations (48)."""
+MASK_THRESHOLD = 0.5
+"""Mask probability above which a pixel belongs to the object (0-1)."""
+MIN_BOX_SIDE_PX = 1.0
+"""Detections with a shorter box side are dropped (pixels)."""
 
 
 class AttributePredictor(nn.Module):
@@ -31,12 +36,12 @@ class AttributePredictor(nn.Module):
         self.heads = nn.ModuleDict({name: nn.Linear(in_features, len(words)) for name, words in ATTRIBUTES.items()})
 
     def forward(self, features: Tensor) -> dict[str, Tensor]:
-        """(N, features) of boxes -> logits: color (N, 8), material (N, 2), shape (N, 3)."""
+        """Box features (N, C) -> logits: color (N, 8), material (N, 2), shape (N, 3)."""
         return {name: head(features) for name, head in self.heads.items()}
 
 
 class JointAttributePredictor(nn.Module):
-    """The paper's: one linear classifier of the 48 combinations.
+    """One linear classifier of the 48 attribute combinations, as in the paper.
 
     `forward(features (N, C))` returns `{"attribute": (N, 48)}` logits, in the order of `attribute_index`.
     """
@@ -46,14 +51,15 @@ class JointAttributePredictor(nn.Module):
         self.head = nn.Linear(in_features, COMBINATIONS)
 
     def forward(self, features: Tensor) -> dict[str, Tensor]:
-        """(N, features) of boxes -> logits of the combinations: attribute (N, 48)."""
+        """Box features (N, C) -> logits of the combinations: attribute (N, 48)."""
         return {"attribute": self.head(features)}
 
 
 def attribute_probabilities(logits: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Probabilities from either predictor's logits: `attribute` (N, 48), and `color` (N, 8), `material` (N, 2), `shape` (N, 3).
+    """Probabilities from either predictor's logits: `attribute` (N, 48), `color` (N, 8), `material` (N, 2), `shape` (N, 3).
 
-    With three heads the combinations' are the products; with joint labels the words' are sums.
+    With three heads, the probability of a combination is the product of its words' probabilities. With joint labels, the
+    probability of a word is the sum over the combinations that contain it.
     """
     if "attribute" in logits:
         table = logits["attribute"].softmax(-1).unflatten(-1, tuple(len(words) for words in ATTRIBUTES.values()))
@@ -65,17 +71,20 @@ def attribute_probabilities(logits: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 class AttributeRoIHeads(RoIHeads):
-    """Second stage of Mask R-CNN for one class "object", with attributes.
+    """Second stage of Mask R-CNN with attribute heads, for the single class "object".
 
-    Targets carry `boxes` (N, 4) xyxy px, `labels` (N,) all 1, `masks` (N, H, W) uint8, and `color`, `material`,
-    `shape` (N,) int64 indices in the order of `nsdr.world.vocabulary`. Detections carry `boxes`, `scores` (N,),
-    `masks` (N, 1, H, W), for each attribute its probabilities (N, number of words), and `attribute` (N, 48).
+    Targets hold `boxes` (N, 4) xyxy in pixels, `labels` (N,) all 1, `masks` (N, H, W) uint8, and `color`, `material` and
+    `shape` (N,) int64 indices in the order of `nsdr.world.vocabulary`.
 
-    Differs from the paper: three heads by default; `JointAttributePredictor` is the paper's one label for each of the 48
+    Detections hold `boxes` (N, 4) xyxy in pixels, `scores` (N,), `labels` (N,) all 1, `masks` (N, 1, 28, 28) probabilities in
+    the boxes (`MaskRCNN` pastes them to (N, 1, H, W)), `color` (N, 8), `material` (N, 2), `shape` (N, 3) and `attribute`
+    (N, 48) probabilities.
+
+    Differs from the paper: three heads by default; `JointAttributePredictor` has the paper's single label for the 48
     combinations.
 
     Args:
-        attribute_predictor: `AttributePredictor` or `JointAttributePredictor`; reads the box head's features.
+        attribute_predictor: `AttributePredictor` or `JointAttributePredictor`; takes the box head's features.
         options: arguments of torchvision's `RoIHeads`.
     """
 
@@ -101,7 +110,7 @@ class AttributeRoIHeads(RoIHeads):
         positive = [label > 0 for label in labels]
         logits = self.attribute_predictor(box_features[torch.cat(positive)])
         for name, logit in logits.items():
-            # A frame without objects has no positives; `matched` then points at nothing.
+            # A frame without objects has no positives, so that its `matched` indices are never used.
             words = torch.cat([_labels(t, name)[m[p]] for t, m, p in zip(targets, matched, positive, strict=True)])
             losses[f"loss_{name}"] = F.cross_entropy(logit, words, reduction="sum") / max(len(words), 1)
 
@@ -129,7 +138,7 @@ class AttributeRoIHeads(RoIHeads):
         for i, (boxes, scores) in enumerate(zip(all_boxes, all_scores, strict=True)):
             boxes = box_ops.clip_boxes_to_image(boxes, image_shapes[i])
             kept = torch.where(scores > self.score_thresh)[0]
-            kept = kept[box_ops.remove_small_boxes(boxes[kept], min_size=1.0)]
+            kept = kept[box_ops.remove_small_boxes(boxes[kept], min_size=MIN_BOX_SIDE_PX)]
             kept = kept[box_ops.nms(boxes[kept], scores[kept], self.nms_thresh)][: self.detections_per_img]
             result = {"boxes": boxes[kept], "scores": scores[kept], "labels": torch.ones_like(kept)}
             results.append(result | {name: split[i][kept] for name, split in all_attributes.items()})
@@ -142,7 +151,7 @@ class AttributeRoIHeads(RoIHeads):
 
 
 def _labels(target: dict[str, Tensor], name: str) -> Tensor:
-    """(N,) true indices of an attribute, or of the 48 combinations."""
+    """(N,) true indices of an attribute, or of the combination (`name` is "attribute")."""
     if name != "attribute":
         return target[name]
     color, material, shape = (target[n] for n in ATTRIBUTES)

@@ -1,4 +1,4 @@
-"""Complete data sets in CLEVRER's layout, with the truth that the release withholds beside it."""
+"""Complete data sets in CLEVRER's layout, with the ground truth that the release withholds."""
 
 import logging
 import platform
@@ -20,7 +20,8 @@ from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.questions import without_answers, write_questions
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.errors import DataError
-from nsdr.generate.physics.scene import SceneConfig, SimulatedScene, simulate_scene
+from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
+from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import Candidates, QuestionConfig, find_candidates, select_questions
 from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import annotation_document, frame_masks, proposal_document, solids_at, truth_document
@@ -28,7 +29,9 @@ from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, write_statistics
 from nsdr.io.files import read_json, write_json
-from nsdr.io.tasks import run_in_order, run_tasks
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.runner import Job, run_jobs
+from nsdr.io.tasks import run_in_order
 from nsdr.io.video import write_video
 from nsdr.world.camera import Camera
 
@@ -36,6 +39,9 @@ __all__ = ["DatasetConfig", "Files", "generate_dataset", "make_video"]
 
 RENDERERS = ("preview", "blender", "none")
 VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
+"""Packages whose versions the manifest records."""
+VIDEOS_PER_FOLDER = 1000
+"""Videos in each sub-folder, as in the release."""
 log = logging.getLogger(__name__)
 
 
@@ -44,17 +50,18 @@ class DatasetConfig:
     """A data set to generate.
 
     Attributes:
-        output: its folder; an interrupted generation goes on there.
-        videos: how many, over all splits.
-        seed: added to a video's index, gives its scene's seed.
-        splits: share of the videos in each of train, validation and test.
+        output: folder of the data set; an interrupted generation resumes there.
+        videos: number of videos over all splits.
+        seed: seed of the scenes; a scene's own seed is this plus its video's index.
+        splits: share of the videos in train, validation and test (normalised before use).
         renderer: "preview" (fast), "blender", or "none" for data sets without videos.
-        questions: balanced questions for each split; the test split's answers are in `truth/questions_test.json` only.
-        masks: also write exact masks as mask proposals (about 0.3 MB a video).
+        masks: whether to write exact masks as mask proposals (about 0.3 MB per video).
+        questions: balanced questions for each split, or None. The test split's answers are in `truth/questions_test.json`
+            only.
         scene: what scenes look like.
-        render: how they are rendered.
+        render: rendering options.
         engine: "processes" or "ray".
-        workers: processes, 0 for one a CPU core.
+        workers: number of processes; 0 is one per CPU core.
     """
 
     output: str
@@ -78,7 +85,7 @@ class DatasetConfig:
             raise DataError(f"videos: expected at least 1, got {self.videos}")
 
     def indices(self) -> dict[str, range]:
-        """Video indices of each split: the first ones of the official ranges."""
+        """Video indices of each split: the first ones of the release's ranges."""
         total = sum(self.splits.values())
         ends = np.cumsum([self.splits.get(name, 0.0) for name in SPLITS]) / total * self.videos
         counts = np.diff(np.rint(ends), prepend=0).astype(int)
@@ -91,48 +98,54 @@ class DatasetConfig:
 
 
 class Files:
-    """Where the files of one video lie."""
+    """Paths of one video's files.
+
+    Attributes:
+        video: the video (mp4).
+        annotation: the annotation, which the test split lacks.
+        proposals: exact masks as mask proposals.
+        truth: the complete ground truth; written last, so it marks a finished video.
+        work: temporary folder for Blender's frames.
+    """
 
     def __init__(self, root: str | Path, split: str, index: int) -> None:
         root = Path(root)
-        low = index // 1000 * 1000
-        thousand = f"{low:05d}-{low + 1000:05d}"
-        self.video = root / "videos" / split / f"video_{thousand}" / f"video_{index:05d}.mp4"
-        self.annotation = root / "annotations" / split / f"annotation_{thousand}" / f"annotation_{index:05d}.json"
+        low = index // VIDEOS_PER_FOLDER * VIDEOS_PER_FOLDER
+        folder = f"{low:05d}-{low + VIDEOS_PER_FOLDER:05d}"
+        self.video = root / "videos" / split / f"video_{folder}" / f"video_{index:05d}.mp4"
+        self.annotation = root / "annotations" / split / f"annotation_{folder}" / f"annotation_{index:05d}.json"
         self.proposals = root / "derender_proposals" / f"proposal_{index:05d}.json"
         self.truth = root / "truth" / split / f"truth_{index:05d}.json"
         self.work = root / ".work" / f"{index:05d}"
 
 
 def generate_dataset(config: DatasetConfig) -> Path:
-    """Generate a data set; what is there already is kept. Returns its folder.
+    """Generate a data set and return its folder. Finished videos are kept.
 
-    Writes `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `truth/`,
-    `manifest.json` and statistics beside the release's.
+    Writes `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `questions/`,
+    `truth/`, `manifest.json`, and statistics compared with the release's.
 
     Raises:
-        DataError: the folder holds a data set of another configuration, or videos failed (the others are made).
+        DataError: the folder holds a data set with another configuration, or some videos failed (the others are written).
     """
     root = Path(config.output)
     manifest = _manifest(config)
     path = root / "manifest.json"
     if path.exists():
-        there = read_json(path)
-        changed = sorted(k for k in manifest["config"] if there.get("config", {}).get(k) != manifest["config"][k])
+        existing = read_json(path)
+        changed = sorted(k for k in manifest["config"] if existing.get("config", {}).get(k) != manifest["config"][k])
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
     write_json(path, manifest, indent=1)
     jobs = [(split, index) for split, indices in config.indices().items() for index in indices]
-    left = [job for job in jobs if not _is_done(config, *job)]
-    failed = []
-    outcomes = run_tasks(partial(_task, config), left, config.engine, config.workers)
-    with tqdm(outcomes, total=len(jobs), initial=len(jobs) - len(left), unit="video", desc="generating") as bar:
-        for outcome in bar:
-            if outcome.error:
-                failed.append(f"video {outcome.item[1]}: {outcome.error}")
-                log.warning(failed[-1])
-    if failed:
-        raise DataError(f"{root}: {len(failed)} of {len(jobs)} videos failed, run the command again; {failed[0]}")
+    value = _fingerprint(config)
+    videos = [Job(f"video {index}", (split, index), Files(root, split, index).truth, value) for split, index in jobs]
+    summary = run_jobs(partial(_task, config), videos, root, config.engine, config.workers)
+    if summary.failed:
+        name, message = next(iter(summary.failed.items()))
+        raise DataError(
+            f"{root}: {len(summary.failed)} of {len(jobs)} videos failed, run the command again; {name}: {message}"
+        )
     if config.questions is not None:
         for split, indices in config.indices().items():
             _write_split_questions(config, split, indices)
@@ -173,7 +186,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     values["scene"]["objects"] = {str(k): v for k, v in values["scene"]["objects"].items()}
     values = _as_json(values)
     splits = {name: [r.start, r.stop] for name, r in config.indices().items()}
-    wanted = {
+    written = {
         "videos": config.renderer != "none",
         "proposals": config.masks,
         "questions": config.questions is not None,
@@ -188,10 +201,15 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
         "generator": "nsdr generate dataset",
         "config": values,
         "splits": splits,
-        "kinds": ["annotations", *(kind for kind, is_wanted in wanted.items() if is_wanted)],
+        "kinds": ["annotations", *(kind for kind, is_written in written.items() if is_written)],
         "n_frames": config.scene.n_frames,
         "versions": versions,
     }
+
+
+def _fingerprint(config: DatasetConfig) -> str:
+    """Of everything that a video depends on beside its index."""
+    return fingerprint(config=_manifest(config)["config"])
 
 
 def _as_json(value: Any) -> Any:
@@ -200,35 +218,29 @@ def _as_json(value: Any) -> Any:
     return [_as_json(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def _is_done(config: DatasetConfig, split: str, index: int) -> bool:
-    # The truth is written last.
-    return Files(config.output, split, index).truth.exists()
-
-
-def _task(config: DatasetConfig, job: tuple[str, int]) -> None:
+def _task(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     make_video(config, *job)
 
 
 def make_video(config: DatasetConfig, split: str, index: int) -> None:
-    """Make all files of one video; those of the scene's truth come last, so that half a video never counts as made."""
+    """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
     scene = simulate_scene(config.seed + index, config.scene)
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)
-    # Files are in the release's pixels, whatever the video's are.
-    plain = Camera(view.camera.eye_world)
-    if config.renderer != "none" and not files.video.exists():
-        frames = (
-            _preview_frames if config.renderer == "preview" else partial(_blender_frames, config.render, files.work)
-        )
+    # Masks and visibility refer to the release's image size, whatever the video's size is.
+    camera = Camera(view.camera.eye_world)
+    if config.renderer != "none":
+        work = files.work / _fingerprint(config)
+        frames = _preview_frames if config.renderer == "preview" else partial(_blender_frames, config.render, work)
         write_video(files.video, frames(scene, view), config.render.fps, config.render.crf)
         shutil.rmtree(files.work, ignore_errors=True)
     if config.masks:
-        masks = [frame_masks(scene, f, plain) for f in range(scene.n_frames)]
-        write_json(files.proposals, proposal_document(scene, index, files.video.name, plain, masks))
+        masks = [frame_masks(scene, f, camera) for f in range(scene.n_frames)]
+        write_json(files.proposals, proposal_document(scene, index, files.video.name, camera, masks))
     if split != "test":
-        annotation = annotation_document(scene, index, files.video.name, plain)
+        annotation = annotation_document(scene, index, files.video.name, camera)
         write_annotation(files.annotation, annotation, scene.n_frames)
-    write_json(files.truth, truth_document(scene, index, plain))
+    write_json(files.truth, truth_document(scene, index, camera))
 
 
 def _preview_frames(scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
@@ -237,7 +249,7 @@ def _preview_frames(scene: SimulatedScene, view: View) -> Iterator[NDArray[np.ui
 
 
 def _blender_frames(config: RenderConfig, work: Path, scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
-    """Frames rendered by Blender; those that an interrupted run left in the work folder are not rendered again."""
+    """Frames rendered by Blender. Frames that an interrupted run left in the work folder are reused."""
     for f in range(scene.n_frames):
         path = work / f"{f:03d}.png"
         if not path.exists():

@@ -1,4 +1,4 @@
-"""Silence for libraries that write to the terminal past Python."""
+"""Silences libraries that write to the terminal from native code."""
 
 import os
 import sys
@@ -10,17 +10,17 @@ __all__ = ["quiet"]
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Nothing written to standard output or standard error inside the block reaches the terminal, whoever writes it."""
+    """Discard everything written to standard output and standard error inside the block, by Python or native code."""
     sys.stdout.flush()
     sys.stderr.flush()
-    kept = {number: os.dup(number) for number in (1, 2)}
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for number in kept:
-        os.dup2(nowhere, number)
+    saved = {number: os.dup(number) for number in (1, 2)}
+    null = os.open(os.devnull, os.O_WRONLY)
+    for number in saved:
+        os.dup2(null, number)
     try:
         yield
     finally:
-        for number, copy in kept.items():
+        for number, copy in saved.items():
             os.dup2(copy, number)
             os.close(copy)
-        os.close(nowhere)
+        os.close(null)

@@ -1,4 +1,4 @@
-"""A simulated scene as CLEVRER's files: annotation, mask proposals, and the truth that the release withholds."""
+"""A simulated scene in CLEVRER's file formats: annotation, mask proposals, and the ground truth that the release withholds."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,10 +18,12 @@ __all__ = ["annotation_document", "frame_masks", "proposal_document", "solids_at
 
 MIN_VISIBLE_PX = 20
 """Objects with fewer visible pixels get no mask."""
+DECIMALS = 4
+"""Decimals of the numbers in the files."""
 
 
 def solids_at(scene: SimulatedScene, frame: int) -> list[Solid]:
-    """The objects as they stand in a frame."""
+    """Geometry of all objects in a frame."""
     motion = scene.motion
     return [
         Solid(
@@ -34,7 +36,7 @@ def solids_at(scene: SimulatedScene, frame: int) -> list[Solid]:
 
 
 def visible_frames(scene: SimulatedScene, camera: Camera) -> NDArray[np.bool_]:
-    """(n, F) bool: in the image of a camera."""
+    """Whether each object is in the image of a camera, (n, F) bool."""
     motion = scene.motion
     return np.stack(
         [in_image(o.shape, motion.location_world[o.id], motion.orientation[o.id, :, 2], camera) for o in scene.objects]
@@ -42,7 +44,7 @@ def visible_frames(scene: SimulatedScene, camera: Camera) -> NDArray[np.bool_]:
 
 
 def frame_masks(scene: SimulatedScene, frame: int, camera: Camera) -> dict[int, str]:
-    """COCO run-length strings of the visible masks, by object id."""
+    """Masks of the visible parts as COCO run-length strings, by object id; objects with few pixels are left out."""
     ids = instance_ids(solids_at(scene, frame), camera)
     masks = {}
     for o in scene.objects:
@@ -53,11 +55,11 @@ def frame_masks(scene: SimulatedScene, frame: int, camera: Camera) -> dict[int, 
 
 
 def annotation_document(scene: SimulatedScene, index: int, filename: str, camera: Camera) -> dict[str, Any]:
-    """The content of `annotation_N.json`: objects, motion and collisions of the video's frames."""
+    """Content of `annotation_N.json`: objects, motion and collisions within the video."""
     return {
         "scene_index": index,
         "video_filename": filename,
-        "object_property": [{"object_id": o.id, **_words(scene, o.id)} for o in scene.objects],
+        "object_property": [{"object_id": o.id, **_attributes(scene, o.id)} for o in scene.objects],
         "motion_trajectory": _frames(scene, scene.n_frames, camera),
         "collision": [_collision(c) for c in scene.motion.contacts if c.frame < scene.n_frames],
     }
@@ -66,32 +68,37 @@ def annotation_document(scene: SimulatedScene, index: int, filename: str, camera
 def proposal_document(
     scene: SimulatedScene, index: int, filename: str, camera: Camera, masks: Sequence[dict[int, str]]
 ) -> dict[str, Any]:
-    """The content of `proposal_N.json`: exact masks with a score of 1. `masks`: as `frame_masks`, for each frame."""
+    """Content of `proposal_N.json`: exact masks with score 1. `masks` holds the `frame_masks` of each frame."""
     frames = []
     for f, row in enumerate(masks):
         objects = []
         for i, counts in row.items():
             mask = {"size": [camera.height, camera.width], "counts": counts}
-            objects.append({"mask": mask, **_words(scene, i), "score": 1.0, "video_index": index, "frame_index": f})
+            objects.append(
+                {"mask": mask, **_attributes(scene, i), "score": 1.0, "video_index": index, "frame_index": f}
+            )
         frames.append({"frame_index": f, "objects": objects})
     return {"video_index": index, "video_filename": filename, "frames": frames}
 
 
 def truth_document(scene: SimulatedScene, index: int, camera: Camera) -> dict[str, Any]:
-    """All simulated frames, all collisions, and for each object the collisions without it (`scene_from_truth` reads it)."""
-    mass = [round(float(m), 4) for m in scene.mass]
+    """Content of `truth_N.json`: all simulated frames, all collisions, and the collisions without each object.
+
+    `nsdr.clevrer.scenes.scene_from_truth` reads it.
+    """
+    mass = [round(float(m), DECIMALS) for m in scene.mass]
     return {
         "scene_index": index,
         "seed": scene.seed,
         "n_frames": scene.n_frames,
-        "objects": [{"object_id": o.id, "mass": mass[o.id], **_words(scene, o.id)} for o in scene.objects],
+        "objects": [{"object_id": o.id, "mass": mass[o.id], **_attributes(scene, o.id)} for o in scene.objects],
         "frames": _frames(scene, scene.motion.location_world.shape[1], camera),
         "collisions": [_collision(c) for c in scene.motion.contacts],
         "counterfactual": {str(i): [_collision(c) for c in contacts] for i, contacts in scene.counterfactual.items()},
     }
 
 
-def _words(scene: SimulatedScene, i: int) -> dict[str, str]:
+def _attributes(scene: SimulatedScene, i: int) -> dict[str, str]:
     o = scene.objects[i]
     return {"color": o.color, "material": o.material, "shape": o.shape}
 
@@ -100,7 +107,7 @@ def _collision(contact: Contact) -> dict[str, Any]:
     return {
         "object_ids": list(contact.bodies),
         "frame_id": contact.frame,
-        "location": [round(float(x), 4) for x in contact.location_world],
+        "location": [round(float(x), DECIMALS) for x in contact.location_world],
     }
 
 
@@ -108,10 +115,10 @@ def _frames(scene: SimulatedScene, n_frames: int, camera: Camera) -> list[dict[s
     visible = visible_frames(scene, camera)
     motion = scene.motion
     vectors = {
-        "location": motion.location_world.round(4),
-        "orientation": motion.orientation.round(4),
-        "velocity": motion.velocity.round(4),
-        "angular_velocity": motion.angular_velocity.round(4),
+        "location": motion.location_world.round(DECIMALS),
+        "orientation": motion.orientation.round(DECIMALS),
+        "velocity": motion.velocity.round(DECIMALS),
+        "angular_velocity": motion.angular_velocity.round(DECIMALS),
     }
     return [
         {

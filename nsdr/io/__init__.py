@@ -1,0 +1,1 @@
+"""Files, storage, checkpoints, configuration, fingerprints, devices and the runner of long work; knows no CLEVRER file."""

@@ -1,4 +1,4 @@
-"""Reading JSON with clear errors, and writing files so that a kill never leaves half of one."""
+"""Reading JSON with clear errors, and writing files atomically."""
 
 import gzip
 import json
@@ -13,9 +13,22 @@ from nsdr.errors import DataError
 
 __all__ = ["atomic_path", "parse_json", "read_json", "write_json"]
 
+GZIP_MAGIC = b"\x1f\x8b"
+"""First bytes of every gzip file."""
+FILE_MODE = 0o644
+"""Permissions of written files; `tempfile.mkstemp` alone would make them readable by the owner only."""
+
 
 def read_json(path: str | Path, error: Callable[[str], Exception] = DataError) -> Any:
-    """The content of a JSON file; `error` is raised with the file's name when it is missing or not JSON."""
+    """Read a JSON file.
+
+    Args:
+        path: the file.
+        error: makes the exception from a message that names the file.
+
+    Raises:
+        DataError: the file is missing or not JSON; with `error` given, what that returns.
+    """
     path = Path(path)
     try:
         return json.loads(path.read_text())
@@ -26,9 +39,17 @@ def read_json(path: str | Path, error: Callable[[str], Exception] = DataError) -
 
 
 def parse_json(data: bytes, name: str) -> Any:
-    """JSON from bytes, which may be gzipped; raises `DataError` with the name."""
+    """Parse JSON from bytes, which may be gzipped.
+
+    Args:
+        data: the bytes.
+        name: where they come from, for the error message.
+
+    Raises:
+        DataError: not JSON; names `name`.
+    """
     try:
-        return json.loads(gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data)
+        return json.loads(gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data)
     except (OSError, EOFError, UnicodeDecodeError, json.JSONDecodeError) as e:
         raise DataError(f"{name}: not a readable JSON file ({e})") from e
 
@@ -41,7 +62,7 @@ def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path`, flushed to disk and moved onto it when the block ends without an error."""
+    """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
@@ -51,7 +72,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         yield temporary
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
-        temporary.chmod(0o644)
+        temporary.chmod(FILE_MODE)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

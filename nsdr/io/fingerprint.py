@@ -1,23 +1,98 @@
-"""Which code a run or a measurement was made with."""
+"""What makes a kept result stale: the content of its input, the resolved configuration, the weights and the code."""
 
+import ast
+import hashlib
+import json
+import pickle
 import subprocess
+from collections.abc import Iterable
+from dataclasses import asdict, is_dataclass
+from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-import nsdr
+from nsdr.errors import DataError
 
-__all__ = ["code_revision"]
+__all__ = ["code_fingerprint", "code_revision", "fingerprint"]
+
+DIGITS = 16
+"""Hexadecimal digits of a fingerprint."""
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iterable[str | Path] = ()) -> str:
+    """A short text that changes when anything changes on which a result depends; the code of `nsdr` is always part of it.
+
+    Args:
+        inputs: what is worked on: a `Path` stands for the content of that file, bytes for themselves, other values (such as
+            `VideoProposals`) for their pickled form.
+        config: the resolved configuration: a dataclass, or plain values.
+        weights: files, or folders with `*.safetensors` and `*.json`.
+
+    Raises:
+        DataError: a file cannot be read; names it.
+    """
+    digest = hashlib.sha256(code_fingerprint().encode())
+    digest.update(json.dumps(_plain(config), sort_keys=True, default=str).encode())
+    for path in weights:
+        folder = Path(path)
+        files = sorted([*folder.glob("*.safetensors"), *folder.glob("*.json")]) if folder.is_dir() else [folder]
+        for file in files:
+            digest.update(file.name.encode() + _content(file))
+    for item in inputs:
+        content = item if isinstance(item, bytes) else _content(item) if isinstance(item, Path) else _pickled(item)
+        digest.update(hashlib.sha256(content).digest())
+    return digest.hexdigest()[:DIGITS]
+
+
+def _plain(config: Any) -> Any:
+    return asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
+
+
+def _pickled(value: Any) -> bytes:
+    return pickle.dumps(value, protocol=5)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as e:
+        raise DataError(f"{path}: no such file") from e
+    except OSError as e:
+        raise DataError(f"{path}: cannot be read ({e})") from e
+
+
+@lru_cache(maxsize=1)
+def code_fingerprint() -> str:
+    """Of the package's code, whatever its comments, docstrings and layout of lines."""
+    digest = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                node.body = [s for s in node.body if not _is_text(s)]
+        digest.update(str(path.relative_to(_PACKAGE)).encode() + ast.dump(tree).encode())
+    return digest.hexdigest()[:DIGITS]
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )
 
 
 def code_revision() -> str:
-    """The git commit of this checkout (with `+changes` when the package has uncommitted ones), else the package's version."""
-    folder = Path(__file__).resolve().parents[1]
+    """The git commit of this checkout, with `+changes` when the package has uncommitted ones; else the package's version."""
     try:
         head = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], cwd=folder, capture_output=True, text=True, check=True
+            ["git", "rev-parse", "--short", "HEAD"], cwd=_PACKAGE, capture_output=True, text=True, check=True
         )
         dirty = subprocess.run(
-            ["git", "status", "--porcelain", "."], cwd=folder, capture_output=True, text=True, check=True
+            ["git", "status", "--porcelain", "."], cwd=_PACKAGE, capture_output=True, text=True, check=True
         )
     except (OSError, subprocess.CalledProcessError):
-        return nsdr.__version__
+        return version("nsdr")
     return head.stdout.strip() + ("+changes" if dirty.stdout.strip() else "")

@@ -1,4 +1,4 @@
-"""Saving and loading the data flow's arrows (`nsdr.types`): JSON, or NPZ where arrays are large."""
+"""Saving and loading the data types of `nsdr.types`: as JSON, or as NPZ where arrays are large."""
 
 import dataclasses
 import json
@@ -20,10 +20,14 @@ _KINDS: dict[str, type] = {name: getattr(types, name) for name in types.__all__}
 
 
 def save(value: Any, path: str | Path) -> None:
-    """Write an arrow to `path`, atomically: `.json` (readable) or `.npz` (compact, arrays exact).
+    """Write a value to `path`, atomically: `.json` (readable) or `.npz` (compact).
+
+    Args:
+        value: an instance of a type of `nsdr.types`.
+        path: the file.
 
     Raises:
-        DataError: another ending, or a value that is no arrow.
+        DataError: another file name extension, or a value of another type.
     """
     path = Path(path)
     if type(value).__name__ not in _KINDS:
@@ -36,18 +40,18 @@ def save(value: Any, path: str | Path) -> None:
         with atomic_path(path) as temporary:
             np.savez_compressed(temporary, tree=np.array(tree), **arrays)  # type: ignore[arg-type]
     else:
-        raise DataError(f"{path}: cannot save as {path.suffix or 'a file without ending'!r}; expected .json or .npz")
+        raise DataError(f"{path}: cannot save as {path.suffix or 'a file without extension'!r}; expected .json or .npz")
 
 
 def load(kind: type[T], path: str | Path) -> T:
-    """Read what `save` wrote, validated.
+    """Read and validate a file that `save` wrote.
 
     Args:
-        kind: the expected arrow, such as `nsdr.Scene`.
+        kind: the expected type, such as `nsdr.Scene`.
         path: the file.
 
     Raises:
-        DataError: missing, corrupt, or another kind of content; names the file.
+        DataError: the file is missing or corrupt, or holds another type; names the file.
     """
     path = Path(path)
     arrays: dict[str, NDArray[Any]] = {}
@@ -88,7 +92,7 @@ def _encoded(value: Any, arrays: dict[str, NDArray[Any]] | None) -> Any:
 
 
 def _listed(array: NDArray[Any]) -> Any:
-    """Flat values: booleans as one string of 0 and 1, NaN as null."""
+    """Flat list of values for JSON: booleans as one string of 0 and 1, NaN as null."""
     if array.dtype.kind == "b":
         return "".join("1" if on else "0" for on in array.ravel().tolist())
     if array.dtype.kind == "f":

@@ -17,8 +17,9 @@ __all__ = ["ENGINES", "Outcome", "run_in_order", "run_tasks"]
 
 ENGINES = ("processes", "ray")
 ATTEMPTS = 3
-"""How often a task may lose its worker before it counts as failed."""
+"""Number of lost workers after which a task counts as failed."""
 IN_FLIGHT_PER_WORKER = 2
+"""Tasks handed out per worker, so that none waits for the next one."""
 
 Item = TypeVar("Item")
 log = logging.getLogger(__name__)
@@ -91,7 +92,7 @@ def _attempt(function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
 
 
 def _prepare_worker() -> None:
-    """Workers share the cores (libraries' own threads would only get into each other's way) and end with this program."""
+    """Workers share the cores, so libraries get one thread each; workers end with this program."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -99,7 +100,7 @@ def _prepare_worker() -> None:
 
 
 def _end_with_parent() -> None:
-    """A killed program tells its workers nothing."""
+    """Workers of a killed program are not told."""
     parent = parent_process()
     if parent is not None:
         parent.join()
@@ -107,29 +108,29 @@ def _end_with_parent() -> None:
 
 
 def _with_processes(function: Callable[[Item], Any], items: Sequence[Item], workers: int) -> Iterator[Outcome[Item]]:
-    left = list(enumerate(items))[::-1]
+    pending = list(enumerate(items))[::-1]
     losses = [0] * len(items)
-    while left:
+    while pending:
         before = os.environ.get("OMP_NUM_THREADS")
         os.environ["OMP_NUM_THREADS"] = "1"  # for the children
         pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_prepare_worker)
-        flying: dict[Future[Outcome[Item]], int] = {}
+        running: dict[Future[Outcome[Item]], int] = {}
         try:
-            while left or flying:
-                while left and len(flying) < workers * IN_FLIGHT_PER_WORKER:
-                    number, item = left[-1]
-                    flying[pool.submit(_attempt, function, item)] = number
-                    left.pop()  # only now: a broken pool takes nothing more
-                for future in wait(flying, return_when=FIRST_COMPLETED).done:
+            while pending or running:
+                while pending and len(running) < workers * IN_FLIGHT_PER_WORKER:
+                    number, item = pending[-1]
+                    running[pool.submit(_attempt, function, item)] = number
+                    pending.pop()  # only now: a broken pool takes nothing more
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
                     outcome = future.result()
-                    del flying[future]
+                    del running[future]
                     yield outcome
         except BrokenProcessPool:
-            # A worker died (killed, out of memory): any of the flying tasks may have been its own.
-            for number in flying.values():
+            # A worker died (killed, out of memory): any of the running tasks may have been its own.
+            for number in running.values():
                 losses[number] += 1
                 if losses[number] < ATTEMPTS:
-                    left.append((number, items[number]))
+                    pending.append((number, items[number]))
                 else:
                     yield Outcome(items[number], error=f"its worker process died {ATTEMPTS} times")
         finally:
@@ -149,15 +150,15 @@ def _with_ray(function: Callable[[Item], Any], items: Sequence[Item]) -> Iterato
         ray.init(log_to_driver=False)
     remote: Any = ray.remote(num_cpus=1, max_retries=ATTEMPTS)(_attempt)
     most = IN_FLIGHT_PER_WORKER * max(int(ray.cluster_resources().get("CPU", 1)), 1)
-    left = list(items)[::-1]
-    flying: dict[Any, Item] = {}
-    while left or flying:
-        while left and len(flying) < most:
-            item = left.pop()
-            flying[remote.remote(function, item)] = item
-        done, _ = ray.wait(list(flying), num_returns=1)
+    pending = list(items)[::-1]
+    running: dict[Any, Item] = {}
+    while pending or running:
+        while pending and len(running) < most:
+            item = pending.pop()
+            running[remote.remote(function, item)] = item
+        done, _ = ray.wait(list(running), num_returns=1)
         for reference in done:
-            item = flying.pop(reference)
+            item = running.pop(reference)
             try:
                 yield ray.get(reference)
             except ray.exceptions.RayError as e:

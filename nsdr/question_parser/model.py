@@ -15,14 +15,14 @@ __all__ = ["ParserNetwork", "QuestionParserConfig"]
 
 @dataclass(frozen=True)
 class QuestionParserConfig:
-    """Sizes of each of the three networks.
+    """Architecture of each of the three networks.
 
     Attributes:
-        embedding: width of word and token embeddings.
-        hidden: LSTM units (each direction of the encoder has half of them).
-        layers: LSTM layers of encoder and decoder.
-        dropout: between layers, in training.
-        max_tokens: longest program.
+        embedding: width of the word and token embeddings (paper: 300).
+        hidden: LSTM units of the decoder; each direction of the encoder has half as many (paper: 256).
+        layers: LSTM layers of the encoder and of the decoder.
+        dropout: dropout between layers in training (0-1).
+        max_tokens: length of the longest program that is decoded (tokens).
     """
 
     embedding: int = 64
@@ -33,14 +33,14 @@ class QuestionParserConfig:
 
 
 class ParserNetwork(nn.Module):
-    """Bidirectional LSTM encoder, LSTM decoder with dot-product attention over the encoder's states.
+    """Bidirectional LSTM encoder, and LSTM decoder with dot-product attention over the encoder's states.
 
-    Differs from the paper: 192 units and 64-d embeddings instead of 256 and 300 (configurable).
+    Differs from the paper: by default 192 units and 64-d embeddings instead of 256 and 300.
 
     Args:
         n_words: size of the word vocabulary, padding included.
         n_tokens: size of the program vocabulary, padding included.
-        config: sizes.
+        config: architecture.
     """
 
     def __init__(self, n_words: int, n_tokens: int, config: QuestionParserConfig) -> None:
@@ -57,7 +57,7 @@ class ParserNetwork(nn.Module):
         self.output = nn.Linear(hidden, n_tokens)
 
     def encode(self, words: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor], Tensor]:
-        """Words (B, T) -> states (B, T, H), the decoder's first state, and the mask (B, T) of real words."""
+        """Words (B, T) -> states (B, T, H), initial state of the decoder, and mask (B, T) that is False for padding."""
         mask = words != PAD
         packed = pack_padded_sequence(self.words(words), mask.sum(1).cpu(), batch_first=True, enforce_sorted=False)
         packed_states, (h, c) = self.encoder(packed)
@@ -72,31 +72,32 @@ class ParserNetwork(nn.Module):
     def decode(
         self, tokens: Tensor, states: Tensor, mask: Tensor, state: tuple[Tensor, Tensor]
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        """Tokens (B, S) so far -> logits (B, S, n_tokens) of the next ones, and the decoder's state."""
+        """Tokens (B, S) -> logits (B, S, n_tokens) of the tokens that follow each, and the new state of the decoder."""
         out, state = self.decoder(self.tokens(tokens), state)
         scores = (out @ states.transpose(1, 2)).masked_fill(~mask[:, None], float("-inf"))
         context = scores.softmax(-1) @ states
         return self.output(torch.tanh(self.join(torch.cat([out, context], -1)))), state
 
     def forward(self, words: Tensor, tokens: Tensor) -> Tensor:
-        """Teacher forcing: words (B, T), tokens (B, S) from `<start>` on -> logits (B, S, n_tokens)."""
+        """Words (B, T) and true tokens (B, S) from `<start>` on -> logits (B, S, n_tokens) of the tokens that follow each."""
         states, state, mask = self.encode(words)
         return self.decode(tokens, states, mask, state)[0]
 
     @torch.no_grad()
     def search(self, words: Tensor, kind: str = "", beam: int = 1) -> tuple[list[list[int]], list[float]]:
-        """Most probable programs by beam search; a beam of 1 takes the most probable token after token.
+        """Most probable programs by beam search.
 
         Args:
-            words: (B, T) word indices.
-            kind: kind of text, for decoding well-typed programs only (see `constraint`); "" permits every token.
-            beam: hypotheses kept for each text.
+            words: (B, T) word indices, on any device.
+            kind: kind of the texts, to decode well-typed programs only (see `constraint`); "" permits every token.
+            beam: hypotheses kept for each text; 1 is greedy search.
 
         Returns:
-            The token indices of each text's program, and its probability among all sequences (0-1), the same with and
-            without the constraint.
+            Token indices of each text's program, and its probability among all token sequences (0-1). The constraint does not
+            renormalise probabilities.
         """
         self.eval()
+        words = words.to(self.output.weight.device)
         states, (h, c), mask = self.encode(words)
         batch, device = len(words), words.device
         states, mask = states.repeat_interleave(beam, 0), mask.repeat_interleave(beam, 0)
@@ -107,29 +108,29 @@ class ParserNetwork(nn.Module):
         ended = torch.zeros(batch, beam, dtype=torch.bool, device=device)
         rows = torch.zeros((batch, beam, 0), dtype=torch.long, device=device)
         stacks = [first_stack(kind)] * (batch * beam)
-        first = (torch.arange(batch, device=device) * beam)[:, None]
+        first_row = (torch.arange(batch, device=device) * beam)[:, None]
         for step in range(self.config.max_tokens):
             logits, state = self.decode(token, states, mask, state)
-            following_scores = logits[:, 0].log_softmax(-1)
+            next_scores = logits[:, 0].log_softmax(-1)
             if kind:
                 masks = np.stack([allowed(stack, kind, step == 0) for stack in stacks])
-                following_scores = following_scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
-            following_scores = following_scores.view(batch, beam, -1)
-            only_padding = torch.full_like(following_scores, float("-inf"))
+                next_scores = next_scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
+            next_scores = next_scores.view(batch, beam, -1)
+            only_padding = torch.full_like(next_scores, float("-inf"))
             only_padding[..., PAD] = 0.0
-            following_scores = torch.where(ended[..., None], only_padding, following_scores)
-            n_tokens = following_scores.shape[-1]
-            score, best = (score[..., None] + following_scores).flatten(1).topk(beam)
+            next_scores = torch.where(ended[..., None], only_padding, next_scores)
+            n_tokens = next_scores.shape[-1]
+            score, best = (score[..., None] + next_scores).flatten(1).topk(beam)
             parent, new = best // n_tokens, best % n_tokens
             rows = torch.cat([rows.gather(1, parent[..., None].expand(-1, -1, step)), new[..., None]], -1)
             ended = ended.gather(1, parent) | (new == END)
-            chosen = (first + parent).flatten()
+            chosen = (first_row + parent).flatten()
             state = (state[0][:, chosen], state[1][:, chosen])
             token = new.view(-1, 1)
             if bool(ended.all()):
                 break
             if kind:
-                numbers = zip(chosen.tolist(), token[:, 0].tolist(), ended.flatten().tolist(), strict=True)
-                stacks = [None if done or t == PAD else following(stacks[i], t) for i, t, done in numbers]
-        found = rows[:, 0].tolist()
-        return [[t for t in row if t not in (PAD, END)] for row in found], score[:, 0].exp().tolist()
+                hypotheses = zip(chosen.tolist(), token[:, 0].tolist(), ended.flatten().tolist(), strict=True)
+                stacks = [None if done or t == PAD else following(stacks[i], t) for i, t, done in hypotheses]
+        best_rows = rows[:, 0].tolist()
+        return [[t for t in row if t not in (PAD, END)] for row in best_rows], score[:, 0].exp().tolist()

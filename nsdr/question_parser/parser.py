@@ -1,14 +1,15 @@
-"""Questions and choices -> programs."""
+"""Programs of questions and choices."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import nn
 
 from nsdr.errors import CheckpointError, ProgramError, QuestionError
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.io.device import resolve_device
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer
@@ -17,32 +18,39 @@ from nsdr.symbolic.program import Program
 __all__ = ["QuestionParser", "build_networks", "pad"]
 
 MIN_PROBABILITY = 0.9
-"""Measured with the default weights: 2,877 real texts have 0.98 or more, sentences without sense 0.8 or less."""
+"""Programs with a smaller probability are rejected (0-1). With the default weights, 2,877 real texts have 0.98 or more and
+meaningless sentences 0.8 or less."""
 MAX_BATCH_TEXTS = 512
-REMEDY = 'word it as CLEVRER\'s questions are, such as "How many cubes enter the scene?"'
+"""Largest number of texts in one forward pass."""
+REMEDY = 'word it like a CLEVRER question, such as "How many cubes enter the scene?"'
 
 
 def pad(rows: Sequence[Sequence[int]]) -> torch.Tensor:
-    """Rows of indices -> (B, longest) with zeros at the ends."""
+    """Rows of indices -> (B, length of the longest row), padded with zeros on the right."""
     width = max(len(row) for row in rows)
     return torch.tensor([[*row, *[0] * (width - len(row))] for row in rows])
 
 
 def build_networks(n_words: int, config: QuestionParserConfig) -> nn.ModuleDict:
-    """The three networks, by kind of text."""
+    """The three networks by kind of text, with random weights."""
     return nn.ModuleDict({kind: ParserNetwork(n_words, len(PROGRAM_TOKENS), config) for kind in TEXT_KINDS})
 
 
 class QuestionParser:
-    """Parses descriptive questions, multiple-choice questions and choices, each with a network of its own.
+    """Parses descriptive questions, multiple-choice questions and choices, with one network for each kind of text.
+
+    It runs on the device of the networks' weights.
 
     Args:
         tokenizer: word vocabulary.
-        networks: as `build_networks` makes them.
-        min_probability: programs that are less probable are refused.
+        networks: the networks of `build_networks`.
+        min_probability: programs with a smaller probability are rejected (0-1).
         constrained: decode well-typed programs only.
-        beam: hypotheses of the search; 1 is greedy.
-        unknown: "error", or "ignore" to warn and go on without words that are not known.
+        beam: hypotheses of the beam search; 1 is greedy search.
+        unknown: what to do with an unknown word: "error", or "ignore" to leave it out with a warning.
+
+    Raises:
+        QuestionError: another value of `unknown`, or a `beam` of less than 1.
     """
 
     def __init__(
@@ -64,39 +72,83 @@ class QuestionParser:
         self.networks = networks.eval()
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "QuestionParser":
-        """Load `question_parser.safetensors` and its JSON; `options` are the constructor's.
+    def from_pretrained(cls, path_or_id: str | Path = "default", device: str = "auto", **options: Any) -> Self:
+        """The question parser of a checkpoint.
+
+        Args:
+            path_or_id: a folder, the name of a shipped checkpoint or a repository id of the Hugging Face hub; see
+                `find_checkpoint`.
+            device: as of `to`.
+            options: arguments of the constructor.
 
         Raises:
-            CheckpointError: missing, corrupt, or made for other program tokens.
+            CheckpointError: not found, incomplete, corrupt, or trained with other program tokens.
+            DataError: the device is unknown or not available.
+        """
+        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
+        """The question parser of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
+
+        Raises:
+            CheckpointError: `question_parser.safetensors` or `question_parser.json` is missing or corrupt, or the parser was
+                trained with other program tokens.
         """
         state, details = load_checkpoint(folder, "question_parser")
         if tuple(details.get("program_tokens", ())) != PROGRAM_TOKENS:
-            raise CheckpointError(f"{folder}: the question parser knows other program tokens; train it again")
+            raise CheckpointError(
+                f"{folder}: the question parser was trained with other program tokens; train it again"
+            )
         tokenizer = Tokenizer(details["words"])
         networks = build_networks(len(tokenizer), QuestionParserConfig(**details["config"]))
         networks.load_state_dict(state)
         return cls(tokenizer, networks, **options)
 
+    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
+        """Write `question_parser.safetensors` and `question_parser.json` for `from_pretrained`.
+
+        Args:
+            folder: created if missing; other parts of a checkpoint in it are kept.
+            details: plain values to add to the JSON, such as metrics.
+        """
+        network: Any = self.networks[TEXT_KINDS[0]]
+        vocabulary = {"words": self.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
+        save_checkpoint(
+            folder, "question_parser", self.networks.state_dict(), network.config, {**(details or {}), **vocabulary}
+        )
+
+    def to(self, device: str) -> Self:
+        """Move the networks to a device; returns the parser itself.
+
+        Args:
+            device: a device of torch, such as "cpu" or "cuda:1"; "auto" is CUDA where that is available, else the CPU.
+
+        Raises:
+            DataError: the device is unknown or not available.
+        """
+        self.networks.to(resolve_device(device))
+        return self
+
     def parse(self, text: str, kind: str = "descriptive") -> Program:
-        """The program of one text; `parse_batch` for many.
+        """The program of one text; `parse_batch` parses many at a time.
 
         Args:
             text: a question or choice in CLEVRER's English.
             kind: "descriptive", "multiple_choice" or "choice".
 
         Raises:
-            QuestionError: an empty text, an unknown word, a text of another kind, or one that fits no program.
+            QuestionError: an unknown kind, an empty text, an unknown word, a text of another kind, or one without a program.
         """
         return self.parse_batch([text], kind)[0]
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program]:
-        """Programs of many texts of one kind; raises as `parse`."""
+        """Programs of many texts of one kind; raises the errors of `parse`."""
         found = self.candidates(texts, kind)
         return [self._program(t, tokens, kind, p) for t, (tokens, p) in zip(texts, found, strict=True)]
 
     def candidates(self, texts: Sequence[str], kind: str = "descriptive") -> list[tuple[list[str], float]]:
-        """The most probable tokens of many texts, and their probability (0-1), whether or not they make a program.
+        """The most probable tokens of many texts with their probability (0-1), whether or not they form a program.
 
         Raises:
             QuestionError: an unknown kind, an empty text or an unknown word.
@@ -119,11 +171,16 @@ class QuestionParser:
                 "multiple_choice": "ask it without choices if it is a descriptive question",
                 "choice": 'a choice names an object or event, such as "the presence of the red cube"',
             }
-            raise QuestionError(f"{text!r} is no {kind.replace('_', '-')} text; {remedy[kind]}, or {REMEDY}")
+            name = {"descriptive": "descriptive question", "multiple_choice": "multiple-choice question"}.get(
+                kind, kind
+            )
+            raise QuestionError(f"{text!r} is not a {name}; {remedy[kind]}, or {REMEDY}")
         try:
             program = Program.parse(tokens)
         except ProgramError as e:
             raise QuestionError(f"{text!r} fits no program ({e}); {REMEDY}") from e
         if probability < self.min_probability:
-            raise QuestionError(f"{text!r} fits no program surely (the best one by {probability:.0%}); {REMEDY}")
+            raise QuestionError(
+                f"{text!r} fits no program (the best one has a probability of {probability:.0%}); {REMEDY}"
+            )
         return program

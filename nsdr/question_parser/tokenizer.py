@@ -1,4 +1,4 @@
-"""Words and program tokens as indices."""
+"""Indices of words and program tokens."""
 
 import difflib
 import re
@@ -11,25 +11,28 @@ from nsdr.symbolic.modules import MODULES, WORDS
 __all__ = ["OTHER", "PAD", "PROGRAM_TOKENS", "Tokenizer", "split_words"]
 
 PAD, START, END = 0, 1, 2
+"""Indices of the special tokens; 0 is also the padding of words."""
 OTHER = "<other>"
-"""What a network says of a text that is not of its kind."""
+"""The only token of a text of another kind than the network's."""
 
 PROGRAM_TOKENS = ("<pad>", "<start>", "<end>", OTHER, *(name for name, m in MODULES.items() if m.in_data_set), *WORDS)
-"""The decoder's vocabulary, from the signature table."""
+"""The decoder's vocabulary: special tokens, then the modules and words of the signature table."""
 
 _WORD = re.compile(r"'s\b|[^\W_]+")
+NEAR_WORDS, NEAR_SIMILARITY = 3, 0.5
+"""Largest number of known words that an error suggests, and their smallest similarity (0-1; `difflib.get_close_matches`)."""
 
 
 def split_words(text: str) -> list[str]:
-    """Words of a text: lower case, without punctuation, the possessive 's as a word of its own."""
+    """Words of a text in lower case, without punctuation; the possessive 's is a word of its own."""
     return _WORD.findall(text.lower().replace("\u2019", "'").replace("\u2018", "'"))
 
 
 class Tokenizer:
-    """Word indices of a fixed vocabulary. Index 0 is padding.
+    """Word indices of a fixed vocabulary, from 1 on; 0 is padding.
 
     Args:
-        words: known words, in order.
+        words: known words, in the order of their indices.
     """
 
     def __init__(self, words: Sequence[str]) -> None:
@@ -38,7 +41,7 @@ class Tokenizer:
 
     @classmethod
     def from_texts(cls, texts: Iterable[str]) -> "Tokenizer":
-        """Vocabulary of all words of the texts, in alphabetical order."""
+        """Tokenizer of all words in the texts, in alphabetical order."""
         return cls(sorted({word for text in texts for word in split_words(text)}))
 
     def __len__(self) -> int:
@@ -48,21 +51,21 @@ class Tokenizer:
         """Word indices of a text.
 
         Args:
-            text: in English.
-            unknown: "error", or "ignore" to warn and leave out words that are not known.
+            text: English text.
+            unknown: what to do with an unknown word: "error", or "ignore" to leave it out with a warning.
 
         Raises:
-            QuestionError: an empty text, or a word that is not known; names it and the nearest known ones.
+            QuestionError: an empty text, a text of unknown words only, or an unknown word; names it and similar known ones.
         """
         words = split_words(text)
         if not words:
             raise QuestionError(f"the text {text!r} is empty")
-        strange = [word for word in words if word not in self._index]
-        if strange:
-            near = difflib.get_close_matches(strange[0], self.words, n=3, cutoff=0.5)
-            hint = f"; did you mean {', '.join(near)}?" if near else "; docs/questions.md lists the known wordings"
-            message = f"unknown word {strange[0]!r} in {text!r}{hint}"
-            if unknown == "error" or len(strange) == len(words):
+        unknown_words = [word for word in words if word not in self._index]
+        if unknown_words:
+            near = difflib.get_close_matches(unknown_words[0], self.words, n=NEAR_WORDS, cutoff=NEAR_SIMILARITY)
+            hint = f"; did you mean {', '.join(near)}?" if near else "; docs/questions.md lists the supported wordings"
+            message = f"unknown word {unknown_words[0]!r} in {text!r}{hint}"
+            if unknown == "error" or len(unknown_words) == len(words):
                 raise QuestionError(message)
             warnings.warn(f"{message} (ignored)", stacklevel=2)
         return [self._index[word] for word in words if word in self._index]

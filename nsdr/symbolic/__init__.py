@@ -1,4 +1,4 @@
-"""The symbolic executor: programs, the signature table, the causal graph. Runs without PyTorch."""
+"""The symbolic executor: programs, the signature table and the causal graph. Runs without PyTorch."""
 
 from nsdr.symbolic.executor import Executor
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module

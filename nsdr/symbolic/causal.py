@@ -8,10 +8,12 @@ __all__ = ["ancestor_sets", "direct_causes"]
 
 
 def direct_causes(events: Sequence[Event]) -> list[list[int]]:
-    """For each event (in order of time) the indices of its direct causes.
+    """Indices of the direct causes of each event.
 
-    Every object has a line of events in order of time; the causes of an event are its immediate predecessors on the
-    lines of its objects.
+    The direct causes of an event are, for each of its objects, the latest earlier event of that object.
+
+    Args:
+        events: in order of time.
     """
     latest: dict[int, int] = {}
     causes: list[list[int]] = []
@@ -22,7 +24,14 @@ def direct_causes(events: Sequence[Event]) -> list[list[int]]:
 
 
 def ancestor_sets(events: Sequence[Event]) -> dict[int, int]:
-    """All (transitive) causes of each event, as bit sets by the event's bit: bit i stands for `events[i]`."""
+    """Direct and indirect causes of each event.
+
+    Args:
+        events: in order of time.
+
+    Returns:
+        Bit sets of causes by the bit of the event; bit i stands for `events[i]`.
+    """
     ancestors: list[int] = []
     for causes in direct_causes(events):
         bits = 0

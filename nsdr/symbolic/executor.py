@@ -14,6 +14,10 @@ from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 __all__ = ["Executor"]
 
 PREDICTIVE = ("unseen_events", "belong_to")
+"""Program of every predictive question."""
+CHOICE_STEP = -1 - len(PREDICTIVE)
+"""Index, from the end, of the step that gives the choice of a predictive question."""
+
 ProgramSource = str | Sequence[str] | Program
 
 
@@ -21,30 +25,33 @@ class Executor:
     """Executes programs on one scene.
 
     Args:
-        scene: what programs ask about; for the official semantics the content of a prediction file.
-        semantics: "paper", the meaning in the paper and in CLEVRER's own answers; or "official", what the released
-            executor answers on its prediction files, quirks included (`nsdr.symbolic.official`): failures are then no
-            exceptions but the answer "error".
-        collisions: "predicted", or with the official semantics "velocity", the variant NE.
+        scene: the scene; for the official semantics, the content of a prediction file.
+        semantics: "paper" follows the paper and CLEVRER's own answers; "official" reproduces the answers of the released
+            executor on its prediction files, including its quirks (`nsdr.symbolic.official`), and answers "error" instead
+            of raising an exception.
+        collisions: "predicted"; with the official semantics also "velocity", the variant NE.
 
     Raises:
-        ExecutionError: an unknown semantics, or one that does not fit the scene.
+        ExecutionError: unknown semantics, or semantics that do not fit the type of the scene.
     """
 
     def __init__(
         self, scene: Scene | Mapping[str, Any], semantics: str = "paper", collisions: str = "predicted"
     ) -> None:
         if semantics not in ("paper", "official"):
-            raise ExecutionError(f"semantics {semantics!r} is not known; expected 'paper' or 'official'")
+            raise ExecutionError(f"unknown semantics {semantics!r}; expected 'paper' or 'official'")
         self.semantics = semantics
         if isinstance(scene, Scene) == (semantics == "official"):
             expected = "the content of a prediction file" if semantics == "official" else "a Scene"
-            raise ExecutionError(f"semantics {semantics!r} runs on {expected}, got a {type(scene).__name__}")
+            raise ExecutionError(f"the {semantics} semantics runs on {expected}, got a {type(scene).__name__}")
         self.world = world_of(scene) if isinstance(scene, Scene) else official_world(scene, collisions)
         self.unseen_scores = scene.unseen_scores if isinstance(scene, Scene) else None
 
     def run(self, program: ProgramSource) -> Any:
-        """The program's value: a word, number, truth value; objects' ids; or `Event`s.
+        """Run a program.
+
+        Returns:
+            Its value: a word, number or truth value, object ids, or `Event`s.
 
         Raises:
             ProgramError: the program is not well-formed.
@@ -58,10 +65,10 @@ class Executor:
         return value if parsed.answers else self._plain(parsed.result, value)
 
     def run_batch(self, programs: Iterable[ProgramSource]) -> list[Any]:
-        """Values of many programs, as `run`; what they have in common is executed once.
+        """Run many programs; sub-programs that they share are executed once.
 
         Returns:
-            For each program its value, or the `ExecutionError` that it met.
+            For each program its value as from `run`, or the `ExecutionError` that `run` would raise.
 
         Raises:
             ProgramError: a program is not well-formed.
@@ -82,7 +89,7 @@ class Executor:
         return results
 
     def _error(self, program: Program) -> ExecutionError:
-        """The error of a program that fails, with its step named (found by running it step by step)."""
+        """The error of a failing program, found by running it step by step, so that it names the step."""
         try:
             self._values(program)
         except ExecutionError as e:
@@ -90,17 +97,21 @@ class Executor:
         raise AssertionError(f"{program} fails only when sub-programs are shared")
 
     def answer(self, program: ProgramSource, question: str = "") -> Answer:
-        """Answer a descriptive question: yes, no, a number or an attribute word, with the trace.
+        """Answer a descriptive question.
+
+        Returns:
+            The answer (yes, no, a number or an attribute word) with its trace.
 
         Raises:
-            ProgramError, ExecutionError: as `run`; also when the program gives no answer word.
+            ProgramError: the program is not well-formed, or does not give an answer.
+            ExecutionError: it does not fit the scene; names step, module and inputs.
         """
         if self.semantics == "official":
             return self._official_answer(program, question)
         parsed = _complete(Program.parse(program))
         if not parsed.answers:
             raise ProgramError(
-                f"the program gives {parsed.result}; a question's program ends in a count, exist or query"
+                f"the program gives {parsed.result}; the program of a question ends in a count, exist or query"
             )
         values = self._values(parsed)
         return Answer(question, parsed.tokens, _word(values[-1]), self._trace(parsed, values))
@@ -121,18 +132,19 @@ class Executor:
     def judge(
         self, question_program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str = ""
     ) -> Answer:
-        """Answer a multiple-choice question: every choice is run together with the question; yes means correct.
+        """Answer a multiple-choice question: each choice is joined with the question into one program, and "yes" is correct.
 
-        Of the two options of a predictive question exactly one is right (a rule of CLEVRER): where the scene has scores of
-        unseen collisions and the options come out alike, the likelier one is chosen.
+        Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
+        the scene has scores of unseen collisions, the choice with the higher score is the correct one.
 
         Args:
-            question_program: ends in `belong_to` with its choice open.
+            question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
             choices: (text, program) pairs.
-            question: its text.
+            question: text of the question.
 
         Raises:
-            ProgramError, ExecutionError: as `run`.
+            ProgramError: a program is not well-formed, or is not that of a question or choice.
+            ExecutionError: a program does not fit the scene; names step, module and inputs.
         """
         if self.semantics == "official":
             return self._official_judge(question_program, choices, question)
@@ -149,22 +161,21 @@ class Executor:
         return Answer(question, parsed.tokens, None, (), tuple(answers))
 
     def _likelier(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
-        """Two options of a predictive question, the one with the more probable collision made the correct one."""
-        table = self.unseen_scores
-        if table is None:
+        """The two choices of a predictive question, judged by the scores of their collisions."""
+        scores = self.unseen_scores
+        if scores is None:
             return list(answers)
-        # The step before `unseen_events belong_to` is the chosen event.
-        chosen = [a.trace[-3].value for a in answers]
+        chosen = [a.trace[CHOICE_STEP].value for a in answers]
         if not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
             return list(answers)
-        first, second = (table[e.objects] for e in chosen)
+        first, second = (scores[e.objects] for e in chosen)
         words = ("correct", "wrong") if first >= second else ("wrong", "correct")
         return [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
 
     def _official_judge(
         self, source: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str
     ) -> Answer:
-        """Every choice with the question as one program: yes is correct, no is wrong, anything else an "error"."""
+        """Each choice joined with the question into one program: "yes" is correct, "no" wrong, anything else an "error"."""
         tokens = Program.parse(source).tokens
         answers = []
         for text, choice in choices:
@@ -174,7 +185,7 @@ class Executor:
         return Answer(question, tokens, None, (), tuple(answers))
 
     def _values(self, program: Program) -> list[Any]:
-        """Raw value of every step."""
+        """Value of every step as the modules pass it on: sets are integers."""
         values: list[Any] = []
         world = self.world
         for number, step in enumerate(program.steps, 1):
@@ -229,7 +240,7 @@ class Executor:
 
 
 def _evaluate(node: Node, world: World, known: dict[Node, Any]) -> Any:
-    """Value of a sub-program. (A known None, the value of `null`, is looked up again, which costs little.)"""
+    """Value of a sub-program, stored in `known`. None, the value of `null`, counts as unknown and is computed again."""
     left = node.left
     if left is None:
         value = node.run(world)
@@ -252,7 +263,7 @@ def _evaluate(node: Node, world: World, known: dict[Node, Any]) -> Any:
 
 def _complete(program: Program) -> Program:
     if program.needs_choice:
-        raise ProgramError("the program judges a choice; give choices")
+        raise ProgramError("the program judges a choice; pass it to `judge` with choices")
     return program
 
 

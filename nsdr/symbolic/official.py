@@ -1,16 +1,19 @@
-"""`semantics="official"`: what the released executor answers on its own prediction files, its quirks included.
+"""`semantics="official"`: the answers of the released executor on its own prediction files, including its quirks.
 
-All of its differences from the paper's semantics live here; the modules are the same.
+Both semantics share the program modules. Where the official one differs from the paper's:
 
-Scene: objects are their exact attribute triples, others get no identity. MotionTable is known at samples (every 5 frames) only:
-velocity is the mean of the available differences to the neighbouring samples, moving is faster than 0.1 grid units a frame.
-The video ends at frame 125, where the difference ahead reaches into the prediction; for `null`, visibility looks at frames
-below 128 but movement at the whole rollout. Objects enter at the first sample they are in and leave at the first they are not
-in, without smoothing. Collisions are not deduplicated. What enters or leaves after the video never matches a filter. An object
-is not responsible for an event by taking part in it. A counterfactual counts collisions at any frame.
-
-Programs: `<START>` is skipped, `<END>` and `<NULL>` stop; unknown tokens are values that fit no module; the answer is the
-top of the stack, what is left below is ignored; any failure gives the answer "error".
+- Objects are identified by exact attribute triples; rows with other triples are ignored.
+- Motion is known only at the samples, every 5th frame. The velocity is the mean of the available differences to the
+  neighbouring samples; an object moves when it is faster than 0.1 grid units per frame.
+- The video ends at frame 125, whose forward difference uses a predicted sample. With `null`, visibility is tested on frames
+  below 128, but motion on the whole rollout.
+- Objects enter at the first sample that contains them and leave at the first that does not, without smoothing.
+- Collisions are not deduplicated.
+- Entrances and exits after the video never match a filter.
+- Taking part in an event does not make an object responsible for it.
+- A counterfactual counts collisions at any frame.
+- In programs, `<START>` is skipped, and `<END>` and `<NULL>` end the program. Unknown tokens are values that fit no module.
+  The answer is the top of the stack; values left below it are ignored. Any failure gives the answer "error".
 """
 
 import math
@@ -18,6 +21,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from nsdr.clevrer.predictions import SAMPLE_FRAMES
 from nsdr.clevrer.velocity_rule import GridPath, GridPosition, velocity_collisions
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.world import MotionTable, World
@@ -26,16 +30,22 @@ from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["END_FRAME", "official_tokens", "official_world"]
 
-START_TOKEN, STOP_TOKENS = "<START>", ("<END>", "<NULL>")
+START_TOKEN = "<START>"
+"""Token that the released executor skips."""
+STOP_TOKENS = ("<END>", "<NULL>")
+"""Tokens that end a program."""
 END_FRAME = 125
+"""Frame of the event `end`: the last sample of the video."""
 MOVING_GRID_PER_FRAME = 0.1
+"""Speed above which an object counts as moving (grid units per frame). Source: the released executor."""
 DIRECTIONS_DEGREES = {"left": 180.0, "right": 0.0, "up": 90.0, "down": -90.0}
-"""Angle of (vx, vy) in the file's own x and y; tested in this order."""
+"""Angle of the velocity (vx, vy) in the file's x and y (degrees), tested in this order. Source: the released executor."""
 DIRECTION_HALF_RANGE_DEGREES = 40.0
+"""Largest angle between a velocity and its direction (degrees). Source: the released executor."""
 
 
 def official_tokens(source: Sequence[str]) -> list[str]:
-    """The tokens that the released executor gets to see."""
+    """The tokens that the released executor runs: without the start token, up to the first stop token."""
     tokens: list[str] = []
     for token in source:
         if token in STOP_TOKENS:
@@ -50,7 +60,7 @@ def official_world(document: Mapping[str, Any], collisions: str = "predicted") -
 
     Args:
         document: content of `sim_N.json` (see `nsdr.clevrer.predictions`).
-        collisions: "predicted", or "velocity" for the variant NE ("no events"), which finds them in the motion.
+        collisions: "predicted", or "velocity" for the variant NE ("no events"), which detects them from the motion.
 
     Raises:
         DataError: a missing key, or another value of `collisions`.
@@ -63,18 +73,18 @@ def official_world(document: Mapping[str, Any], collisions: str = "predicted") -
         predictions = document["predictions"]
         paths, times = _paths(predictions[0], ids, len(objects))
 
-        def found(prediction: Mapping[str, Any]) -> list[Event]:
+        def collisions_of(prediction: Mapping[str, Any]) -> list[Event]:
             if collisions == "velocity":
                 return velocity_collisions(_paths(prediction, ids, len(objects))[0])
             return _collisions(prediction, ids)
 
-        happened = found(predictions[0])
-        counterfactual = {p["what_if"]: found(p) for p in predictions[1:]}
+        factual = collisions_of(predictions[0])
+        counterfactual = {p["what_if"]: collisions_of(p) for p in predictions[1:]}
     except (KeyError, TypeError, IndexError) as e:
         raise DataError(f"not a prediction file: {e!r}") from e
     shown = [t for t in times if t < VIDEO_FRAMES]
-    observed = _entering_and_leaving(paths, shown) + [e for e in happened if e.frame < VIDEO_FRAMES]
-    unseen = [e for e in happened if e.frame >= VIDEO_FRAMES]
+    observed = _enter_exit_events(paths, shown) + [e for e in factual if e.frame < VIDEO_FRAMES]
+    unseen = [e for e in factual if e.frame >= VIDEO_FRAMES]
     return World(
         objects,
         sorted(observed, key=lambda e: e.frame),
@@ -108,7 +118,7 @@ def _collisions(prediction: Mapping[str, Any], ids: Mapping[Any, int]) -> list[E
     return events
 
 
-def _entering_and_leaving(paths: Sequence[GridPath], times: Sequence[int]) -> list[Event]:
+def _enter_exit_events(paths: Sequence[GridPath], times: Sequence[int]) -> list[Event]:
     events = []
     for i, path in enumerate(paths):
         for before, now in pairwise(times):
@@ -139,10 +149,10 @@ def _motion(paths: Sequence[GridPath], shown: Sequence[int], times: Sequence[int
         if velocity is None or velocity == (0.0, 0.0):
             raise ExecutionError(f"no direction at frame {time}")
         angle = math.degrees(math.atan2(velocity[1], velocity[0]))
-        for name, middle in DIRECTIONS_DEGREES.items():
-            if abs((angle - middle + 180) % 360 - 180) <= DIRECTION_HALF_RANGE_DEGREES:
+        for name, centre in DIRECTIONS_DEGREES.items():
+            if abs((angle - centre + 180) % 360 - 180) <= DIRECTION_HALF_RANGE_DEGREES:
                 return name
-        raise ExecutionError(f"the direction at frame {time} is between two")
+        raise ExecutionError(f"the direction at frame {time} is none of {', '.join(DIRECTIONS_DEGREES)}")
 
     return MotionTable(visible, moving, ever_visible, ever_moving & ever_visible, direction)
 
@@ -153,9 +163,9 @@ def _moves(path: GridPath, time: int, times: Sequence[int]) -> bool:
 
 
 def _velocity(path: GridPath, time: int, times: Sequence[int]) -> GridPosition | None:
-    """Mean of the available differences to the samples before and after, in grid units a frame."""
+    """Mean of the available differences to the samples before and after (grid units per frame)."""
     x, y = path[time]
-    step = times[1] - times[0] if len(times) > 1 else 5
+    step = times[1] - times[0] if len(times) > 1 else SAMPLE_FRAMES
     before, after = path.get(time - step), path.get(time + step)
     if before is not None and after is not None:
         return (after[0] - before[0]) / (2 * step), (after[1] - before[1]) / (2 * step)

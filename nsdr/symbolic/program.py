@@ -19,19 +19,22 @@ RESEARCH_NAMES = {
     "filter_counterfact": "get_counterfact",
     "filter_resting": "filter_stationary",
 }
-"""The research executor's names -> the data set's tokens; `events filter_start|filter_end` stand for `start|end`."""
+"""The released executor's names -> the data set's tokens; it also writes `events filter_start` and `events filter_end` for
+`start` and `end`."""
 
 ANSWER_KINDS = (Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE, Kind.DIRECTION)
+"""Result types of programs that answer a question."""
 CHOICE_KINDS = (Kind.EVENT, Kind.OBJECT)
+"""Result types of programs of choices."""
 
 
 class Step(NamedTuple):
-    """A checked token.
+    """A type-checked token.
 
     Attributes:
-        token: in the data set's spelling.
-        module: what runs; None for a word, which stands for itself.
-        inputs: indices of the steps that give its arguments; -1 is the choice of a multiple-choice question.
+        token: the token in the data set's spelling.
+        module: the module that runs; None for a word, which is its own value.
+        inputs: indices of the steps that give the arguments; -1 is the choice of a multiple-choice question.
         kind: type of the result.
     """
 
@@ -42,12 +45,13 @@ class Step(NamedTuple):
 
 
 class Node:
-    """A sub-program. Equal sub-programs are one object, so that a scene's questions share their results.
+    """A sub-program. Equal sub-programs are the same object, so that the questions of a scene can share results.
 
     Attributes:
-        run: the module's function; None for the open choice of a multiple-choice question.
-        left, right: sub-programs that give its arguments, None where it has none.
-        word: a word argument, which stands for itself.
+        run: function of the module; None for a word and for the open choice of a multiple-choice question.
+        left: sub-program of the first argument; None without arguments.
+        right: sub-program of the second argument; None without one, and where it is a word.
+        word: a word as the second argument; for a node that is itself a word, that word.
     """
 
     __slots__ = ("left", "right", "run", "word")
@@ -58,17 +62,20 @@ class Node:
 
 @dataclass(frozen=True)
 class Program:
-    """A well-typed program.
+    """A well-typed program, built with `Program.parse`.
 
-    Build it with `Program.parse`. A program is one of three: it answers a question (`result` is a number, truth value or
-    attribute); it names a choice (`result` is an event or object); or it judges a choice (`needs_choice`).
+    There are three sorts: programs that answer a question (`result` is a number, truth value or attribute), programs of
+    choices (`result` is an event or object), and programs that judge a choice (`needs_choice`).
+
+    Programs with equal tokens are equal. Pickling and copying keep the tokens and parse them again.
 
     Attributes:
         tokens: postfix tokens in the data set's spelling.
-        steps: one for each token.
+        steps: one per token.
         root: the program as a tree of shared sub-programs.
-        needs_choice: its `belong_to` waits for a choice's event or object.
-        answers: its result is a word, number or truth value.
+        needs_choice: whether its `belong_to` takes the event or object of a choice.
+        answers: whether the result is a word, number or truth value.
+        official: whether it was parsed as the released executor does (`parse_official`).
     """
 
     tokens: tuple[str, ...]
@@ -76,6 +83,7 @@ class Program:
     root: Node = field(repr=False, compare=False)
     needs_choice: bool = field(default=False, compare=False)
     answers: bool = field(default=True, compare=False)
+    official: bool = field(default=False, repr=False, compare=False)
 
     @property
     def result(self) -> Kind:
@@ -84,14 +92,14 @@ class Program:
 
     @classmethod
     def parse(cls, source: "str | Sequence[str] | Program") -> "Program":
-        """Read a program in any of the three spellings.
+        """Parse a program in any of the three spellings.
 
         Args:
-            source: postfix tokens (a list, or a string with spaces or commas), with the data set's or the research
-                executor's names; or a tree as in the paper, `Count(Filter_shape(Objects, "cube"))`.
+            source: postfix tokens (a list, or a string separated by spaces or commas) with the data set's or the released
+                executor's names; or a tree as in the paper, such as `Count(Filter_shape(Objects, "cube"))`.
 
         Raises:
-            ProgramError: an unknown token, a wrong type, or values left over; names the token and its position.
+            ProgramError: an unknown token, a wrong type, or values left over; names the token and its number.
         """
         if isinstance(source, Program):
             return source
@@ -101,20 +109,20 @@ class Program:
 
     @classmethod
     def parse_official(cls, source: Sequence[str]) -> "Program":
-        """Read tokens as the released executor does (see `nsdr.symbolic.official`).
+        """Parse tokens as the released executor does (see `nsdr.symbolic.official`).
 
         Unknown tokens are values that fit no module, and values left on the stack below the top are ignored.
 
         Raises:
-            ProgramError: what that executor answers with "error".
+            ProgramError: a program to which that executor answers "error".
         """
         return _checked(tuple(official_tokens(source)), official=True)
 
     def then(self, question: "Program") -> "Program":
-        """This choice, judged by a multiple-choice question: one program.
+        """Join this choice and a multiple-choice question into one program, which judges the choice.
 
         Raises:
-            ProgramError: this is no choice, or `question` does not judge one.
+            ProgramError: this is not the program of a choice, or `question` does not judge one.
         """
         if self.result not in CHOICE_KINDS:
             raise ProgramError(f"the choice's program gives a {self.result}; expected an event or object")
@@ -123,7 +131,7 @@ class Program:
         return _checked(self.tokens + question.tokens)
 
     def tree(self) -> str:
-        """The program as the paper writes it, such as `Count(Filter_shape(Objects, "cube"))`."""
+        """The program as a tree in the paper's notation, such as `Count(Filter_shape(Objects, "cube"))`."""
         texts: list[str] = []
         for step in self.steps:
             if step.module is None:
@@ -137,8 +145,19 @@ class Program:
     def __str__(self) -> str:
         return " ".join(self.tokens)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Program.parse_official if self.official else Program.parse), (self.tokens,)
 
-@lru_cache(maxsize=65536)
+
+EXCERPT_CHARACTERS = 20
+"""Length of the quotation in the error message of an unreadable tree."""
+CACHED_PROGRAMS = 1 << 16
+"""Number of parsed programs that are kept in memory."""
+CACHED_NODES = 1 << 18
+"""Number of sub-programs that are kept in memory; beyond it, equal sub-programs may be different objects."""
+
+
+@lru_cache(maxsize=CACHED_PROGRAMS)
 def _checked(source: tuple[str, ...], official: bool = False) -> Program:
     tokens = _data_set_names(source)
     if not tokens:
@@ -147,7 +166,7 @@ def _checked(source: tuple[str, ...], official: bool = False) -> Program:
     nodes: list[Node] = []
     stack: list[int] = []
     needs_choice = False
-    for position, token in enumerate(tokens):
+    for index, token in enumerate(tokens):
         if token in WORDS:
             steps.append(Step(token, None, (), WORDS[token]))
             nodes.append(_node(None, (), token))
@@ -155,31 +174,31 @@ def _checked(source: tuple[str, ...], official: bool = False) -> Program:
             arity = ARITY.get(token)
             if arity is None:
                 if not official:
-                    raise ProgramError(f"token {position + 1}: unknown module or word {token!r}")
+                    raise ProgramError(f"token {index + 1}: unknown module or word {token!r}")
                 steps.append(Step(token, None, (), Kind.UNKNOWN))
                 nodes.append(_node(None, (), token))
-                stack.append(position)
+                stack.append(index)
                 continue
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)
             if len(stack) < arity:
-                raise ProgramError(f"token {position + 1} {token!r}: takes {arity} arguments, found {len(stack)}")
+                raise ProgramError(f"token {index + 1} {token!r}: takes {arity} arguments, found {len(stack)}")
             inputs = tuple(stack[len(stack) - arity :])
             del stack[len(stack) - arity :]
             kinds = tuple([Kind.EVENT if i < 0 else steps[i].kind for i in inputs])
             found = DISPATCH.get((token, *kinds))
             if found is None:
-                raise ProgramError(f"token {position + 1} {token!r}: {_mismatch(MODULES[token], kinds)}")
+                raise ProgramError(f"token {index + 1} {token!r}: {_mismatch(MODULES[token], kinds)}")
             module, result = found
             steps.append(Step(token, module, inputs, result))
             nodes.append(_node(module.run, tuple([_CHOICE if i < 0 else nodes[i] for i in inputs]), None))
-        stack.append(position)
+        stack.append(index)
     if len(stack) != 1 and not official:
-        raise ProgramError(f"{len(stack)} values are left at the end; expected one (is the program complete?)")
+        raise ProgramError(f"{len(stack)} values are left on the stack; expected one (is the program complete?)")
     if steps[-1].module is None and not official:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
-    return Program(tokens, tuple(steps), nodes[-1], needs_choice, steps[-1].kind in ANSWER_KINDS)
+    return Program(tokens, tuple(steps), nodes[-1], needs_choice, steps[-1].kind in ANSWER_KINDS, official)
 
 
 def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
@@ -192,9 +211,9 @@ def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
 _CHOICE = Node(None, None, None, None)
 
 
-@lru_cache(maxsize=1 << 18)
+@lru_cache(maxsize=CACHED_NODES)
 def _node(run: Any, inputs: tuple[Node, ...], word: str | None) -> Node:
-    """The one node of a sub-program. A second argument that is a word is kept as such."""
+    """The unique node of a sub-program. A word as the second argument is stored in the node itself."""
     left = inputs[0] if inputs else None
     right = inputs[1] if len(inputs) > 1 else None
     if right is not None and right.word is not None and right.run is None:
@@ -216,31 +235,31 @@ _TREE_TOKEN = re.compile(r"\s*(?:([(),])|\"([^\"]*)\"|'([^']*)'|([\w]+))")
 
 
 def _tree_tokens(text: str) -> tuple[str, ...]:
-    """Postfix tokens of a tree. Each call is written after its arguments."""
+    """Postfix tokens of a tree: each call follows its arguments."""
     tokens: list[str] = []
     calls: list[str] = []
-    name, position = "", 0
-    while text[position:].strip():
-        match = _TREE_TOKEN.match(text, position)
+    name, offset = "", 0
+    while text[offset:].strip():
+        match = _TREE_TOKEN.match(text, offset)
         if match is None:
-            raise ProgramError(f"cannot read the program at {text[position : position + 20]!r}")
-        position = match.end()
-        mark, *words = match.groups()
-        if mark == "(":
+            raise ProgramError(f"cannot parse the program at {text[offset : offset + EXCERPT_CHARACTERS]!r}")
+        offset = match.end()
+        punctuation, *words = match.groups()
+        if punctuation == "(":
             calls.append(name)
             name = ""
             continue
-        if mark and name:
+        if punctuation and name:
             tokens.append(name)
             name = ""
-        if mark == ")":
+        if punctuation == ")":
             if not calls:
-                raise ProgramError("the program has a ) without its (")
+                raise ProgramError("unbalanced parentheses: a ) without its (")
             tokens.append(calls.pop())
-        elif not mark:
+        elif not punctuation:
             name = next(w for w in words if w is not None).lower()
             if name == "choice":
                 name = ""
     if calls:
-        raise ProgramError(f"the program has {len(calls)} ( without their )")
+        raise ProgramError(f"unbalanced parentheses: {len(calls)} ( without their )")
     return (*tokens, name) if name else tuple(tokens)

@@ -1,4 +1,4 @@
-"""The reference page of program modules, made from the signature table: `python -m nsdr.symbolic.reference`."""
+"""The reference page of program modules, generated from the signature table: `python -m nsdr.symbolic.reference`."""
 
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
 
@@ -6,9 +6,9 @@ __all__ = ["reference_page"]
 
 
 def reference_page() -> str:
-    """The page as Markdown."""
+    """The reference page as Markdown."""
     rows = [_row(m) for m in MODULES.values() if m.in_data_set]
-    research = [_row(m) for m in MODULES.values() if not m.in_data_set]
+    released_only = [_row(m) for m in MODULES.values() if not m.in_data_set]
     words = "\n".join(
         f"- {kind}: {', '.join(f'`{w}`' for w, k in WORDS.items() if k == kind)}"
         for kind in dict.fromkeys(WORDS.values())
@@ -16,19 +16,19 @@ def reference_page() -> str:
     head = "| token | arguments | result | meaning |\n|---|---|---|---|\n"
     return f"""# Program modules
 
-<!-- Made from the signature table: python -m nsdr.symbolic.reference > docs/modules.md -->
+<!-- Generated from the signature table: python -m nsdr.symbolic.reference > docs/modules.md -->
 
 A program is a postfix list of tokens: words, and modules that take their arguments from the stack, the first argument
-deepest. `nsdr.Program.parse` also reads the paper's trees, `Count(Filter_shape(Objects, "cube"))`, and the research
-executor's names.
+deepest. `nsdr.Program.parse` also reads the paper's trees, such as `Count(Filter_shape(Objects, "cube"))`, and the
+released executor's names.
 
 ## Modules
 
 {head}{chr(10).join(rows)}
 
-## Modules of the research executor alone
+## Modules of the released executor only
 
-{head}{chr(10).join(research)}
+{head}{chr(10).join(released_only)}
 
 ## Words
 

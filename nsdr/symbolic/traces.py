@@ -1,4 +1,4 @@
-"""Execution traces as text, as a tree, and answers in words."""
+"""Execution traces as text and as trees, and explanations of answers in words."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ __all__ = ["explain", "format_trace", "format_tree"]
 
 
 def format_trace(trace: Sequence[TraceStep]) -> str:
-    """The trace as text, one step a line: number, module with the numbers of its inputs, and the result."""
+    """The trace as text, one step per line: number, module with the numbers of its inputs, and the result."""
     lines = []
     for number, step in enumerate(trace, 1):
         inputs = ", ".join(str(i + 1) for i in step.inputs)
@@ -19,15 +19,15 @@ def format_trace(trace: Sequence[TraceStep]) -> str:
 
 
 def format_tree(trace: Sequence[TraceStep]) -> str:
-    """The trace as a tree, the answer on top, each module with its result."""
+    """The trace as a tree with the answer at the root, each module with its result."""
     lines: list[str] = []
 
     def draw(index: int, first: str, following: str) -> None:
         step = trace[index]
         is_word = not step.inputs and step.module == step.text
         lines.append(first + (step.module if is_word else f"{step.module}: {step.text}"))
-        for position, child in enumerate(step.inputs, 1):
-            last = position == len(step.inputs)
+        for number, child in enumerate(step.inputs, 1):
+            last = number == len(step.inputs)
             draw(child, following + ("└─ " if last else "├─ "), following + ("   " if last else "│  "))
 
     if trace:
@@ -36,12 +36,12 @@ def format_tree(trace: Sequence[TraceStep]) -> str:
 
 
 def explain(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
-    """Why this is the answer, in words.
+    """Explain an answer in words.
 
     Args:
-        answer: what `Executor.answer` gave, or one of the choices of `Executor.judge`; of a whole multiple-choice
-            answer every choice is explained on a line of its own.
-        scene: the scene it was asked about.
+        answer: the result of `Executor.answer` or `Executor.judge`, or one of the latter's choices; for a multiple-choice
+            answer, each choice is explained on its own line.
+        scene: the scene that the question is about.
     """
     if isinstance(answer, Answer) and answer.choices:
         return "\n".join(f"{c.choice}: {explain(c, scene)}" for c in answer.choices)
@@ -55,20 +55,20 @@ def _reason(trace: Sequence[TraceStep], index: int, scene: Scene) -> str:
     step = trace[index]
     inputs = [trace[i] for i in step.inputs]
     if step.module == "negate":
-        return _reason(trace, step.inputs[0], scene) + ", and the question asks for what is not so"
+        return _reason(trace, step.inputs[0], scene) + ", and the question asks for the opposite"
     if step.module in ("count", "exist"):
         found = inputs[0].text
         return "there is none" if found == "none" else found
     if step.module.startswith("query_"):
-        how = _how_found(trace, step.inputs[0])
-        return f"that is the {step.module.removeprefix('query_')} of the {inputs[0].text}{how}"
+        because = _selecting_event(trace, step.inputs[0])
+        return f"that is the {step.module.removeprefix('query_')} of the {inputs[0].text}{because}"
     if step.module == "belong_to":
         return _membership(trace, index, scene)
     return step.text
 
 
-def _how_found(trace: Sequence[TraceStep], index: int) -> str:
-    """The event that singled out an object, if one did."""
+def _selecting_event(trace: Sequence[TraceStep], index: int) -> str:
+    """The event that an object was selected by, as a clause; empty if there is none."""
     events = [trace[i].text for i in trace[index].inputs if trace[i].kind == "event"]
     return f", because {events[0]}" if events else ""
 
@@ -80,9 +80,9 @@ def _membership(trace: Sequence[TraceStep], index: int, scene: Scene) -> str:
         target = trace[group.inputs[1]].value
         path = _causal_path(chosen, target, scene) if inside else None
         if path:
-            return "it led to the target: " + ", then ".join(_told(e, scene) for e in path)
-        why = "belongs to" if inside else "takes part in none of"
-        return f"{chosen.text} {why} the events that led to {trace[group.inputs[1]].text} ({group.text})"
+            return "it led to the target: " + ", then ".join(_event_clause(e, scene) for e in path)
+        relation = "belongs to" if inside else "takes part in none of"
+        return f"{chosen.text} {relation} the events that led to {trace[group.inputs[1]].text} ({group.text})"
     what = "happens after the video" if group.module == "unseen_events" else "happens"
     if group.module == "get_counterfact":
         what = f"happens without the {trace[group.inputs[1]].text}"
@@ -94,7 +94,7 @@ def _causal_path(chosen: TraceStep, target: Event, scene: Scene) -> list[Event] 
     events = list(scene.events)
     causes = direct_causes(events)
 
-    def fits(event: Event) -> bool:
+    def matches(event: Event) -> bool:
         if isinstance(chosen.value, Event):
             return (event.kind, event.objects) == (chosen.value.kind, chosen.value.objects)
         return chosen.value in event.objects
@@ -102,13 +102,14 @@ def _causal_path(chosen: TraceStep, target: Event, scene: Scene) -> list[Event] 
     frontier = [[events.index(target)]]
     while frontier:
         path = frontier.pop(0)
-        if fits(events[path[0]]) and (len(path) > 1 or not isinstance(chosen.value, Event)):
+        if matches(events[path[0]]) and (len(path) > 1 or not isinstance(chosen.value, Event)):
             return [events[i] for i in path]
         frontier += [[cause, *path] for cause in causes[path[0]]]
     return None
 
 
-def _told(event: Event, scene: Scene) -> str:
+def _event_clause(event: Event, scene: Scene) -> str:
+    """An event as a clause in the past tense."""
     names = [f"the {scene.objects[i].name}" for i in event.objects]
     verb = {"in": "{} entered", "out": "{} left", "collision": "{} hit {}"}[event.kind].format(*names)
     return f"{verb} at frame {event.frame}"

@@ -1,7 +1,7 @@
-"""A scene prepared for execution: sets of objects and events as bits of integers.
+"""A scene prepared for execution: sets of objects and events are integers used as bit sets.
 
-Event bits, from low to high: every possible event (for choices), observed events in order of time, unseen events, the
-video's start and end, and for each observed event a mark "takes part in the target" (see `World.ancestors`).
+Event bits, from low to high: every possible event (for choices), observed events in order of time, unseen events in order of
+time, the start and end of the video, and one mark per observed event for its participants (see `World.ancestors`).
 """
 
 from bisect import bisect_left, bisect_right
@@ -22,7 +22,15 @@ __all__ = ["MotionTable", "World", "world_of"]
 
 @dataclass(frozen=True)
 class MotionTable:
-    """Bit sets of visible objects, and of visible moving ones: by frame, and at any frame of the video."""
+    """Visibility and motion of all objects, as bit sets.
+
+    Attributes:
+        visible_at: visible objects, by frame.
+        moving_at: visible objects that move, by frame.
+        visible_ever: objects visible at any frame of the video.
+        moving_ever: objects that are visible and move at any frame.
+        direction_at: direction of an object (by id) at a frame: left, right, up or down; None where it is not known.
+    """
 
     visible_at: Sequence[int] | Mapping[int, int]
     moving_at: Sequence[int] | Mapping[int, int]
@@ -31,17 +39,17 @@ class MotionTable:
     direction_at: Callable[[int, int], str] | None = None
 
     def direction(self, one: int, frame: int | None) -> str:
-        """The way an object (a one-bit set) moves at a frame: left, right, up or down."""
+        """Direction in which an object (a one-bit set) moves at a frame: left, right, up or down."""
         if self.direction_at is None or frame is None:
-            raise ExecutionError("the scene does not know directions of motion")
+            raise ExecutionError("directions of motion are not known in this scene")
         return self.direction_at(one.bit_length() - 1, frame)
 
     def moving(self, objects: int, frame: int | None) -> int:
-        """Those of the objects that are visible and move at a frame; None stands for the whole video."""
+        """Those of the objects that are visible and move at a frame; with None, at any frame."""
         return objects & (self.moving_ever if frame is None else _at(self.moving_at, frame))
 
     def stationary(self, objects: int, frame: int | None) -> int:
-        """Those of the objects that are visible and rest at a frame; None: that never move while visible."""
+        """Those of the objects that are visible and at rest at a frame; with None, that never move while visible."""
         if frame is None:
             return objects & self.visible_ever & ~self.moving_ever
         return objects & _at(self.visible_at, frame) & ~_at(self.moving_at, frame)
@@ -55,7 +63,7 @@ def _at(table: Sequence[int] | Mapping[int, int], frame: int) -> int:
 
 
 class _Index:
-    """Bit sets of events by kind, by object, and by kind and objects together. Bits are given in the order of adding."""
+    """Bit sets of events by kind, by object, and by kind and objects. Each added event takes the next bit."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
@@ -81,7 +89,7 @@ class _Index:
 
 @lru_cache(maxsize=16)
 def _possible_events(n: int) -> _Index:
-    """Every event that could happen to n objects; they have no frame."""
+    """Every event that could happen to n objects; their frame is -1."""
     index = _Index()
     for pair in combinations(range(n), 2):
         index.add(Event("collision", -1, pair))
@@ -92,16 +100,16 @@ def _possible_events(n: int) -> _Index:
 
 
 class World:
-    """What programs run on: objects, events and motion as bit sets. `world_of` makes one from a scene.
+    """Objects, events and motion as bit sets, which program modules run on. `world_of` makes one from a scene.
 
     Args:
         objects: identities.
         observed: events of the video in order of time.
-        unseen: events after it, in order of time; None where they are not known.
-        counterfactual: collisions by removed object; None where they are not known.
+        unseen: events after the video in order of time; None where they are not known.
+        counterfactual: collisions without an object, by that object's id; None where they are not known.
         end_frame: frame of the event `end`.
-        motion: gives the motion table when it is first asked for.
-        participants_are_responsible: an object is responsible for an event also by taking part in it (paper).
+        motion: makes the motion table; called when it is first needed.
+        participants_are_responsible: whether taking part in an event makes an object responsible for it, as in the paper.
     """
 
     def __init__(
@@ -139,11 +147,11 @@ class World:
             index.add(event)
         for event in unseen:
             index.add(event)
-        seen = len(index.events)
+        n_events = len(index.events)
         self.frames = [e.frame for e in index.events[self._first :]]
         self.observed = ((1 << len(observed)) - 1) << self._first
         self._unseen = ((1 << len(unseen)) - 1) << (self._first + len(observed))
-        self.start, self.end = 1 << seen, 2 << seen
+        self.start, self.end = 1 << n_events, 2 << n_events
         # Only the frames of start and end are read; they match no filter.
         index.events += [Event("in", 0, (0,)), Event("in", end_frame, (0,))]
         self.events = index.events
@@ -153,11 +161,11 @@ class World:
         self._of_object, self._same = index.of_object, index.same
 
     def event(self, bit: int) -> Event:
-        """The event of a one-bit set."""
+        """The event that a one-bit set stands for."""
         return self.events[bit.bit_length() - 1]
 
     def object(self, bit: int) -> SceneObject:
-        """The object of a one-bit set."""
+        """The object that a one-bit set stands for."""
         return self.objects[bit.bit_length() - 1]
 
     def objects_of(self, event: int) -> int:
@@ -173,7 +181,7 @@ class World:
         """Frame of an event of the video."""
         frame = self.events[event.bit_length() - 1].frame
         if frame < 0:
-            raise ExecutionError(f"{self.event_text(event)} is only possible: it has no frame")
+            raise ExecutionError(f"{self.event_text(event)} is only a possible event and has no frame")
         return frame
 
     def before(self, frame: int) -> int:
@@ -197,25 +205,25 @@ class World:
         return found
 
     def participation(self, one: int) -> int:
-        """Events in which an object takes part, and its marks as a participant of the target (see `ancestors`)."""
+        """Events in which an object takes part, and its marks as a participant of observed events (see `ancestors`)."""
         events = self.involving(one)
         return events | (events & self.observed) << self._mark
 
     def same_kind_and_objects(self, event: int) -> int:
-        """All events of the same kind with the same objects, at whatever frame."""
+        """All events of the same kind with the same objects, at any frame."""
         if event == self.start or event == self.end:
             return event
         e = self.events[event.bit_length() - 1]
         return self._same[e.kind, e.objects]
 
     def ancestors(self, events: int, event: int) -> int:
-        """Observed events responsible for an event, and its mark.
+        """Those of the events that are responsible for an event, and the mark of that event.
 
-        The paper lets an object be responsible by taking part in the event itself, which is no event responsible for
-        itself: so the target is not in the set, but its mark is, and only membership of objects looks at marks.
+        In the paper, taking part in an event makes an object responsible for it, but no event is responsible for itself.
+        So the result contains the event's mark instead of the event; only `participation` of objects has marks.
         """
         if not event & self.observed:
-            raise ExecutionError(f"{self.event_text(event)} was not observed: nothing is responsible for it")
+            raise ExecutionError(f"{self.event_text(event)} was not observed, so its causes are not known")
         return (events & self._ancestors[event]) | (event << self._mark if self._marks_targets else 0)
 
     @cached_property
@@ -225,23 +233,23 @@ class World:
     def need_unseen(self) -> int:
         """Events after the video."""
         if self._unseen_events is None:
-            raise ExecutionError("the scene does not know what happens after the video")
+            raise ExecutionError("events after the video are not known in this scene")
         return self._unseen
 
     def need_counterfactual(self, removed: int) -> int:
-        """Every event whose kind and objects happen in the course of the world without an object."""
+        """Every event of the same kind and objects as one that happens without an object (a one-bit set)."""
         known = self._counterfactual
-        one = removed.bit_length() - 1
-        if known is None or one not in known:
-            raise ExecutionError(f"the scene does not know what happens without {self.object_text(removed)}")
+        object_id = removed.bit_length() - 1
+        if known is None or object_id not in known:
+            raise ExecutionError(f"events without {self.object_text(removed)} are not known in this scene")
         result = 0
-        for event in known[one]:
+        for event in known[object_id]:
             result |= self._same[event.kind, event.objects]
         return result
 
     @cached_property
     def motion(self) -> MotionTable:
-        """What is visible and what moves.
+        """Visibility and motion of all objects.
 
         Raises:
             ExecutionError: motion is not known.
@@ -249,7 +257,7 @@ class World:
         return self._make_motion()
 
     def object_text(self, objects: int) -> str:
-        """Names of a set of objects."""
+        """A set of objects in words."""
         return ", ".join(o.name for o in self.objects if objects >> o.id & 1) or "none"
 
     def event_text(self, events: int) -> str:
@@ -266,7 +274,7 @@ class World:
 
 
 def world_of(scene: Scene) -> World:
-    """The world of a scene, by the paper's semantics."""
+    """The world of a scene with the paper's semantics."""
     return World(
         scene.objects,
         scene.events,
@@ -279,27 +287,27 @@ def world_of(scene: Scene) -> World:
 
 def _motion(scene: Scene) -> MotionTable:
     if scene.moving is None:
-        raise ExecutionError("the scene does not know which objects move (it comes from events alone)")
+        raise ExecutionError("motion is not known in this scene (it was made from events alone)")
     visible_at, visible_ever = _bits_by_frame(scene.visible)
     moving_at, moving_ever = _bits_by_frame(scene.visible & scene.moving)
     return MotionTable(visible_at, moving_at, visible_ever, moving_ever)
 
 
 class _Words(dict[str, int]):
-    """Bit set of objects by attribute word; a word no object has is the empty set."""
+    """Bit set of objects by attribute word; empty for words that no object has."""
 
     def __missing__(self, word: str) -> int:
         return 0
 
 
 def _bits_by_frame(flags: NDArray[np.bool_]) -> tuple[list[int], int]:
-    """(n, F) flags -> one bit set of objects for each frame, and their union."""
+    """(n, F) flags -> the bit set of objects of each frame, and their union."""
     at = [0] * flags.shape[1]
     ever = 0
-    for first in range(0, len(flags), 8):
+    for first in range(0, len(flags), 8):  # `packbits` packs 8 flags into a byte
         packed = np.packbits(flags[first : first + 8], axis=0, bitorder="little")[0]
         ever |= int(np.bitwise_or.reduce(packed)) << first
         at = (
-            [bits | more << first for bits, more in zip(at, packed.tolist(), strict=True)] if first else packed.tolist()
+            [bits | byte << first for bits, byte in zip(at, packed.tolist(), strict=True)] if first else packed.tolist()
         )
     return at, ever

@@ -1,8 +1,8 @@
-"""From what a mask shows to the object's position on the ground.
+"""Ground-plane positions of objects from their masks.
 
-The centroid of an object's outline is not the image of its centre, and an outline cut by the image's border or by a
-nearer object has a false centroid. Both corrections follow from the known camera and shapes: outlines are projected on a
-grid of positions, and polynomials in the pixel are fitted to the offsets. No measured constants are needed.
+The centroid of an object's outline is not the projection of its centre, and the centroid of an outline that is cut by the
+image border or by a nearer object is biased. Both corrections follow from the known camera and shapes: outlines are projected
+for a grid of positions, and polynomials in the pixel coordinates are fitted to the offsets. No constant is measured on data.
 """
 
 from functools import lru_cache
@@ -22,6 +22,21 @@ __all__ = ["ground_location", "outline"]
 
 FloatArray = NDArray[np.floating[Any]]
 
+GRID_COLUMNS, GRID_ROWS = 15, 12
+"""Number of columns and rows of the grid of object centres that the offsets are fitted on."""
+GRID_MARGIN_PX = 20
+"""Distance of the grid's left, right and bottom edges outside the image (pixels)."""
+GRID_TOP_PX = 10
+"""Image row of the grid's top edge (pixels)."""
+CUBE_YAWS = 6
+"""Number of yaws between 0 and 90 degrees that a cube's outline is averaged over."""
+POLYNOMIAL_DEGREE = 3
+"""Total degree of the polynomials that are fitted to the offsets."""
+CLIP_MARGIN_PX = 40
+"""Centres are clipped to this distance outside the image before the offsets are evaluated (pixels)."""
+CUT_ITERATIONS = 8
+"""Fixed-point iterations for the centre of a partly hidden object: the offsets of its sides depend on the centre."""
+
 
 def outline(shape: str, x: float, y: float, yaw: float = 0.0) -> FloatArray:
     """Outline of an object at (x, y) on the ground as a convex polygon (N, 2) in pixels."""
@@ -36,20 +51,27 @@ def _centroid(polygon: FloatArray) -> FloatArray:
 
 
 def _terms(pixels: FloatArray) -> FloatArray:
-    """Cubic polynomial terms (N, 10) of pixels (N, 2)."""
+    """Polynomial terms (N, 10) of pixels (N, 2), which are centred and divided by the image size."""
     u, v = (pixels[:, 0] - WIDTH_PX / 2) / WIDTH_PX, (pixels[:, 1] - HEIGHT_PX / 2) / HEIGHT_PX
-    return np.stack([u**i * v**j for i in range(4) for j in range(4 - i)], 1)
+    exponents = range(POLYNOMIAL_DEGREE + 1)
+    return np.stack([u**i * v**j for i in exponents for j in exponents if i + j <= POLYNOMIAL_DEGREE], 1)
 
 
 @lru_cache(maxsize=1)
 def _calibration() -> dict[str, tuple[FloatArray, FloatArray]]:
-    """For each shape: coefficients (10, 2) of the centre minus the centroid, at the centroid; and (10, 4) of the outline's
-    box (left, top, right, bottom) minus the centre, at the centre. Cubes are averaged over their yaw."""
-    columns, rows = np.meshgrid(np.linspace(-20, WIDTH_PX + 20, 15), np.linspace(10, HEIGHT_PX + 20, 12))
+    """Polynomial coefficients of each shape; cubes are averaged over their yaw.
+
+    The first array (10, 2) gives the projected centre minus the centroid, as a function of the centroid. The second (10, 4)
+    gives the sides of the bounding box (left, top, right, bottom) minus the projected centre, as a function of the centre.
+    """
+    columns, rows = np.meshgrid(
+        np.linspace(-GRID_MARGIN_PX, WIDTH_PX + GRID_MARGIN_PX, GRID_COLUMNS),
+        np.linspace(GRID_TOP_PX, HEIGHT_PX + GRID_MARGIN_PX, GRID_ROWS),
+    )
     centres = np.stack([columns.ravel(), rows.ravel()], 1)
     result = {}
     for shape in SHAPES:
-        yaws = np.linspace(0, np.pi / 2, 6, endpoint=False) if shape == "cube" else [0.0]
+        yaws = np.linspace(0, np.pi / 2, CUBE_YAWS, endpoint=False) if shape == "cube" else [0.0]
         centroids, edges = [], []
         for x, y in ground_from_pixels(centres):
             polygons = [outline(shape, x, y, yaw) for yaw in yaws]
@@ -69,15 +91,17 @@ def ground_location(
 ) -> FloatArray:
     """Ground-plane positions of objects of one shape.
 
+    Where a side of the box is hidden, the centroid is biased: the position then follows from the visible sides and the size
+    of the shape's outline there. Along an axis with both sides hidden, the centroid is used all the same.
+
     Args:
         shape: "cube", "sphere" or "cylinder".
         centroid_px: (N, 2) mask centroids (column, row).
         box_xyxy_px: (N, 4) mask bounds.
-        hidden: (N, 4) bool from `hidden_sides`; None looks at the image's border only. Where a side is hidden the
-            centroid is false: the free sides and the size that the shape has at that position give the position.
+        hidden: (N, 4) bool from `hidden_sides`; None considers the image border only.
 
     Returns:
-        (N, 2) world (x, y) of the object's centre.
+        (N, 2) world (x, y) of the objects' centres.
     """
     to_centre, to_edges = _calibration()[shape]
     centroid = np.asarray(centroid_px, float).reshape(-1, 2)
@@ -87,10 +111,10 @@ def ground_location(
     if hidden is None:
         hidden = cut_sides(box)
     cut = hidden.any(1)
-    low, high = hidden[cut, :2], hidden[cut, 2:]
-    for _ in range(8 if cut.any() else 0):
-        offset = _terms(np.clip(centre[cut], -40, size + 40)) @ to_edges
+    low_hidden, high_hidden = hidden[cut, :2], hidden[cut, 2:]
+    for _ in range(CUT_ITERATIONS if cut.any() else 0):
+        offset = _terms(np.clip(centre[cut], -CLIP_MARGIN_PX, size + CLIP_MARGIN_PX)) @ to_edges
         from_high, from_low = box[cut, 2:] - offset[:, 2:], box[cut, :2] - offset[:, :2]
-        by_edges = np.where(low, from_high, np.where(high, from_low, (from_high + from_low) / 2))
-        centre[cut] = np.where(low & high, centre[cut], by_edges)
+        from_sides = np.where(low_hidden, from_high, np.where(high_hidden, from_low, (from_high + from_low) / 2))
+        centre[cut] = np.where(low_hidden & high_hidden, centre[cut], from_sides)
     return ground_from_pixels(centre)

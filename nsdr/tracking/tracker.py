@@ -1,4 +1,4 @@
-"""Proposals of single frames -> objects followed through the video."""
+"""Proposals of single frames -> tracks of objects through the video."""
 
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -17,65 +17,86 @@ from nsdr.world.vocabulary import SHAPES, attributes_of
 __all__ = ["TrackerConfig", "track"]
 
 
+NO_MATCH_COST = 1e3
+"""Assignment cost of a forbidden pair (world units). It is finite, so that an assignment always exists; pairs that get it are
+dropped afterwards."""
+
+
 @dataclass(frozen=True)
 class TrackerConfig:
     """How proposals become tracks.
 
     Attributes:
-        score: proposals must exceed it (paper: 0.9).
+        score: proposals with a score up to this are ignored (0-1; paper: 0.9).
         min_frames: an identity must be seen in more frames than this (paper: 10).
-        min_late_frames: enough for an identity that enters at the image's border and is seen until the video's end.
-        max_gap_frames: a tracklet of track waits this long for its next proposal.
-        reach_world: largest distance from the expected position, and
-        reach_world_per_frame: its growth for every frame in between (objects move up to 0.1 a frame).
-        border_px: outlines this close to the image's border may be cut by it.
-        shadow_overlap: a track whose boxes overlap those of a longer one so much (intersection over union) in
-        shadow_share: of its frames is the same object under another name.
-        mismatch_world: each differing attribute word counts as this much distance.
+        min_late_frames: frames in which an identity must be seen if it enters late, at the image border.
+        late_share: share of the frames from its first one to the video's end in which a late identity must be seen (0-1).
+        late_end_frames: a late identity must be seen in one of this many last frames of the video.
+        max_gap_frames: a tracklet ends when its last proposal is more than this many frames ago.
+        gate_world: constant part of the largest distance between a proposal and a tracklet's predicted position (world units).
+        gate_world_per_frame: growth of that distance with each frame since the tracklet's last proposal (world units per
+            frame). Objects move by up to 0.1 per frame.
+        mismatch_world: matching cost of each differing attribute word, as a distance (world units).
+        velocity_memory: weight of a tracklet's previous velocity when a displacement updates it (0-1).
+        border_px: a late identity's first box must be closer than this to the image border (pixels).
+        duplicate_iou: boxes of two tracks coincide where their intersection over union exceeds this (0-1).
+        duplicate_share: a track is dropped as a duplicate when it coincides with a longer one in at least this share of its
+            frames (0-1).
+        visibility: when a side of a box is hidden.
     """
 
     score: float = 0.9
     min_frames: int = 10
     min_late_frames: int = 1
+    late_share: float = 0.7
+    late_end_frames: int = 2
     max_gap_frames: int = 8
-    reach_world: float = 0.25
-    reach_world_per_frame: float = 0.1
+    gate_world: float = 0.25
+    gate_world_per_frame: float = 0.1
     mismatch_world: float = 0.12
+    velocity_memory: float = 0.6
     border_px: int = 6
-    shadow_overlap: float = 0.5
-    shadow_share: float = 0.9
+    duplicate_iou: float = 0.5
+    duplicate_share: float = 0.9
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
 
 
 @dataclass
 class _Tracklet:
-    """Proposals that surely belong together: row numbers, with the last position and velocity a frame."""
+    """Proposals of consecutive detections that are linked to each other.
+
+    Attributes:
+        rows: row numbers in the `VideoProposals`, one per frame.
+        frame: frame index of the last row.
+        position: (2,) ground position in that frame (world units).
+        velocity: (2,) smoothed displacement per frame (world units per frame).
+    """
 
     rows: list[int] = field(default_factory=list)
     frame: int = -1
     position: NDArray[Any] = field(default_factory=lambda: np.zeros(2))
     velocity: NDArray[Any] = field(default_factory=lambda: np.zeros(2))
 
-    def add(self, row: int, frame: int, position: NDArray[Any]) -> None:
+    def add(self, row: int, frame: int, position: NDArray[Any], memory: float) -> None:
         if self.rows:
             step = (position - self.position) / (frame - self.frame)
-            self.velocity = step if len(self.rows) == 1 else 0.6 * self.velocity + 0.4 * step
+            self.velocity = step if len(self.rows) == 1 else memory * self.velocity + (1 - memory) * step
         self.rows.append(row)
         self.frame, self.position = frame, position
 
 
 def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> VideoTracks:
-    """Follow the objects of a video.
+    """Track the objects of a video.
 
-    Proposals are linked from frame to frame by expected position and attributes (optimal assignment), the linked tracklets
-    vote on their attributes, and tracklets of one attribute triple are one object (a triple never occurs twice in a
-    video), however long it was hidden or out of the image.
+    Proposals are linked from frame to frame by predicted position and attributes (optimal assignment). The linked tracklets
+    vote on their attributes. Tracklets of the same attribute triple are the same object, however long it was occluded or out
+    of the image, because a triple never occurs twice in a video.
 
     Returns:
-        Tracks in the order of first sight; none when nothing was detected often enough.
+        Tracks in the order of their first frames; none when nothing was detected often enough.
 
-    Differs from the paper: the paper matches by the attribute label alone and keeps identities of more than ten frames; here
-    wrong labels of single frames are outvoted by their tracklet, and objects that enter in the last frames are kept.
+    Differs from the paper: the paper matches by the attribute label alone and keeps identities of more than ten frames. Here,
+    a tracklet outvotes wrong labels of single frames, and objects that enter in the last frames are kept.
     """
     c = config or TrackerConfig()
     kept = np.flatnonzero(proposals.score > c.score)
@@ -86,7 +107,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     for attribute, rows in by_identity.items():
         if len(rows) > c.min_frames or _enters_late(proposals, rows, c):
             tracks.append(_track(proposals, attribute, rows, positions))
-    tracks = [t for t in tracks if not any(_shadows(t, o, c) for o in tracks)]
+    tracks = [t for t in tracks if not any(_is_duplicate(t, o, c) for o in tracks)]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     renamed = [
         Track(SceneObject(i, *_words(t)), t.frame_index, t.location_world, t.centroid_px, t.box_xyxy_px, t.score)
@@ -96,31 +117,31 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
 
 
 def _enters_late(proposals: VideoProposals, rows: list[int], c: TrackerConfig) -> bool:
-    """Whether rows are of an object that came into the image too late to be seen often."""
+    """Whether the rows show an object that entered the image too late to be seen in `min_frames` frames."""
     frames = proposals.frame_index[rows]
     left, top, right, bottom = (int(side) for side in proposals.box_xyxy_px[rows[0]])
     margin = c.border_px
     at_border = left < margin or top < margin or right > WIDTH_PX - margin or bottom > HEIGHT_PX - margin
-    since = proposals.n_frames - int(frames[0])
+    frames_left = proposals.n_frames - int(frames[0])
     return (
         at_border
         and len(rows) >= c.min_late_frames
-        and int(frames[-1]) >= proposals.n_frames - 2
-        and since <= c.min_frames + c.max_gap_frames
-        and len(rows) >= 0.7 * since
+        and int(frames[-1]) >= proposals.n_frames - c.late_end_frames
+        and frames_left <= c.min_frames + c.max_gap_frames
+        and len(rows) >= c.late_share * frames_left
     )
 
 
-def _shadows(t: Track, other: Track, c: TrackerConfig) -> bool:
-    """Whether a track is a second name for a longer one: two objects cannot be at one position all the time."""
+def _is_duplicate(t: Track, other: Track, c: TrackerConfig) -> bool:
+    """Whether a track is the same object as a longer one: two objects cannot share a position all the time."""
     if len(t.frame_index) >= len(other.frame_index):
         return False
-    between = np.stack([np.interp(t.frame_index, other.frame_index, side) for side in other.box_xyxy_px.T], 1)
-    low, high = np.maximum(t.box_xyxy_px, between)[:, :2], np.minimum(t.box_xyxy_px, between)[:, 2:]
+    other_box = np.stack([np.interp(t.frame_index, other.frame_index, side) for side in other.box_xyxy_px.T], 1)
+    low, high = np.maximum(t.box_xyxy_px, other_box)[:, :2], np.minimum(t.box_xyxy_px, other_box)[:, 2:]
     shared = np.prod(np.clip(high - low, 0, None), axis=1)
-    area = [np.prod(box[:, 2:] - box[:, :2], axis=1) for box in (t.box_xyxy_px, between)]
+    area = [np.prod(box[:, 2:] - box[:, :2], axis=1) for box in (t.box_xyxy_px, other_box)]
     overlap = shared / np.maximum(area[0] + area[1] - shared, 1)
-    return bool((overlap > c.shadow_overlap).mean() >= c.shadow_share)
+    return bool((overlap > c.duplicate_iou).mean() >= c.duplicate_share)
 
 
 def _words(t: Track) -> tuple[str, str, str]:
@@ -128,7 +149,7 @@ def _words(t: Track) -> tuple[str, str, str]:
 
 
 def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig) -> NDArray[Any]:
-    """(N, 2) ground positions of the kept rows, NaN elsewhere."""
+    """(N, 2) ground positions of all rows (world units); NaN for rows that are not in `kept`."""
     positions = np.full((len(proposals), 2), np.nan)
     if not len(kept):
         return positions
@@ -148,6 +169,7 @@ def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig) 
 
 
 def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any], c: TrackerConfig) -> list[_Tracklet]:
+    """Link the kept rows frame by frame; returns all tracklets."""
     rows_by_frame = defaultdict(list)
     for row in kept.tolist():
         rows_by_frame[int(proposals.frame_index[row])].append(row)
@@ -162,32 +184,34 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
             words = attributes_of(int(proposals.attribute[tracklet.rows[-1]]))
             for i, row in enumerate(rows):
                 distance = float(np.hypot(*(positions[row] - tracklet.position - gap * tracklet.velocity)))
-                if distance > c.reach_world + gap * c.reach_world_per_frame:
+                if distance > c.gate_world + gap * c.gate_world_per_frame:
                     continue
                 other = attributes_of(int(proposals.attribute[row]))
                 mismatches = sum(a != b for a, b in zip(words, other, strict=True))
                 cost[i, j] = distance + c.mismatch_world * mismatches
-        # An unmatched row must stay possible: a large finite cost stands for "no match".
-        chosen_rows, chosen_tracklets = linear_sum_assignment(np.minimum(cost, 1e3))
+        chosen_rows, chosen_tracklets = linear_sum_assignment(np.minimum(cost, NO_MATCH_COST))
         matched = set()
         for i, j in zip(chosen_rows.tolist(), chosen_tracklets.tolist(), strict=True):
             if np.isfinite(cost[i, j]):
-                active[j].add(rows[i], frame, positions[rows[i]])
+                active[j].add(rows[i], frame, positions[rows[i]], c.velocity_memory)
                 matched.add(i)
         for i in set(range(len(rows))) - matched:
             tracklet = _Tracklet()
-            tracklet.add(rows[i], frame, positions[rows[i]])
+            tracklet.add(rows[i], frame, positions[rows[i]], c.velocity_memory)
             active.append(tracklet)
     return done + active
 
 
 def _identities(proposals: VideoProposals, tracklets: list[_Tracklet]) -> dict[int, list[int]]:
-    """Rows of each attribute triple: tracklets vote; where two of one triple overlap in time, the longer one has the frame."""
+    """Rows of each attribute index, one per frame, by a vote in each tracklet.
+
+    Where two tracklets of the same triple have a row in the same frame, the longer one's is used.
+    """
     by_identity: dict[int, dict[int, int]] = defaultdict(dict)
     for tracklet in sorted(tracklets, key=lambda p: -len(p.rows)):
         votes: dict[int, float] = defaultdict(float)
         for row in tracklet.rows:
-            # Objects cut by the image's border are often mislabelled; whole ones show more pixels.
+            # Objects cut by the image border are often mislabelled, so votes are weighted by visible area.
             votes[int(proposals.attribute[row])] += float(proposals.score[row]) * int(proposals.area_px[row])
         identity = max(votes, key=lambda a: votes[a])
         for row in tracklet.rows:

@@ -1,4 +1,4 @@
-"""Which objects an image shows: inside it, cut by its border, or hidden behind another one. One rule each."""
+"""Visibility of objects: inside the image, cut by its border, or occluded by another object. One rule each."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,16 +16,24 @@ FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 
 COVERED_SHARE = 0.6
-"""A nearer box hides another's top only when it covers this share of its width."""
+"""A nearer box hides another box's top only when it covers more than this share of its width."""
+BOUNDING_RADII = 2.0
+"""Radius of a sphere around the centre that contains every shape (object radii; a cube's corner is at 1.73)."""
+MIN_DEPTH_RADII = 3.0
+"""Objects whose centre has a smaller depth are not in the image (object radii)."""
+DEPTH_FLOOR_WORLD = 0.01
+"""Depths are raised to this value before a division (world units)."""
 
 
 @dataclass(frozen=True)
 class VisibilityConfig:
-    """When a side of a box is not the object's own. Chosen on `dev` scenes: `python benchmarks/visibility.py` compares values.
+    """When a side of a box is not a side of the object.
+
+    The values were chosen on `dev` scenes; `python benchmarks/visibility.py` compares others.
 
     Attributes:
-        cut_margin_px: a box side this close to the image's border may be cut by it (pixels).
-        touch_px: boxes this close touch each other (pixels).
+        cut_margin_px: a box side closer than this to the image border may be cut by it (pixels).
+        touch_px: boxes closer than this touch each other (pixels).
     """
 
     cut_margin_px: float = 2.0
@@ -33,22 +41,25 @@ class VisibilityConfig:
 
 
 def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Camera = CLEVRER_CAMERA) -> BoolArray:
-    """Frames (F,) in which some of an object's outline lies in the image: CLEVRER's `inside_camera_view`.
+    """Whether a part of an object's outline lies in the image, for each frame: CLEVRER's `inside_camera_view`.
 
-    With CLEVRER's camera this agrees with 6,394 of 6,400 values in ten of the release's annotation files; the others are one
-    frame off.
+    With CLEVRER's camera this agrees with 6,394 of 6,400 values in ten of the release's annotation files; the other six are
+    off by one frame.
 
     Args:
         shape: "cube", "sphere" or "cylinder".
-        location_world: (F, 3) centre; frames with NaN are not in the image.
+        location_world: (F, 3) centre; in frames with NaN the object is not in the image.
         yaw: (F,) radians.
-        camera: whose image.
+        camera: the camera that takes the image.
+
+    Returns:
+        (F,) bool.
     """
     depth, centre = camera.depth(location_world), camera.pixels(location_world)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
-        reach = 2 * OBJECT_RADIUS_WORLD / np.maximum(depth, 0.01)[:, None] * camera.focal_px
-        near = ((centre > -reach) & (centre < size + reach)).all(1) & (depth > 3 * OBJECT_RADIUS_WORLD)
+        bound = BOUNDING_RADII * OBJECT_RADIUS_WORLD / np.maximum(depth, DEPTH_FLOOR_WORLD)[:, None] * camera.focal_px
+        near = ((centre > -bound) & (centre < size + bound)).all(1) & (depth > MIN_DEPTH_RADII * OBJECT_RADIUS_WORLD)
         inside = ((centre > 0) & (centre < size)).all(1) & near
     for f in np.flatnonzero(near & ~inside):
         outline = camera.pixels(surface_points(shape, float(yaw[f])) + location_world[f])
@@ -57,7 +68,7 @@ def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Ca
 
 
 def cut_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None) -> BoolArray:
-    """Which sides of boxes (..., 4) may be cut by the image's border: (..., 4) bool for left, top, right, bottom."""
+    """Which sides of boxes (..., 4) may be cut by the image border: (..., 4) bool for left, top, right, bottom."""
     box = np.asarray(box_xyxy_px, float)
     inside = np.concatenate([box[..., :2], np.array([WIDTH_PX, HEIGHT_PX]) - box[..., 2:]], -1)
     with np.errstate(invalid="ignore"):
@@ -65,14 +76,14 @@ def cut_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None)
 
 
 def hidden_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None) -> BoolArray:
-    """Which sides of the boxes of one frame are not the object's own.
+    """Which sides of the boxes of one frame are hidden: not a side of the object itself.
 
-    A side is hidden when the image's border cuts it, or when it lies inside the box of a nearer object (whose lower edge is
-    lower in the image).
+    A side is hidden when the image border cuts it, or when it lies inside the box of a nearer object. Of two objects, the
+    nearer one is the one whose bottom edge is lower in the image.
 
     Args:
-        box_xyxy_px: (N, 4) mask bounds of all objects of the frame; rows of NaN stand for objects that were not detected.
-        config: margins.
+        box_xyxy_px: (N, 4) mask bounds of all objects in the frame; rows of NaN stand for objects that were not detected.
+        config: margins; None for the defaults.
 
     Returns:
         (N, 4) bool: left, top, right, bottom.

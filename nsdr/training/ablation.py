@@ -1,35 +1,43 @@
-"""What a number of training programs is worth: accuracy of programs and of answers by question type (the paper's figure)."""
+"""Ablation of the number of training programs: accuracy of programs and answers by question type (figure of the paper)."""
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.evaluation.score import evaluate
 from nsdr.io.files import atomic_path, read_json
+from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
-
-if TYPE_CHECKING:
-    from nsdr.training.question_parser import QuestionParserTraining
+from nsdr.training.question_parser_task import QuestionParserTraining, train_question_parser
 
 __all__ = ["ALL", "parse_sizes", "run_ablation"]
 
 ALL = 0
-"""As a size: every program that there is."""
+"""The size that stands for all programs, as in `QuestionParserTraining.samples`."""
 COLUMNS = ("programs", "question_type", "questions", "program_accuracy", "answer_accuracy")
+"""Columns of `ablation.csv`; accuracies are fractions 0-1."""
+DECIMALS = 4
+"""Decimals of the accuracies in `ablation.csv`."""
+FIGURE_INCHES, FIGURE_DPI = (9, 3.4), 110
+"""Size (inches) and resolution (dots per inch) of `ablation.png`."""
+TITLE_POINTS, LEGEND_POINTS = 10, 8
+"""Font sizes in the figure (points)."""
+GRID_ALPHA = 0.3
+"""Opacity of the figure's grid."""
 
 
 def parse_sizes(text: str) -> list[int]:
-    """Sizes from text such as "10,50,all".
+    """Numbers of programs from text such as "10,50,all", where "all" is `ALL`.
 
     Raises:
-        DataError: not such a list.
+        DataError: the text is not such a list.
     """
     try:
         sizes = [ALL if part.strip() == "all" else int(part) for part in text.split(",")]
@@ -40,18 +48,21 @@ def parse_sizes(text: str) -> list[int]:
     return sizes
 
 
-def run_ablation(
-    config: "QuestionParserTraining",
-    sizes: Sequence[int],
-    train: Callable[["QuestionParserTraining"], str],
-) -> str:
-    """Train with each number of programs, measure, and write `ablation.csv` and `ablation.png`; returns the CSV's path.
+def run_ablation(config: QuestionParserTraining, sizes: Sequence[int]) -> str:
+    """Train with each number of programs, evaluate, and write `ablation.csv` and `ablation.png` to the run's folder.
+
+    Each size is a run of its own in a subfolder, so an interrupted ablation is resumed where it stopped. The figure is left
+    out where matplotlib is not installed.
 
     Args:
-        config: the training; its `evaluation_questions` and `evaluation_scenes` are what is measured on.
-        sizes: numbers of programs.
-        train: trains a configuration and returns the checkpoint's folder. Each size is a run of its own, so an interrupted
-            ablation goes on where it stopped.
+        config: the training, with `evaluation_questions` and `evaluation_scenes` to evaluate on.
+        sizes: numbers of programs, as `parse_sizes` gives them.
+
+    Returns:
+        The path of the CSV file.
+
+    Raises:
+        DataError: no questions or scenes to evaluate on, or a missing or unreadable file.
     """
     if not config.evaluation_questions or not config.evaluation_scenes:
         raise DataError(
@@ -63,15 +74,17 @@ def run_ablation(
     rows: list[dict[str, Any]] = []
     for size in sizes:
         name = "all" if size == ALL else str(size)
-        checkpoint = train(replace(config, samples=size, run_dir=str(run_dir / name), output=""))
+        size_config = replace(config, samples=size, run_dir=str(run_dir / name), output="")
+        checkpoint = train_question_parser(size_config)
         parser = QuestionParser.from_checkpoint(checkpoint, min_probability=0.0, unknown="ignore")
-        rows += [{"programs": name, **row} for row in _measured(parser, scenes, executors)]
-        _write(run_dir / "ablation.csv", rows)
-    _image(run_dir / "ablation.png", rows)
+        rows += [{"programs": name, **row} for row in _accuracies(parser, scenes, executors)]
+        _write_csv(run_dir / "ablation.csv", rows)
+    _write_figure(run_dir / "ablation.png", rows)
     return str(run_dir / "ablation.csv")
 
 
 def _executors(scenes: Sequence[SceneQuestions], folder: Path) -> Iterator[tuple[int, Executor]]:
+    """Scene index and executor on the true scene, for every scene of the question file."""
     paths = {int("".join(c for c in p.stem if c.isdigit())): p for p in folder.rglob("truth_*.json")}
     for scene in scenes:
         if scene.scene_index not in paths:
@@ -79,47 +92,50 @@ def _executors(scenes: Sequence[SceneQuestions], folder: Path) -> Iterator[tuple
         yield scene.scene_index, Executor(scene_from_truth(read_json(paths[scene.scene_index])))
 
 
-def _measured(
+def _accuracies(
     parser: QuestionParser, scenes: Sequence[SceneQuestions], executors: dict[int, Executor]
 ) -> Iterator[dict[str, Any]]:
-    found: dict[tuple[str, str], list[str]] = {}
+    """One row of the table for each question type that occurs; a question's choices count with it."""
+    parsed: dict[tuple[str, str], list[str]] = {}
     for kind, texts in _texts(scenes).items():
-        found |= {(text, kind): tokens for text, (tokens, _) in zip(texts, parser.candidates(texts, kind), strict=True)}
+        candidates = parser.candidates(texts, kind)
+        parsed |= {(text, kind): tokens for text, (tokens, _) in zip(texts, candidates, strict=True)}
 
     def parse(text: str, kind: str) -> Program:
         try:
-            return Program.parse(found[text, kind])
+            return Program.parse(parsed[text, kind])
         except ProgramError as e:
             raise QuestionError(str(e)) from e
 
     report = evaluate(((scene, executors[scene.scene_index]) for scene in scenes), parse)
-    for type_ in QUESTION_TYPES:
-        questions = [q for scene in scenes for q in scene.questions if q.type == type_]
+    for question_type in QUESTION_TYPES:
+        questions = [q for scene in scenes for q in scene.questions if q.type == question_type]
         if not questions:
             continue
         exact = []
         for q in questions:
             kind = "multiple_choice" if q.choices else "descriptive"
-            right = tuple(found[q.text, kind]) == q.program
-            exact.append(right and all(tuple(found[c.text, "choice"]) == c.program for c in q.choices))
-        answers = report[type_]["accuracy" if type_ == "descriptive" else "per_question"]
+            is_exact = tuple(parsed[q.text, kind]) == q.program
+            exact.append(is_exact and all(tuple(parsed[c.text, "choice"]) == c.program for c in q.choices))
+        answer_accuracy = report[question_type]["accuracy" if question_type == "descriptive" else "per_question"]
         yield {
-            "question_type": type_,
+            "question_type": question_type,
             "questions": len(questions),
-            "program_accuracy": round(sum(exact) / len(exact), 4),
-            "answer_accuracy": round(answers, 4),
+            "program_accuracy": round(sum(exact) / len(exact), DECIMALS),
+            "answer_accuracy": round(answer_accuracy, DECIMALS),
         }
 
 
 def _texts(scenes: Sequence[SceneQuestions]) -> dict[str, list[str]]:
-    texts: dict[str, dict[str, None]] = {"descriptive": {}, "multiple_choice": {}, "choice": {}}
+    """The distinct texts of each kind that occurs."""
+    texts: dict[str, dict[str, None]] = {kind: {} for kind in TEXT_KINDS}
     for q in (q for scene in scenes for q in scene.questions):
         texts["multiple_choice" if q.choices else "descriptive"][q.text] = None
         texts["choice"].update(dict.fromkeys(c.text for c in q.choices))
-    return {kind: list(found) for kind, found in texts.items() if found}
+    return {kind: list(distinct) for kind, distinct in texts.items() if distinct}
 
 
-def _write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+def _write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -128,26 +144,26 @@ def _write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
         temporary.write_text(text.getvalue())
 
 
-def _image(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+def _write_figure(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """One panel for each accuracy and one line for each question type."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         return
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
     sizes = list(dict.fromkeys(row["programs"] for row in rows))
-    for position, (column, title) in enumerate(
-        (("program_accuracy", "exact programs"), ("answer_accuracy", "right answers"))
-    ):
-        axes: Any = figure.add_subplot(1, 2, position + 1)
-        for type_ in QUESTION_TYPES:
-            values = {row["programs"]: 100 * row[column] for row in rows if row["question_type"] == type_}
-            if values:
-                axes.plot([sizes.index(s) for s in values], list(values.values()), marker="o", label=type_)
+    panels = {"program_accuracy": "exact programs", "answer_accuracy": "right answers"}
+    for number, (column, title) in enumerate(panels.items(), 1):
+        axes: Any = figure.add_subplot(1, len(panels), number)
+        for question_type in QUESTION_TYPES:
+            percent = {r["programs"]: 100 * r[column] for r in rows if r["question_type"] == question_type}
+            if percent:
+                axes.plot([sizes.index(s) for s in percent], list(percent.values()), marker="o", label=question_type)
         axes.set_xticks(range(len(sizes)), sizes)
         axes.set_xlabel("training programs")
         axes.set_ylabel("%")
-        axes.set_title(title, fontsize=10)
-        axes.grid(alpha=0.3)
-    figure.axes[0].legend(fontsize=8)
+        axes.set_title(title, fontsize=TITLE_POINTS)
+        axes.grid(alpha=GRID_ALPHA)
+    figure.axes[0].legend(fontsize=LEGEND_POINTS)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+        figure.savefig(temporary, dpi=FIGURE_DPI)

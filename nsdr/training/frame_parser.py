@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,9 +18,18 @@ from nsdr.io.configuration import described, parse_config, resolved
 from nsdr.training.loop import LoopConfig, Task, train
 from nsdr.world.vocabulary import attributes_of
 
-__all__ = ["FrameParserTraining", "main"]
+__all__ = ["FrameParserTask", "FrameParserTraining", "main"]
 
-SHOWN_FRAMES, SHOWN_SCORE = 3, 0.5
+SHOWN_FRAMES = 3
+"""Held-out frames that are shown in TensorBoard with their detections."""
+MIN_SHOWN_SCORE = 0.5
+"""Detections with a lower score (0-1) are not drawn."""
+DRAWING_RGB = (255, 255, 0)
+"""Colour of the boxes and labels (RGB, 0-255)."""
+LABEL_SCALE = 0.35
+"""Size of the labels (OpenCV's font scale)."""
+LABEL_GAP_PX = 3
+"""Distance from a box up to the baseline of its label (px)."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +37,13 @@ class FrameParserTraining:
     """Training of the frame parser.
 
     Attributes:
-        frames: folder with `annotations_*.jsonl` and `images/`; every 20th scene is kept for evaluation.
-        run_dir: where the run lives; an interrupted one goes on.
+        frames: folder with `annotations_*.jsonl` and `images/`; every 20th scene is held out for evaluation.
+        run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
-        evaluation_frames: at most this many frames are measured.
+        evaluation_frames: maximum number of held-out frames to evaluate on.
         model: the network.
-        augmentation: changes to training images.
+        augmentation: random changes to training images.
         loop: the optimisation.
     """
 
@@ -50,7 +58,7 @@ class FrameParserTraining:
 
 
 class FrameParserTask(Task):
-    """Mask R-CNN's losses on random training frames; attribute-exact F1 on held-out scenes."""
+    """Mask R-CNN's losses on random training frames; detection scores and average precision on held-out scenes."""
 
     def __init__(self, config: FrameParserTraining) -> None:
         torch.manual_seed(config.loop.seed)
@@ -62,9 +70,11 @@ class FrameParserTask(Task):
         self.evaluation_frames = FrameDataset(config.frames, "evaluation")
 
     def batch(self, size: int, rng: np.random.Generator) -> list[tuple[Tensor, dict[str, Tensor]]]:
+        """Random augmented frames (3, H, W) in 0-1 and their targets, see `FrameDataset`."""
         return [self.training_frames.get(int(i), rng) for i in rng.integers(len(self.training_frames), size=size)]
 
     def losses(self, model: nn.Module, batch: Sequence[tuple[Tensor, dict[str, Tensor]]]) -> Mapping[str, Tensor]:
+        """The network's loss terms, scalars, for images (3, H, W)."""
         device = next(model.parameters()).device
         images = [image.to(device) for image, _ in batch]
         targets = [{name: value.to(device) for name, value in target.items()} for _, target in batch]
@@ -72,6 +82,7 @@ class FrameParserTask(Task):
         return losses
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """`detection_scores` and `average_precision` on evenly spaced held-out frames."""
         count = min(self.config.evaluation_frames, len(self.evaluation_frames))
         picked = np.linspace(0, len(self.evaluation_frames) - 1, count).astype(int)
         frames = [self.evaluation_frames[int(i)] for i in picked]
@@ -79,31 +90,36 @@ class FrameParserTask(Task):
 
     @torch.no_grad()
     def images(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
-        """Held-out frames with what is found in them."""
+        """Held-out frames (H, W, 3) with the detections drawn in."""
         model.eval()
         device = next(model.parameters()).device
         shown = {}
         for number in range(min(SHOWN_FRAMES, len(self.evaluation_frames))):
             image, _ = self.evaluation_frames[number * len(self.evaluation_frames) // SHOWN_FRAMES]
-            (found,) = model([image.to(device)])
+            (detections,) = model([image.to(device)])
             canvas = np.ascontiguousarray((image.permute(1, 2, 0).numpy() * 255).astype(np.uint8))
-            for i in torch.where(found["scores"] > SHOWN_SCORE)[0].tolist():
-                left, top, right, bottom = (int(side) for side in found["boxes"][i].tolist())
-                name = " ".join(attributes_of(int(found["attribute"][i].argmax())))
-                cv2.rectangle(canvas, (left, top), (right, bottom), (255, 255, 0), 1)
-                cv2.putText(canvas, name, (left, top - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (255, 255, 0), 1)
+            for i in torch.where(detections["scores"] > MIN_SHOWN_SCORE)[0].tolist():
+                left, top, right, bottom = (int(side) for side in detections["boxes"][i].tolist())
+                label = " ".join(attributes_of(int(detections["attribute"][i].argmax())))
+                cv2.rectangle(canvas, (left, top), (right, bottom), DRAWING_RGB, 1)
+                label_start = (left, top - LABEL_GAP_PX)
+                cv2.putText(canvas, label, label_start, cv2.FONT_HERSHEY_SIMPLEX, LABEL_SCALE, DRAWING_RGB, 1)
             shown[f"evaluation/{number}"] = canvas
         return shown
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint."""
+    """Train from command-line arguments; returns the folder of the finished checkpoint.
+
+    Raises:
+        DataError: unreadable training data, or fewer training frames than a batch.
+    """
     config = parse_config(FrameParserTraining, argv, "nsdr train frame-parser")
     task = FrameParserTask(config)
     if len(task.training_frames) < config.loop.batch_size:
         raise DataError(f"{config.frames}: {len(task.training_frames)} training frames, fewer than one batch")
     metrics = train(task, config.loop, config.run_dir, resolved(config))
     output = config.output or f"{config.run_dir}/checkpoint"
-    details: dict[str, Any] = {"metrics": metrics, "training": described(config)}
+    details = {"metrics": metrics, "training": described(config)}
     save_checkpoint(output, "frame_parser", task.model.state_dict(), config.model, details, half=True)
     return output

@@ -1,7 +1,7 @@
-"""The training loop that all parts share: Accelerate for devices and precision, resumable at any kill.
+"""The training loop of every part, on Accelerate; a run that is killed at any moment can be resumed.
 
-Every step is a function of the weights, the optimiser's state and the step's number alone: batches and random
-numbers are drawn from (seed, step, process). So a resumed run goes on exactly as an uninterrupted one.
+Each step depends only on the weights, the optimizer's state and the step's number: batches and random numbers are seeded with
+(seed, step, process). A resumed run therefore gives the same result as an uninterrupted one.
 """
 
 import json
@@ -31,29 +31,36 @@ __all__ = ["LoopConfig", "Task", "train"]
 
 log = logging.getLogger(__name__)
 
+SGD_MOMENTUM = 0.9
+"""Momentum of the "sgd" optimizer."""
+SEED_STRIDE = 1_000_003
+"""Torch's seed at a step is `seed * SEED_STRIDE + step`: the stride exceeds any number of steps, so that no two are equal."""
+
 
 @dataclass(frozen=True)
 class LoopConfig:
-    """How to optimise.
+    """Settings of the optimisation.
 
     Attributes:
-        steps: optimiser steps.
-        batch_size: examples a step (per process).
-        optimizer: "adam" or "sgd" (momentum 0.9).
-        learning_rate: its peak.
-        weight_decay: L2 penalty (decoupled for Adam).
-        warmup_steps: linear rise from 0 to the peak.
-        schedule: "constant", "cosine" (to 0) or "step" (× `step_factor` every `step_size` steps).
-        step_size: steps between drops of the "step" schedule.
-        step_factor: factor of each drop.
-        clip_norm: largest gradient norm.
-        ema: decay of the weights' exponential moving average, which is evaluated and kept; 0 for none.
-        precision: "no" (float32), "bf16" or "fp16".
-        seed: of the weights, the batches and the augmentation.
-        log_every: steps between lines of `metrics.jsonl`.
-        evaluate_every: steps between evaluations; 0 evaluates only at the end.
-        save_every: steps between checkpoints.
-        device: "auto", or "cpu" to leave an accelerator alone.
+        steps: number of optimizer steps.
+        batch_size: examples per step and process.
+        optimizer: "adam" (AdamW) or "sgd" (momentum 0.9).
+        learning_rate: peak learning rate.
+        weight_decay: weight decay, decoupled for "adam" and an L2 penalty for "sgd".
+        warmup_steps: steps of the linear rise to the peak.
+        schedule: learning rate after the warm-up: "constant", "cosine" (falls to 0) or "step" (× `step_factor` every
+            `step_size` steps).
+        step_size: steps between two drops of the "step" schedule.
+        step_factor: factor of each drop of the "step" schedule.
+        clip_norm: maximum norm of the gradient; larger gradients are scaled down.
+        ema: decay per step of an exponential moving average of the weights, which is evaluated and saved instead of them; 0
+            for none.
+        precision: "no" (float32), "bf16" or "fp16" mixed precision.
+        seed: seed of the initial weights, the batches and the augmentation.
+        log_every: steps between two lines of losses in `metrics.jsonl`.
+        evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
+        save_every: steps between two checkpoints.
+        device: "auto" (an accelerator where there is one) or "cpu".
     """
 
     steps: int = 1000
@@ -76,26 +83,30 @@ class LoopConfig:
 
 
 class Task(Protocol):
-    """What is trained: batches, losses and the measure."""
+    """What is trained: a model, its batches, its losses and its evaluation."""
 
     model: nn.Module
 
     def batch(self, size: int, rng: np.random.Generator) -> Any:
-        """A batch of `size` examples, drawn by `rng` alone."""
+        """A batch of `size` examples, drawn with `rng` and no other source of randomness."""
 
     def losses(self, model: nn.Module, batch: Any) -> Mapping[str, Tensor]:
         """Scalar loss terms by name; their sum is minimised."""
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Measures on held-out data."""
+        """Metrics on held-out data, by name."""
 
     def images(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
-        """Images (H, W, 3) RGB for TensorBoard, by name; none where there is nothing to see."""
+        """RGB images (H, W, 3) for TensorBoard, by name; none by default."""
         return {}
 
 
 def learning_rate_at(step: int, config: LoopConfig) -> float:
-    """Learning rate of a step (0-based)."""
+    """Learning rate of a step (0-based).
+
+    Raises:
+        DataError: an unknown schedule.
+    """
     if step < config.warmup_steps:
         return config.learning_rate * (step + 1) / config.warmup_steps
     if config.schedule == "cosine":
@@ -109,18 +120,27 @@ def learning_rate_at(step: int, config: LoopConfig) -> float:
 
 
 def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping[str, Any]) -> dict[str, float]:
-    """Train `task.model`, or go on where `run_dir` left off; returns the last evaluation.
+    """Train `task.model`, resuming the run in `run_dir` if there is one; at the end the model holds the trained weights.
 
-    `run_dir` gets `config.json` (the resolved configuration and code revision), `metrics.jsonl`, TensorBoard events and the
-    newest checkpoint under `step_N`. The model holds the trained weights at the end.
+    The folder `run_dir` gets `config.json` (the resolved configuration and the code's revision), `metrics.jsonl`, TensorBoard
+    events and the newest checkpoint, `step_N`.
+
+    Args:
+        task: what to train.
+        config: settings of the optimisation.
+        run_dir: folder of the run.
+        resolved: the whole configuration as plain values; a run is resumed only with the configuration it was started with.
+
+    Returns:
+        The metrics of the last evaluation.
 
     Raises:
-        FloatingPointError: a loss term is not finite; names the term and the step.
-        DataError: `run_dir` was started with another configuration.
+        FloatingPointError: a loss is not finite; the message names the step and the terms.
+        DataError: `run_dir` was started with another configuration, or an unknown optimizer or schedule.
     """
     run_dir = Path(run_dir)
     run_dir.mkdir(parents=True, exist_ok=True)
-    # num_workers etc. are ours: Accelerate only positions, casts and synchronises.
+    # Accelerate moves the model, casts and synchronises; batches are made here.
     accelerator = Accelerator(mixed_precision=config.precision, cpu=config.device == "cpu")
     _check_same_run(run_dir, resolved, accelerator.is_main_process)
     model, optimizer = accelerator.prepare(task.model, _optimizer(task.model, config))
@@ -145,7 +165,7 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
             assert upcoming is not None
             batch = upcoming.result()
             upcoming = pool.submit(draw, step + 1) if step + 1 < config.steps else None
-            torch.manual_seed(config.seed * 1_000_003 + step)
+            torch.manual_seed(config.seed * SEED_STRIDE + step)
             rate = learning_rate_at(step, config)
             for group in optimizer.param_groups:
                 group["lr"] = rate
@@ -171,11 +191,11 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
                 record |= {f"loss/{name}": term.item() for name, term in losses.items()}
                 bar.set_postfix(loss=f"{record['loss']:.4g}")
             if last or (config.evaluate_every and done % config.evaluate_every == 0):
-                measured = accelerator.unwrap_model(model) if average is None else average.module
-                metrics = task.evaluate(measured)
+                evaluated = accelerator.unwrap_model(model) if average is None else average.module
+                metrics = task.evaluate(evaluated)
                 record |= metrics
                 if writer is not None:
-                    for name, image in task.images(measured).items():
+                    for name, image in task.images(evaluated).items():
                         writer.add_image(name, image, done, dataformats="HWC")
                 log.info("step %d: %s", done, metrics)
             if record and accelerator.is_main_process:
@@ -197,11 +217,14 @@ def _optimizer(model: nn.Module, config: LoopConfig) -> torch.optim.Optimizer:
     if config.optimizer == "adam":
         return torch.optim.AdamW(model.parameters(), config.learning_rate, weight_decay=config.weight_decay)
     if config.optimizer == "sgd":
-        return torch.optim.SGD(model.parameters(), config.learning_rate, momentum=0.9, weight_decay=config.weight_decay)
+        return torch.optim.SGD(
+            model.parameters(), config.learning_rate, momentum=SGD_MOMENTUM, weight_decay=config.weight_decay
+        )
     raise DataError(f"optimizer is {config.optimizer!r}; expected adam or sgd")
 
 
 def _check_same_run(run_dir: Path, resolved: Mapping[str, Any], write: bool) -> None:
+    """Compare the configuration with that of `run_dir/config.json`, which is written for a new run if `write`."""
     path = run_dir / "config.json"
     resolved = json.loads(json.dumps(resolved))
     if path.exists():
@@ -216,6 +239,7 @@ def _check_same_run(run_dir: Path, resolved: Mapping[str, Any], write: bool) -> 
 
 
 def _newest(run_dir: Path) -> Path | None:
+    """The newest complete checkpoint."""
     complete = [p for p in run_dir.glob("step_*") if (p / "state.json").exists()]
     return max(complete, default=None, key=lambda p: int(p.name.removeprefix("step_")))
 
@@ -228,7 +252,7 @@ def _save(
     average: AveragedModel | None,
     metrics: Mapping[str, float],
 ) -> None:
-    """Write `step_N`; its `state.json` comes last and marks it complete, then older ones go."""
+    """Write `step_N`, with `state.json` last, which marks it as complete, and then delete the older checkpoints."""
     folder = run_dir / f"step_{step:07d}"
     folder.mkdir(exist_ok=True)
     state = optimizer.state_dict()["state"]
@@ -246,6 +270,7 @@ def _save(
 
 
 def _restore(run_dir: Path, model: nn.Module, optimizer: Any, average: AveragedModel | None) -> int:
+    """Load the newest complete checkpoint, if there is one; returns the number of finished steps."""
     folder = _newest(run_dir)
     if folder is None:
         return 0
@@ -258,7 +283,7 @@ def _restore(run_dir: Path, model: nn.Module, optimizer: Any, average: AveragedM
         state.setdefault(int(index), {})[name] = value
     optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     step = int(read_json(folder / "state.json")["step"])
-    log.info("%s: goes on at step %d", run_dir, step)
+    log.info("%s: resumes at step %d", run_dir, step)
     return step
 
 
@@ -269,7 +294,7 @@ def _last_metrics(run_dir: Path) -> dict[str, float]:
 
 def _tensorboard(run_dir: Path) -> Any:
     try:
-        from torch.utils.tensorboard import SummaryWriter  # heavy; only where something is trained
+        from torch.utils.tensorboard import SummaryWriter  # heavy
     except ImportError:
         log.warning("TensorBoard is not installed (pip install 'nsdr[train]'); metrics.jsonl has the same numbers")
         return None

@@ -1,7 +1,6 @@
-"""Training of the paper's patch network, by `nsdr train dynamics --config configs/dynamics/paper.yaml`."""
+"""Training task of the paper's dynamics network on patches (`network: paper`)."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -9,43 +8,57 @@ from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, PatchModel
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
-from nsdr.training.dynamics import TrackTask, pair_loss
-
-if TYPE_CHECKING:
-    from nsdr.training.dynamics import DynamicsTraining
+from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, pair_loss
 
 __all__ = ["PatchModelTask"]
 
 NOISE_PX_PER_WORLD = 50.0
+"""Noise of boxes for a noise of one world unit in `DynamicsTraining.noise_world` (px per world unit)."""
+CANDIDATES_PER_EXAMPLE = 16
+"""Windows drawn per example of a batch, so that enough of them have the same number of objects."""
+STEPS_AROUND_COLLISION = 2
+"""Near a collision, the present is at most this many steps of `stride_frames` before or after it."""
 
 
 class PatchModelTask(TrackTask):
-    """L2 loss of the boxes a step later, cross-entropy of the collisions on the way."""
+    """Squared error of the boxes one step later, and cross-entropy of the collisions within each step.
 
-    def __init__(self, config: "DynamicsTraining") -> None:
+    A batch holds scenes with the same number of objects, mirrored at random: the camera looks along the world's x axis.
+    """
+
+    def __init__(self, config: DynamicsTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.network = PatchModel(config.patches)
         super().__init__(config, self.network)
         self.margin = (config.patches.window - 1) * config.patches.stride_frames
         d = self.data
         self.boxes = patch_boxes(d.location_world, d.box_px, d.reliable, self.margin).astype(np.float32)
-        self.count = d.exists.sum(1)
+        self.object_count = d.exists.sum(1)
 
     def batch(self, size: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Boxes (B, N, K, 4), reliable (B, N, K), static (B, N, 5), exists (B, N), until (B, N, N)."""
+        """Windows of at most `size` scenes with N objects each; K = window + rollout_steps samples.
+
+        Returns:
+            boxes: (B, N, K, 4) float32, noisy, in units of `BOX_SCALE`.
+            reliable: (B, N, K) bool.
+            static: (B, N, 5) float32, one-hot shape and material.
+            exists: (B, N) bool, objects that are present.
+            until: (B, N, N) int64, frames from the present to the pair's collision, negative after it.
+        """
         c, steps = self.config.patches, self.config.rollout_steps
-        scenes, times = self.pick(16 * size, rng, before=2 * c.stride_frames, after=2 * c.stride_frames)
-        n = self.count[scenes[0]]  # scenes of one size need no padding
-        alike = np.flatnonzero(self.count[scenes] == n)[:size]
-        scenes, times = scenes[alike], np.clip(times[alike], 0, 127 - c.stride_frames * steps)
-        index = times[:, None] + np.arange(-c.window + 1, steps + 1) * c.stride_frames
+        near = STEPS_AROUND_COLLISION * c.stride_frames
+        scenes, frames = self.draw_windows(CANDIDATES_PER_EXAMPLE * size, rng, near, near)
+        n = self.object_count[scenes[0]]
+        alike = np.flatnonzero(self.object_count[scenes] == n)[:size]
+        scenes, frames = scenes[alike], np.clip(frames[alike], 0, LAST_FRAME - c.stride_frames * steps)
+        index = frames[:, None] + np.arange(-c.window + 1, steps + 1) * c.stride_frames
         boxes = self.boxes[scenes[:, None], :n, index + self.margin].transpose(0, 2, 1, 3)
         noise = self.config.noise_world * NOISE_PX_PER_WORLD / np.array(BOX_SCALE)
         boxes += (rng.normal(size=boxes.shape) * noise).astype(np.float32)
-        boxes[..., 0] *= rng.choice([-1.0, 1.0], len(scenes))[:, None, None]  # the camera looks along the x axis
+        boxes[..., 0] *= rng.choice([-1.0, 1.0], len(scenes))[:, None, None]
         reliable = self.data.reliable[scenes[:, None], :n, np.maximum(index, 0)].transpose(0, 2, 1)
-        exists = self.data.exists[scenes] & self.data.present[scenes, :, times]
-        until = (self.data.collision_frame[scenes] - times[:, None, None]).astype(np.int64)
+        exists = self.data.exists[scenes] & self.data.present[scenes, :, frames]
+        until = (self.data.collision_frame[scenes] - frames[:, None, None]).astype(np.int64)
         return {
             "boxes": torch.from_numpy(np.ascontiguousarray(boxes)),
             "reliable": torch.from_numpy(reliable),
@@ -55,21 +68,23 @@ class PatchModelTask(TrackTask):
         }
 
     def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Squared errors of boxes (B, N, 4) and cross-entropy of collisions (B, N, N), as scalars."""
+        """Scalars: `motion`, the squared error of boxes (B, N, 4), and `collision`, the cross-entropy of pairs (B, N, N)."""
         device = next(model.parameters()).device
-        b = {k: v.to(device) for k, v in batch.items()}
+        windows = {k: v.to(device) for k, v in batch.items()}
+        exists = windows["exists"]
         c = self.config.patches
-        window, motion, collision = b["boxes"][:, :, : c.window], [], []
+        window, motion, collision = windows["boxes"][:, :, : c.window], [], []
         for step in range(self.config.rollout_steps):
-            following, logits = model(window, b["static"], b["exists"])
-            weight = (b["reliable"][:, :, c.window + step] & b["exists"]).float()
-            error = ((following - b["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
+            following, logits = model(window, windows["static"], exists)
+            weight = (windows["reliable"][:, :, c.window + step] & exists).float()
+            error = ((following - windows["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
             motion.append((error * weight).sum() / weight.sum().clamp(min=1))
             for k in range(c.window):
-                until = b["until"] + c.stride_frames * (k - step)
-                collision.append(pair_loss(logits[..., k], (until >= 1) & (until <= c.stride_frames), b["exists"]))
+                until = windows["until"] + c.stride_frames * (k - step)
+                collision.append(pair_loss(logits[..., k], (until >= 1) & (until <= c.stride_frames), exists))
             window = torch.cat([window[:, :, 1:], following[:, :, None].detach()], 2)
         return {"motion": torch.stack(motion).mean(), "collision": torch.stack(collision).mean()}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
         return self.measure(PatchPredictor(self.network.eval()))

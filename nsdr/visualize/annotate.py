@@ -1,6 +1,8 @@
-"""Images of what the system saw."""
+"""Single frames annotated with masks, object names, trails and collisions."""
 
 import colorsys
+import warnings
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -8,28 +10,53 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as rle
 
+from nsdr.errors import DataError
+from nsdr.io.video import read_frames
+from nsdr.pipeline import Perception
 from nsdr.types import Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS_RGB, attributes_of
 
-__all__ = ["annotated_image"]
+__all__ = ["annotated_image", "write_annotated_image"]
 
 SCALE = 2
+"""Size of an annotated image relative to the video's frames."""
+LIGHTNESS = 0.72
+"""HLS lightness of the annotation colours; the hue is the object's."""
+LINE_WIDTH_PX = 2
+"""Width of outlines and trails (pixels of the annotated image)."""
+TRAIL_DOT_EVERY = 8
+"""Frames between two dots on a trail."""
+TRAIL_DOT_RADIUS_PX = 3
+"""Radius of a trail's dots (pixels of the annotated image)."""
+STAR_SIZE_PX = 22
+"""Size of the star that marks a collision (pixels of the annotated image)."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+FONT_SCALE = 0.5
+"""Text size, in OpenCV's units."""
+WHITE = (255, 255, 255)
+RIM_COLOR = (20, 20, 20)
+"""Colour of the rim that keeps text readable on any background."""
+TEXT_MARGIN_PX = 2
+"""Minimum distance of a text from the image border, and step by which overlapping texts are moved up."""
+
 Box = tuple[int, int, int, int]
+"""x0, y0, x1, y1 in pixels of the annotated image."""
+Color = tuple[int, int, int]
+"""Red, green, blue; 0 to 255."""
 
 
 def annotated_image(
     frame: NDArray[np.uint8], frame_index: int, proposals: VideoProposals | None, tracks: VideoTracks, scene: Scene
 ) -> NDArray[np.uint8]:
-    """One frame with masks, object names and ids, motion trails up to the frame, and where objects collided until then.
+    """One frame with masks, object names and ids, and the trails and collisions up to that frame.
 
     Args:
         frame: (320, 480, 3) uint8 RGB.
-        frame_index: its index in the video.
-        proposals: for the masks' outlines; None leaves them out.
-        tracks: for trails and names.
-        scene: for the collisions.
+        frame_index: the frame's index in the video.
+        proposals: masks whose outlines are drawn; None draws no outlines.
+        tracks: objects whose names and trails are drawn.
+        scene: source of the collisions.
 
     Returns:
         (640, 960, 3) uint8 RGB.
@@ -37,72 +64,107 @@ def annotated_image(
     image = cv2.resize(frame, (WIDTH_PX * SCALE, HEIGHT_PX * SCALE), interpolation=cv2.INTER_CUBIC)
     if proposals is not None and proposals.masks is not None:
         for row in np.flatnonzero(proposals.frame_index == frame_index):
-            color = _bright(attributes_of(int(proposals.attribute[row]))[0])
+            color = _annotation_color(attributes_of(int(proposals.attribute[row]))[0])
             _draw_outline(image, proposals.masks[row], color)
     for t in tracks.tracks:
-        until = t.frame_index <= frame_index
-        if until.any():
-            _draw_trail(image, t.centroid_px[until], _bright(t.object.color))
-    taken: list[Box] = []
-    for t in sorted(tracks.tracks, key=lambda t: -int(t.box_xyxy_px[-1, 1])):  # nearer ones keep their position
-        here = np.flatnonzero(t.frame_index == frame_index)
-        if len(here):
-            x0, y0 = (t.box_xyxy_px[here[0], :2] * SCALE).tolist()
+        until_now = t.frame_index <= frame_index
+        if until_now.any():
+            _draw_trail(image, t.centroid_px[until_now], _annotation_color(t.object.color))
+    occupied: list[Box] = []
+    # Nearer objects, which are lower in the image, are labelled first and so keep the position above their box.
+    for t in sorted(tracks.tracks, key=lambda t: -int(t.box_xyxy_px[-1, 1])):
+        now = np.flatnonzero(t.frame_index == frame_index)
+        if len(now):
+            x0, y0 = (t.box_xyxy_px[now[0], :2] * SCALE).tolist()
             text = f"{t.object.id} {t.object.name}"
-            _draw_text(image, text, _free_position(image, text, (x0, y0 - 6), taken), _bright(t.object.color))
+            position = _free_position(image, text, (x0, y0 - 6), occupied)
+            _draw_text(image, text, position, _annotation_color(t.object.color))
     for number, event in enumerate((e for e in scene.events if e.kind == "collision"), 1):
         if event.frame <= frame_index:
-            _draw_collision(image, event.frame, [tracks.tracks[i] for i in event.objects], number, taken)
-    _draw_text(image, f"frame {frame_index}", (8, HEIGHT_PX * SCALE - 10), (255, 255, 255))
+            _draw_collision(image, event.frame, [tracks.tracks[i] for i in event.objects], number, occupied)
+    _draw_text(image, f"frame {frame_index}", (8, HEIGHT_PX * SCALE - 10), WHITE)
     return image  # type: ignore[return-value]
 
 
-def _bright(color: str) -> tuple[int, int, int]:
-    """A light version of an object's colour that can be read on gray."""
+def write_annotated_image(path: str | Path, video: str | Path, perception: Perception) -> None:
+    """Write the annotated last frame of a video; missing folders are created.
+
+    Args:
+        path: image file ending in .png or .jpg.
+        video: the video file.
+        perception: result of `Pipeline.perceive` for this video.
+
+    Raises:
+        DataError: the perception has no tracks, or the image file cannot be written.
+        VideoError: the video cannot be read.
+    """
+    if perception.tracks is None:
+        raise DataError(f"{video}: no tracks to draw; the perception was made without them")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # perceiving the video has already shown them
+        for index, frame in enumerate(read_frames(video)):
+            last_index, last_frame = index, frame
+    image = annotated_image(last_frame, last_index, perception.proposals, perception.tracks, perception.scene)
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        written = cv2.imwrite(str(path), image[..., ::-1])
+    except (OSError, cv2.error) as e:
+        raise DataError(f"{path}: cannot write an image; expected a name ending in .png or .jpg ({e})") from e
+    if not written:
+        raise DataError(f"{path}: cannot write an image; expected a name ending in .png or .jpg")
+
+
+def _annotation_color(color: str) -> Color:
+    """A light version of an object's colour, readable on the gray ground."""
     hue, _, saturation = colorsys.rgb_to_hls(*(c / 255 for c in COLORS_RGB[color]))
-    red, green, blue = colorsys.hls_to_rgb(hue, 0.72, saturation)
+    red, green, blue = colorsys.hls_to_rgb(hue, LIGHTNESS, saturation)
     return round(red * 255), round(green * 255), round(blue * 255)
 
 
 def _scaled(points_px: Any) -> NDArray[np.int32]:
+    """Frame pixels as integer pixels of the annotated image."""
     return np.round(np.asarray(points_px, float) * SCALE).astype(np.int32)
 
 
-def _draw_outline(image: NDArray[Any], counts: str, color: tuple[int, int, int]) -> None:
+def _draw_outline(image: NDArray[Any], counts: str, color: Color) -> None:
     mask = rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": counts.encode()})
     large = cv2.resize(mask, (WIDTH_PX * SCALE, HEIGHT_PX * SCALE), interpolation=cv2.INTER_LINEAR)
     contours, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(image, contours, -1, color, 2, cv2.LINE_AA)
+    cv2.drawContours(image, contours, -1, color, LINE_WIDTH_PX, cv2.LINE_AA)
 
 
-def _draw_trail(image: NDArray[Any], centroids_px: NDArray[Any], color: tuple[int, int, int]) -> None:
+def _draw_trail(image: NDArray[Any], centroids_px: NDArray[Any], color: Color) -> None:
     points = _scaled(centroids_px)
-    cv2.polylines(image, [points.reshape(-1, 1, 2)], False, color, 2, cv2.LINE_AA)
-    for point in points[::8]:
-        cv2.circle(image, point.tolist(), 3, color, -1, cv2.LINE_AA)
+    cv2.polylines(image, [points.reshape(-1, 1, 2)], False, color, LINE_WIDTH_PX, cv2.LINE_AA)
+    for point in points[::TRAIL_DOT_EVERY]:
+        cv2.circle(image, point.tolist(), TRAIL_DOT_RADIUS_PX, color, -1, cv2.LINE_AA)
 
 
-def _draw_collision(image: NDArray[Any], frame: int, pair: list[Any], number: int, taken: list[Box]) -> None:
-    positions = [t.centroid_px[int(np.abs(t.frame_index - frame).argmin())] for t in pair]
-    centre = _scaled(np.mean(positions, 0)).tolist()
-    cv2.drawMarker(image, centre, (255, 255, 255), cv2.MARKER_STAR, 22, 2, cv2.LINE_AA)
-    text = f"{number}: hit at {frame}"
-    _draw_text(image, text, _free_position(image, text, (centre[0] + 12, centre[1] + 4), taken), (255, 255, 255))
+def _draw_collision(image: NDArray[Any], frame_index: int, pair: list[Any], number: int, occupied: list[Box]) -> None:
+    positions = [t.centroid_px[int(np.abs(t.frame_index - frame_index).argmin())] for t in pair]
+    center = _scaled(np.mean(positions, 0)).tolist()
+    cv2.drawMarker(image, center, WHITE, cv2.MARKER_STAR, STAR_SIZE_PX, LINE_WIDTH_PX, cv2.LINE_AA)
+    text = f"{number}: hit at {frame_index}"
+    _draw_text(image, text, _free_position(image, text, (center[0] + 12, center[1] + 4), occupied), WHITE)
 
 
-def _draw_text(image: NDArray[Any], text: str, position: tuple[int, int], color: tuple[int, int, int]) -> None:
+def _draw_text(image: NDArray[Any], text: str, position: tuple[int, int], color: Color) -> None:
     x, y = position
-    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1), (1, 1)):  # a dark rim: readable on any ground
-        cv2.putText(image, text, (x + dx, y + dy), FONT, 0.5, (20, 20, 20), 1, cv2.LINE_AA)
-    cv2.putText(image, text, position, FONT, 0.5, color, 1, cv2.LINE_AA)
+    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1), (1, 1)):
+        cv2.putText(image, text, (x + dx, y + dy), FONT, FONT_SCALE, RIM_COLOR, 1, cv2.LINE_AA)
+    cv2.putText(image, text, position, FONT, FONT_SCALE, color, 1, cv2.LINE_AA)
 
 
-def _free_position(image: NDArray[Any], text: str, position: tuple[int, int], taken: list[Box]) -> tuple[int, int]:
-    """The position for a text, inside the image and moved up until it overlaps no other."""
-    (width, height), _ = cv2.getTextSize(text, FONT, 0.5, 1)
-    x = min(max(position[0], 2), image.shape[1] - width - 2)
-    y = max(position[1], height + 2)
-    while y > height + 2 and any(x < b[2] and b[0] < x + width and y - height < b[3] and b[1] < y for b in taken):
-        y -= 2
-    taken.append((x, y - height - 4, x + width, y + 2))
+def _free_position(image: NDArray[Any], text: str, position: tuple[int, int], occupied: list[Box]) -> tuple[int, int]:
+    """The text's lower left corner: inside the image, and moved up until it overlaps no earlier text.
+
+    Adds the text's box to `occupied`.
+    """
+    (width, height), _ = cv2.getTextSize(text, FONT, FONT_SCALE, 1)
+    x = min(max(position[0], TEXT_MARGIN_PX), image.shape[1] - width - TEXT_MARGIN_PX)
+    top = height + TEXT_MARGIN_PX
+    y = max(position[1], top)
+    while y > top and any(x < b[2] and b[0] < x + width and y - height < b[3] and b[1] < y for b in occupied):
+        y -= TEXT_MARGIN_PX
+    occupied.append((x, y - height - 2 * TEXT_MARGIN_PX, x + width, y + TEXT_MARGIN_PX))
     return x, y

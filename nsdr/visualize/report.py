@@ -1,4 +1,4 @@
-"""One self-contained HTML page about a question: video, what was seen, program, trace with its frames, answer."""
+"""One self-contained HTML page about a video: what each stage found and, for each question, program, trace and answer."""
 
 import base64
 import html
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.symbolic import format_tree
@@ -17,10 +18,18 @@ from nsdr.symbolic.traces import explain
 from nsdr.types import Answer, TraceStep
 from nsdr.visualize.annotate import annotated_image
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-from nsdr.visualize.strobe import stroboscopic_image
+from nsdr.visualize.strobe import EVERY, stroboscopic_image
 
 __all__ = ["write_report"]
 
+OBSERVED_FRAMES_PER_STEP = 3
+"""Maximum number of frames shown beside a step of the trace."""
+THUMBNAIL_SIZE_PX = (240, 160)
+"""Width and height of these frames."""
+HIGHLIGHT_COLOR = (255, 210, 60)
+"""Colour of the boxes around a step's objects, RGB."""
+HIGHLIGHT_WIDTH_PX = 3
+"""Line width of these boxes (pixels of the video)."""
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1060px; margin: 2em auto; padding: 0 1em }
 h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid #ddd }
@@ -36,39 +45,36 @@ td img { width: 150px }
 def write_report(
     path: str | Path, frames: NDArray[np.uint8], perception: Perception, answers: Sequence[Answer]
 ) -> None:
-    """Write the page.
+    """Write the HTML page.
 
     Args:
         path: HTML file to write.
-        frames: (T, 320, 480, 3) uint8 RGB, the video.
-        perception: of this video, with proposals, tracks and dynamics.
-        answers: to the questions, with their traces; none leaves out that part.
+        frames: (T, 320, 480, 3) uint8 RGB.
+        perception: of the same video, with proposals, tracks and dynamics.
+        answers: answers with their traces; an empty sequence leaves out that part of the page.
 
     Raises:
-        DataError: matplotlib is missing.
+        DataError: matplotlib is missing, or the perception lacks proposals, tracks or dynamics.
     """
-    scene, tracks, dynamics = perception.scene, perception.tracks, perception.dynamics
-    assert perception.proposals is not None
-    assert tracks is not None
-    assert dynamics is not None
+    scene, proposals, tracks, dynamics = perception.scene, perception.proposals, perception.tracks, perception.dynamics
+    if proposals is None or tracks is None or dynamics is None:
+        raise DataError(f"{path}: a report needs a perception with proposals, tracks and dynamics")
     last = len(frames) - 1
-    seen = annotated_image(frames[last], last, perception.proposals, tracks, scene)
-    strobe = stroboscopic_image(frames, perception.proposals, tracks)
+    annotated = annotated_image(frames[last], last, proposals, tracks, scene)
+    strobe = stroboscopic_image(frames, proposals, tracks, EVERY)
     body = [
-        "<h1>" + html.escape(answers[0].question if len(answers) == 1 else "What the system saw") + "</h1>",
+        "<h1>" + html.escape(answers[0].question if len(answers) == 1 else "What was seen in the video") + "</h1>",
         *(_summary(answer) for answer in answers),
         "<h2>Perception</h2><div class=row>",
-        _figure(_png(strobe), "The video, stroboscopic: one copy every 12 frames."),
-        _figure(
-            _png(seen), "Frame parser and tracker: masks, identities, ways; stars are collisions with their frames."
-        ),
+        _figure(_png(strobe), f"The video as a stroboscopic image: one copy every {EVERY} frames."),
+        _figure(_png(annotated), "Frame parser and tracker: masks, ids and trails; stars mark collisions."),
         "</div><h2>Dynamics</h2><div class=row>",
-        _figure(figure_png(plan_figure(dynamics)), "From above: observed ways, the predicted future dashed."),
-        _figure(figure_png(causal_figure(scene)), "The causal graph."),
+        _figure(figure_png(plan_figure(dynamics)), "From above: observed trajectories solid, predicted ones dashed."),
+        _figure(figure_png(causal_figure(scene)), "Causal graph."),
         "</div><h2>Without each object</h2><div class=row>",
         *(
-            _figure(figure_png(plan_figure(dynamics, k)), f"Without the {scene.objects[k].name}; gray: as it was.")
-            for k in sorted(_removed(answers) or dynamics.counterfactual)
+            _figure(figure_png(plan_figure(dynamics, i)), f"Without the {scene.objects[i].name}; gray: with it.")
+            for i in sorted(_removed_objects(answers) or dynamics.counterfactual)
         ),
         "</div>",
         *(_answer(answer, perception, frames) for answer in answers),
@@ -78,15 +84,15 @@ def write_report(
         temporary.write_text(page, encoding="utf-8")
 
 
-def _removed(answers: Sequence[Answer]) -> set[int]:
-    """Objects that the questions remove."""
+def _removed_objects(answers: Sequence[Answer]) -> set[int]:
+    """Ids of the objects that the questions remove."""
     traces = [t for a in answers for t in ([c.trace for c in a.choices] or [a.trace])]
-    found = set()
+    removed = set()
     for trace in traces:
         for step in trace:
             if step.module == "get_counterfact":
-                found |= set(trace[step.inputs[1]].objects)
-    return found
+                removed |= set(trace[step.inputs[1]].objects)
+    return removed
 
 
 def _summary(answer: Answer) -> str:
@@ -112,35 +118,37 @@ def _trace(trace: Sequence[TraceStep], perception: Perception, frames: NDArray[n
     rows = []
     for number, step in enumerate(trace, 1):
         if not step.inputs and step.module == step.text:
-            continue  # a word
+            continue  # a word such as `cube`, which has no result
         inputs = ", ".join(str(i + 1) for i in step.inputs)
-        shown = sorted({e.frame for e in step.events if e in perception.scene.events})[:3]
-        images = "".join(f"<img alt='frame {f}' src='{_small(frames[f], perception, step, f)}'>" for f in shown)
+        observed = sorted({e.frame for e in step.events if e in perception.scene.events})[:OBSERVED_FRAMES_PER_STEP]
+        sources = [(f, _thumbnail(frames[f], perception, step, f)) for f in observed]
+        images = "".join(f"<img alt='frame {f}' src='{source}'>" for f, source in sources)
         rows.append(f"<tr><td>{number}<td><code>{step.module}</code> {inputs}<td>{html.escape(step.text)}<td>{images}")
     tree = html.escape(format_tree(trace))
-    head = "<tr><th>step<th>module, inputs<th>result<th>frames it rests on"
+    head = "<tr><th>step<th>module, inputs<th>result<th>frames of its events"
     details = f"<details><summary>program tree</summary><pre>{tree}</pre></details>"
     return f"{details}<table>{head}{''.join(rows)}</table>"
 
 
-def _small(frame: NDArray[np.uint8], perception: Perception, step: TraceStep, index: int) -> str:
-    """A small frame with boxes around the objects of the step's events at this frame."""
+def _thumbnail(frame: NDArray[np.uint8], perception: Perception, step: TraceStep, frame_index: int) -> str:
+    """A small copy of the frame as a data URI, with boxes around the objects of the step's events in this frame."""
     image = frame.copy()
     assert perception.tracks is not None
-    for i in {i for e in step.events if e.frame == index for i in e.objects}:
+    for i in {i for e in step.events if e.frame == frame_index for i in e.objects}:
         track = perception.tracks.tracks[i]
-        box = track.box_xyxy_px[int(np.abs(track.frame_index - index).argmin())].tolist()
-        cv2.rectangle(image, box[:2], box[2:], (255, 210, 60), 3)
-    return _data(_png(cv2.resize(image, (240, 160), interpolation=cv2.INTER_AREA)))
+        box = track.box_xyxy_px[int(np.abs(track.frame_index - frame_index).argmin())].tolist()
+        cv2.rectangle(image, box[:2], box[2:], HIGHLIGHT_COLOR, HIGHLIGHT_WIDTH_PX)
+    return _data_uri(_png(cv2.resize(image, THUMBNAIL_SIZE_PX, interpolation=cv2.INTER_AREA)))
 
 
 def _png(image: Any) -> bytes:
+    """An RGB image as the bytes of a PNG file."""
     return bytes(cv2.imencode(".png", image[..., ::-1])[1])
 
 
-def _data(png: bytes) -> str:
+def _data_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode()
 
 
 def _figure(png: bytes, caption: str) -> str:
-    return f"<figure><img alt='' src='{_data(png)}'><figcaption>{html.escape(caption)}</figcaption></figure>"
+    return f"<figure><img alt='' src='{_data_uri(png)}'><figcaption>{html.escape(caption)}</figcaption></figure>"

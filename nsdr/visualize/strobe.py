@@ -1,4 +1,4 @@
-"""The stroboscopic image of the paper's figures: one frame in which every object leaves copies of itself along its way."""
+"""The stroboscopic image of the paper's figures: one frame with earlier copies of every moving object."""
 
 from typing import Any
 
@@ -12,65 +12,75 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["stroboscopic_image"]
 
-MIN_MOVE_PX = 6.0
-"""Copies nearer to the next one than this would only blur it."""
+EVERY = 12
+"""Default number of frames between two copies."""
+MIN_DISPLACEMENT_PX = 6.0
+"""A copy closer than this to the next one is left out, because it would only blur it (pixels of the video)."""
+MIN_OPACITY = 0.35
+"""Opacity of a copy of the first frame."""
+OPACITY_RANGE = 0.5
+"""Increase of a copy's opacity from the first to the last frame."""
+SOFT_EDGE_PX = 3
+"""Width of the Gaussian kernel that softens the edge of a copy (pixels of the video)."""
 
 
 def stroboscopic_image(
-    frames: NDArray[np.uint8], proposals: VideoProposals, tracks: VideoTracks, every: int = 12, scale: int = 2
+    frames: NDArray[np.uint8], proposals: VideoProposals, tracks: VideoTracks, every: int = EVERY, scale: int = 2
 ) -> NDArray[np.uint8]:
-    """The last frame with earlier copies of all moving objects, the older the fainter.
+    """The last frame with earlier copies of all moving objects; older copies are fainter.
 
     Args:
         frames: (T, 320, 480, 3) uint8 RGB.
-        proposals: with masks.
+        proposals: masks of the objects; without masks no copies are drawn.
         tracks: of the same video.
         every: frames between two copies.
-        scale: of the image's size.
+        scale: size of the image relative to the frames.
 
     Returns:
         (320 scale, 480 scale, 3) uint8 RGB.
     """
     image: NDArray[Any] = frames[-1].astype(float)
-    masks = _masks_of(proposals, tracks)
+    masks = _masks_by_frame(proposals, tracks)
     last = len(frames) - 1
     for frame in range(last % every, last, every):
-        strength = 0.35 + 0.5 * frame / last
-        for track, rows in zip(tracks.tracks, masks, strict=True):
-            here, later = _position(track, frame), _position(track, min(frame + every, last))
-            if frame not in rows or here is None or later is None or np.linalg.norm(here - later) < MIN_MOVE_PX:
+        opacity = MIN_OPACITY + OPACITY_RANGE * frame / last
+        for track, counts in zip(tracks.tracks, masks, strict=True):
+            now, later = _position_px(track, frame), _position_px(track, min(frame + every, last))
+            if frame not in counts or now is None or later is None:
                 continue
-            image = _laid_on(image, frames[frame], rows[frame], strength)
-    for track, rows in zip(tracks.tracks, masks, strict=True):  # the present lies on top
-        if last in rows and track.frame_index[-1] == last:
-            image = _laid_on(image, frames[last], rows[last], 1.0)
+            if np.linalg.norm(now - later) >= MIN_DISPLACEMENT_PX:
+                image = _blended(image, frames[frame], counts[frame], opacity)
+    for track, counts in zip(tracks.tracks, masks, strict=True):  # the last frame's objects are on top
+        if last in counts and track.frame_index[-1] == last:
+            image = _blended(image, frames[last], counts[last], 1.0)
     size = (WIDTH_PX * scale, HEIGHT_PX * scale)
     return np.asarray(cv2.resize(image.round().astype(np.uint8), size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def _position(track: Any, frame: int) -> NDArray[Any] | None:
-    if not track.frame_index[0] <= frame <= track.frame_index[-1]:
+def _position_px(track: Any, frame_index: int) -> NDArray[Any] | None:
+    """The track's interpolated centroid at a frame; None before its first and after its last frame."""
+    if not track.frame_index[0] <= frame_index <= track.frame_index[-1]:
         return None
-    return np.array([np.interp(frame, track.frame_index, track.centroid_px[:, k]) for k in range(2)])
+    return np.array([np.interp(frame_index, track.frame_index, track.centroid_px[:, k]) for k in range(2)])
 
 
-def _masks_of(proposals: VideoProposals, tracks: VideoTracks) -> list[dict[int, str]]:
-    """For each track its masks by frame: the proposal at the same box."""
+def _masks_by_frame(proposals: VideoProposals, tracks: VideoTracks) -> list[dict[int, str]]:
+    """For each track its run-length masks by frame: those of the proposals with the same frame and box."""
     if proposals.masks is None:
         return [{} for _ in tracks.tracks]
-    by_position = {
+    by_frame_and_box = {
         (int(f), *map(int, box)): mask
         for f, box, mask in zip(proposals.frame_index, proposals.box_xyxy_px, proposals.masks, strict=True)
     }
-    found = []
+    masks = []
     for t in tracks.tracks:
         keys = [(int(f), *map(int, box)) for f, box in zip(t.frame_index, t.box_xyxy_px, strict=True)]
-        found.append({key[0]: by_position[key] for key in keys if key in by_position})
-    return found
+        masks.append({key[0]: by_frame_and_box[key] for key in keys if key in by_frame_and_box})
+    return masks
 
 
-def _laid_on(image: NDArray[Any], frame: NDArray[Any], counts: str, strength: float) -> NDArray[Any]:
-    """The image with the masked part of a frame on it, as strong as given."""
+def _blended(image: NDArray[Any], frame: NDArray[Any], counts: str, opacity: float) -> NDArray[Any]:
+    """The image with the masked part of a frame laid over it."""
     mask = np.asarray(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": counts.encode()}), np.float32)
-    cover = cv2.GaussianBlur(mask, (3, 3), 0)[..., None] * strength
-    return np.asarray(image * (1 - cover) + frame * cover)
+    alpha = cv2.GaussianBlur(mask, (SOFT_EDGE_PX, SOFT_EDGE_PX), 0)[..., None] * opacity
+    return np.asarray(image * (1 - alpha) + frame * alpha)

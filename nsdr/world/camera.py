@@ -1,7 +1,7 @@
 """CLEVRER's camera, and conversions between world, pixels and the 100x150 grid of the released prediction files.
 
 World: z up, x towards the camera, y to the right of the image; object centres are at z = 0.2. Pixels: (column, row) of the
-480x320 image, pixel centres at +0.5. Grid: (row, column), 1/3.2 of a pixel.
+480x320 image, pixel centres at +0.5. Grid: (row, column); one grid unit is 3.2 pixels.
 """
 
 from dataclasses import dataclass
@@ -29,13 +29,14 @@ __all__ = [
 ]
 
 WIDTH_PX, HEIGHT_PX = 480, 320
-"""Size of the release's images."""
+"""Size of the released videos (pixels)."""
 EYE_WORLD = (4.330127, 0.0, 2.5)
-"""Position of CLEVRER's camera, which looks at the origin. Measured: a render of CLEVR's base scene from here differs from a
-released background by 1.8 of 255 on average."""
+"""Position (x, y, z) of CLEVRER's camera, which looks at the origin (world units). A render of CLEVR's base scene from here
+differs from a released background by 1.8 of 255 on average."""
 LENS_MM, SENSOR_MM = 35.0, 32.0
-"""Focal length and sensor width of CLEVR's camera: 525 px for a width of 480."""
+"""Focal length and sensor width of CLEVR's camera (mm); the focal length is 525 px for a width of 480 px."""
 _GRID_PER_PIXEL = 1 / 3.2
+"""Grid units per pixel: 320x480 pixels are 100x150 grid units."""
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -45,7 +46,7 @@ class Camera:
     """A pinhole camera that looks at the origin.
 
     Attributes:
-        eye_world: its position (x, y, z).
+        eye_world: position (x, y, z) (world units).
         width: image width (pixels).
         height: image height (pixels).
     """
@@ -93,7 +94,7 @@ class Camera:
         return solution[..., 0]
 
     def rays(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
-        """Unit directions (..., 3) from the camera through pixels."""
+        """Unit directions (..., 3) in the world from the camera through the pixels at `columns` and `rows` (...)."""
         across = (columns - self.width / 2) / self.focal_px
         down = (rows - self.height / 2) / self.focal_px
         directions = np.stack([across, down, np.ones_like(across)], -1) @ self.axes
@@ -115,7 +116,7 @@ def ground_from_pixels(pixels: ArrayLike, z_world: float = OBJECT_RADIUS_WORLD) 
 
 
 def on_ground(location_world: ArrayLike) -> FloatArray:
-    """Ground-plane positions (..., 2) -> centres (..., 3) of objects that stand there."""
+    """Ground-plane positions (..., 2) -> centres (..., 3) of objects standing there."""
     xy = np.asarray(location_world, float)
     return np.concatenate([xy, np.full((*xy.shape[:-1], 1), OBJECT_RADIUS_WORLD)], -1)
 

@@ -1,7 +1,7 @@
 """Physical constants of CLEVRER's simulation in Bullet.
 
-Recovered from the release's annotation files: simulated again from frame 0 with these values, ten of them give the annotated
-collisions (`pytest -m real_data -k simulated_again`). World units: objects are 0.4 wide. Time is simulated time.
+Recovered from the release's annotation files: re-simulating ten of them from frame 0 with these values gives the annotated
+collisions (`pytest -m real_data -k simulated_again`). Objects are 0.4 world units wide; seconds are simulated time.
 """
 
 __all__ = [
@@ -32,39 +32,39 @@ STEP_SECONDS = 0.004
 STEPS_PER_FRAME = 7
 """Bullet steps between two frames of a video."""
 FRAME_SECONDS = 0.028
-"""Simulated time between two frames (s), `STEPS_PER_FRAME * STEP_SECONDS`; the time unit of every velocity."""
+"""Simulated time between two frames (s), `STEPS_PER_FRAME * STEP_SECONDS`; velocities are per second of this time."""
 GRAVITY = 9.81
-"""Downwards (world units/s²)."""
+"""Gravitational acceleration, downwards (world units/s²)."""
 LINEAR_DAMPING = 0.04
-"""Bullet's default for multibodies: an object loses `0.04 v + 0.04 v²` of its speed `v` per second."""
+"""Bullet's default for multibodies: an object with speed `v` loses `0.04 v + 0.04 v²` per second."""
 ANGULAR_DAMPING = 0.04
-"""Bullet's default for multibodies, as `LINEAR_DAMPING` for the angular speed."""
+"""Bullet's default for multibodies: like `LINEAR_DAMPING`, for the angular speed."""
 GROUND_FRICTION = {"cube": 0.03, "cylinder": 0.03, "sphere": 0.0}
 """Friction coefficient of each shape on the ground; spheres slide and never spin."""
 SPINNING_FRICTION = 0.01
 """Torsional friction coefficient on the ground."""
 OBJECT_RESTITUTION = 0.8
-"""Restitution of each object; Bullet multiplies those of the two that collide."""
+"""Coefficient of restitution of each object; Bullet multiplies those of two colliding bodies."""
 PAIR_RESTITUTION = 0.64
-"""Restitution of two objects, `OBJECT_RESTITUTION` squared."""
+"""Coefficient of restitution of a collision of two objects, `OBJECT_RESTITUTION` squared."""
 GROUND_RESTITUTION = 0.5
-"""Restitution of the ground."""
+"""Coefficient of restitution of the ground."""
 ERROR_REDUCTION = 0.08
-"""Bullet's default error reduction parameter (ERP): the share of a penetration that is corrected per step."""
+"""Bullet's default error reduction parameter (ERP): the fraction of a penetration that is corrected per step."""
 CONTACT_THRESHOLD_WORLD = 0.02 * 0.348
-"""Gap below which Bullet handles a contact: 0.02 of the hulls' angular motion disc (0.348)."""
+"""Gap below which Bullet handles a contact (world units): 0.02 of the hulls' angular motion disc (0.348)."""
 MIN_REBOUND_SPEED = 0.2
 """Approach speed (world units/s) below which Bullet applies no restitution."""
 HULL_MARGIN_WORLD = 0.001
-"""Bullet's collision margin around every convex hull."""
+"""Bullet's collision margin around every convex hull (world units)."""
 
 OBJECT_RADIUS_WORLD = 0.2
-"""Half-size or radius of every object, and the height of its centre above the ground."""
+"""Radius or half the edge length of every object, and the height of its centre above the ground (world units)."""
 MASS_RANGE = (0.7, 1.3)
-"""Masses are uniform in this range; only their ratios matter."""
+"""Range of the uniformly distributed masses; only their ratios matter."""
 LOG_MASS_STD = 0.17
-"""Standard deviation of the logarithm of a mass in `MASS_RANGE`."""
+"""Standard deviation of the natural logarithm of masses in `MASS_RANGE`."""
 START_SPEED_RANGE_WORLD_PER_S = (2.7, 3.0)
-"""Initial speed of objects that move; the others start at rest."""
+"""Range of the initial speeds of moving objects (world units/s); the others start at rest."""
 MOVING_SPEED_WORLD_PER_S = 0.02
-"""CLEVRER's answers count an object as moving above this speed on the ground."""
+"""Speed on the ground above which CLEVRER's answers count an object as moving (world units/s)."""

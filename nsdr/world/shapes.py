@@ -1,7 +1,7 @@
 """CLEVRER's three shapes: collision hulls, surface points, and the rotation of a rendered object.
 
-Hull sizes, rounded edges and the directions of the axes were recovered from the release's annotation files; the number of
-vertices trades speed against a contact that starts where the true shape's would.
+Hull sizes, rounded edges and axis directions were recovered from the release's annotation files. More vertices make contacts
+start closer to where the true shape's would, and cost speed.
 """
 
 import itertools
@@ -27,23 +27,24 @@ __all__ = [
 FloatArray = NDArray[np.floating[Any]]
 
 CUBE_EDGE_WORLD = 0.05
-"""Width of a cube's rounded edge."""
+"""Width of a cube's rounded edge (world units)."""
 CUBE_EXPONENT = 3.0
 """Exponent of the superellipse that rounds a cube's edge."""
 CUBE_STEPS = 6
-"""Segments of a rounded edge's quarter."""
+"""Segments of the quarter ellipse that rounds a cube's edge."""
 CYLINDER_RIM_WORLD = 0.012
-"""How far a cylinder's end face stops before its rim."""
+"""Radius of a cylinder's wall minus the radius of its flat end face (world units)."""
 CYLINDER_WALL_END_WORLD = 0.02
-"""How far a cylinder's wall stops before its end face."""
+"""Distance between a cylinder's end face and the end of its straight wall (world units)."""
 CYLINDER_SIDES = 256
 """Sides of a cylinder's hull."""
 SPHERE_RADIUS_WORLD = 0.19984
-"""Radius of a sphere's hull; with Bullet's margin its contacts start where the true sphere's do."""
+"""Radius of a sphere's hull (world units); with Bullet's margin its contacts start where the true sphere's do."""
 SPHERE_SIDES = 96
 """Vertices on each ring of a sphere's hull."""
 SPHERE_LATITUDES_DEGREES = (0.0, 3.75, 7.5, 15.0, 30.0, 50.0, 70.0, 82.0)
-"""Rings of a sphere's hull. Spheres slide without rotating and touch others near the equator, so most rings are there."""
+"""Latitudes of the rings of a sphere's hull (degrees). Spheres slide without rotating and touch others near the equator, so
+most rings are there."""
 _OUTLINE_POINTS = 48
 """Points on each circle of `surface_points`."""
 
@@ -52,7 +53,7 @@ Vertex = tuple[float, float, float]
 
 @lru_cache
 def hull_vertices(shape: str) -> tuple[Vertex, ...]:
-    """Vertices (x, y, z) of a collision hull, world units around the object's centre.
+    """Vertices (x, y, z) of a collision hull, relative to the object's centre (world units).
 
     Cylinders lie along the local y axis, as in the annotation files.
 
@@ -100,7 +101,7 @@ def _sphere() -> tuple[Vertex, ...]:
 
 
 def surface_points(shape: str, yaw: float = 0.0) -> FloatArray:
-    """Points (N, 3) around an object's centre whose convex hull is the rendered object, world units.
+    """Points (N, 3) relative to an object's centre whose convex hull is the rendered object (world units).
 
     Args:
         shape: "cube", "sphere" or "cylinder".
@@ -121,7 +122,7 @@ def surface_points(shape: str, yaw: float = 0.0) -> FloatArray:
 
 
 def rendered_rotation(shape: str, orientation: FloatArray) -> Rotation:
-    """Rotation of a rendered shape, whose axis is z, from annotated Euler angles (3,) in radians.
+    """Rotation of a rendered shape, whose axis is z, from annotated Euler angles (3,) (radians).
 
     Annotated cylinders lie along their local y axis.
     """

@@ -1,20 +1,20 @@
-"""Time in CLEVRER's videos: frame rate, length, and how far beyond the video the world was simulated."""
+"""Time in CLEVRER's videos: frame rate, length, and the time simulated beyond the video."""
 
 __all__ = ["FPS", "VIDEO_FRAMES", "horizon_frame", "simulated_frames"]
 
 FPS = 25
-"""Frames per second of video time (the release's encoding)."""
+"""Frame rate of the released videos (frames per second of video time)."""
 VIDEO_FRAMES = 128
-"""Frames of a released video (three irregular ones aside; see `nsdr.clevrer.annotations.IRREGULAR_VIDEOS`)."""
-_SIMULATED_SHARE = 7 / 5
-"""CLEVRER simulates 7 s of video time and shows the first 5 (paper, section 3.1)."""
+"""Number of frames of a released video, except three irregular ones (`nsdr.clevrer.annotations.IRREGULAR_VIDEOS`)."""
+_SIMULATED_PER_SHOWN = 7 / 5
+"""Simulated frames per shown frame: CLEVRER simulates 7 s of video time and shows the first 5 (paper, section 3.1)."""
 
 
 def simulated_frames(n_frames: int) -> int:
-    """Number of frames that are simulated for a video of `n_frames` (128: 179)."""
-    return round(n_frames * _SIMULATED_SHARE)
+    """Number of frames simulated for a video of `n_frames`: 179 for 128."""
+    return round(n_frames * _SIMULATED_PER_SHOWN)
 
 
 def horizon_frame(n_frames: int) -> int:
-    """Last frame to predict for a video of `n_frames` (128: 179, which agrees best with CLEVRER's own answers)."""
-    return round(n_frames * _SIMULATED_SHARE)
+    """Last frame to predict for a video of `n_frames`: 179 for 128, which agrees best with CLEVRER's own answers."""
+    return round(n_frames * _SIMULATED_PER_SHOWN)

@@ -1,9 +1,23 @@
 """CLEVRER's attribute words and their fixed order (the order of every attribute index and logit in this package)."""
 
+__all__ = [
+    "ATTRIBUTES",
+    "COLORS",
+    "COLORS_RGB",
+    "MATERIALS",
+    "N_ATTRIBUTE_TRIPLES",
+    "SHAPES",
+    "attribute_index",
+    "attributes_of",
+]
+
 COLORS = ("gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow")
 MATERIALS = ("metal", "rubber")
 SHAPES = ("cube", "sphere", "cylinder")
 ATTRIBUTES = {"color": COLORS, "material": MATERIALS, "shape": SHAPES}
+"""Words of each attribute."""
+N_ATTRIBUTE_TRIPLES = len(COLORS) * len(MATERIALS) * len(SHAPES)
+"""Number of attribute triples (48)."""
 
 COLORS_RGB = {
     "gray": (87, 87, 87),
@@ -20,9 +34,11 @@ COLORS_RGB = {
 
 def attribute_index(color: str, material: str, shape: str) -> int:
     """Index 0-47 of an attribute triple: `color * 6 + material * 3 + shape`."""
-    return COLORS.index(color) * 6 + MATERIALS.index(material) * 3 + SHAPES.index(shape)
+    return (COLORS.index(color) * len(MATERIALS) + MATERIALS.index(material)) * len(SHAPES) + SHAPES.index(shape)
 
 
 def attributes_of(index: int) -> tuple[str, str, str]:
     """(color, material, shape) of an attribute index; inverse of `attribute_index`."""
-    return COLORS[index // 6], MATERIALS[index // 3 % 2], SHAPES[index % 3]
+    rest, shape = divmod(index, len(SHAPES))
+    color, material = divmod(rest, len(MATERIALS))
+    return COLORS[color], MATERIALS[material], SHAPES[shape]

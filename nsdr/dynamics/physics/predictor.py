@@ -6,6 +6,7 @@ observed motion; the rest is simulated, many times with states perturbed by thei
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -96,6 +97,17 @@ class PhysicsPredictor:
         rollout = with_smoothed_tracks(scene.rollout(None), scene.smoothed)
         counterfactual = {k: scene.rollout(k) for k in range(len(states.objects))}
         return DynamicsPrediction(states.objects, tracks.n_frames, rollout, counterfactual)
+
+    def to(self, device: str) -> "PhysicsPredictor":
+        """Move the detector's network to a device; the simulation runs on the CPU."""
+        if hasattr(self.detector, "to"):
+            self.detector.to(device)
+        return self
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write the detector's weights; the simulator has none."""
+        if hasattr(self.detector, "save_pretrained"):
+            self.detector.save_pretrained(folder)
 
     def continue_motion(self, states: MotionStates) -> Rollout:
         """The rollout after the last frame of `states`, nothing removed."""

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
 from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_OUTLINE
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion, simulate
-from nsdr.dynamics.physics.sliding import fit_sliding, slide
+from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.types import Event
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD, OBJECT_RADIUS_WORLD

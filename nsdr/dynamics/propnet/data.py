@@ -1,4 +1,4 @@
-"""Real and simulated tracks with their true collisions, as training data for the dynamics predictor."""
+"""Training data of the propagation networks: real and simulated tracks with their true collisions."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,27 +18,36 @@ from nsdr.tracking.tracker import track
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import Event, SceneObject
 from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
-__all__ = ["MotionDataset", "read_motion_dataset"]
+__all__ = ["SIMULATED_SCENE", "MotionDataset", "read_motion_dataset"]
 
+MIN_OBJECTS = 2
+"""Scenes with fewer tracked objects are skipped: they hold no pair."""
 MAX_OBJECTS = 7
+"""Scenes with more tracked objects are skipped; the arrays are padded to this number."""
 NO_COLLISION = -1000
-FRAMES = VIDEO_FRAMES
+"""Entry of `MotionDataset.collision_frame` for pairs that do not collide, further from the video than any window (frames)."""
+SIMULATED_SCENE = -1
+"""Entry of `MotionDataset.scene` for simulated scenes."""
 SIMULATED_NOISE_WORLD = 0.005
-"""Of simulated positions, about that of tracks of official proposals."""
+"""Standard deviation of the noise added to simulated positions (world units), about that of tracks of official proposals."""
+SIMULATED_NOISE_SEED = 0
+"""Seed of that noise."""
 
 
 @dataclass(frozen=True)
 class MotionDataset:
-    """States of many scenes, padded to `MAX_OBJECTS`.
+    """Motion of S scenes over F frames, padded to N = `MAX_OBJECTS` objects.
 
     Attributes:
-        scene: (S,) int, video index; -1 for simulated ones.
-        location_world: (S, N, F, 2) float32.
-        reliable, present: (S, N, F) bool.
-        static: (S, N, 5) float32, one-hot shape and material.
-        exists: (S, N) bool.
-        box_px: (S, N, F, 4) float32, as in `MotionStates`.
+        scene: (S,) int, video index; `SIMULATED_SCENE` for simulated scenes.
+        location_world: (S, N, F, 2) float32, positions on the ground as in `MotionStates` (world units).
+        reliable: (S, N, F) bool, detected, not cut by the image's border and not hidden.
+        present: (S, N, F) bool, between the object's first and last detection.
+        static: (S, N, 5) float32, one-hot shape (3) and material (2).
+        exists: (S, N) bool, False for padding.
+        box_px: (S, N, F, 4) float32, centre (column, row), width and height of the box (px).
         collision_frame: (S, N, N) int, symmetric; `NO_COLLISION` where a pair does not collide.
     """
 
@@ -54,19 +63,16 @@ class MotionDataset:
     def __len__(self) -> int:
         return len(self.scene)
 
-    def part(self, picked: NDArray[Any]) -> "MotionDataset":
-        """The scenes at these indices (or where a mask is true)."""
+    def subset(self, picked: NDArray[Any]) -> "MotionDataset":
+        """The scenes at the given indices (K,), or where a mask (S,) is true."""
         return MotionDataset(*(getattr(self, name)[picked] for name in self.__dataclass_fields__))
 
     def states(self, index: int) -> tuple[MotionStates, list[Event]]:
-        """One scene unpadded, with its true collisions (colours are not stored and all gray)."""
+        """One scene without padding, and its true collisions. Colours are not stored: every object is gray."""
         n = int(self.exists[index].sum())
-        shape = self.static[index, :n, :3].argmax(1)
-        material = self.static[index, :n, 3:].argmax(1)
-        objects = tuple(
-            SceneObject(i, "gray", ("metal", "rubber")[material[i]], ("cube", "sphere", "cylinder")[shape[i]])
-            for i in range(n)
-        )
+        shape = self.static[index, :n, : len(SHAPES)].argmax(1)
+        material = self.static[index, :n, len(SHAPES) :].argmax(1)
+        objects = tuple(SceneObject(i, COLORS[0], MATERIALS[material[i]], SHAPES[shape[i]]) for i in range(n))
         reliable = self.reliable[index, :n]
         frames = self.collision_frame[index]
         events = [
@@ -87,37 +93,37 @@ def read_motion_dataset(
     limit: int | None = None,
     simulated: str | Path | None = None,
 ) -> MotionDataset:
-    """Track the compact proposals of every video of normal length and join them with the true collisions.
+    """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
     Args:
-        proposals: compact NPZ (`nsdr.clevrer.proposals.read_compact_proposals`).
-        truth: ground-truth blocks.
-        cache: an NPZ that is read when it exists, and written otherwise.
-        limit: stop after this many scenes.
-        simulated: folder of a data set of `nsdr generate dataset`; its scenes come last, each as its first and its last 128 of
-            179 frames, with noise.
+        proposals: compact proposals (NPZ), see `nsdr.clevrer.proposals.read_compact_proposals`.
+        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.truth_blocks.read_truth`.
+        cache: an NPZ file that is read instead, whatever the other arguments, when it exists, and written otherwise.
+        limit: maximum number of real scenes; None for all.
+        simulated: folder of a dataset made by `nsdr generate dataset`. Its scenes come last, with noise; each gives two: the
+            first and the last `VIDEO_FRAMES` of its frames.
 
     Raises:
-        DataError: an unreadable file.
+        DataError: a missing or unreadable file.
     """
     if cache is not None and Path(cache).exists():
         with np.load(cache) as arrays:
             return MotionDataset(**{name: arrays[name] for name in MotionDataset.__dataclass_fields__})
     files = sorted(Path(simulated).rglob("truth_*.json")) if simulated else []
     if simulated and not files:
-        raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with nsdr generate dataset")
+        raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
     blocks = read_truth(truth)
     rows: dict[str, list[Any]] = {name: [] for name in MotionDataset.__dataclass_fields__}
-    for video, found in tqdm(
+    for video, video_proposals in tqdm(
         read_compact_proposals(proposals), total=limit or len(blocks), desc="tracks", unit="video"
     ):
         if limit is not None and len(rows["scene"]) >= limit:
             break
         block = blocks[video]
-        if block["n_frames"] != FRAMES:
+        if block["n_frames"] != VIDEO_FRAMES:
             continue
-        states = states_from_tracks(track(found))
-        if 2 <= len(states.objects) <= MAX_OBJECTS:
+        states = states_from_tracks(track(video_proposals))
+        if MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
             for name, value in _row(video, states, block).items():
                 rows[name].append(value)
     for video, states, block in _simulated(files):
@@ -131,35 +137,36 @@ def read_motion_dataset(
 
 
 def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
-    """What `_row` needs of every truth file."""
-    rng = np.random.default_rng(0)
+    """Scene number, states and ground-truth block of the two windows of every truth file, as `_row` takes them."""
+    rng = np.random.default_rng(SIMULATED_NOISE_SEED)
     for file in tqdm(files, desc="simulated", unit="scene", disable=not files):
         truth = read_json(file)
         try:
-            for first in (0, len(truth["frames"]) - FRAMES):
-                tracks = tracks_from_motion(truth["objects"], truth["frames"][first : first + FRAMES])
+            for first in (0, len(truth["frames"]) - VIDEO_FRAMES):
+                tracks = tracks_from_motion(truth["objects"], truth["frames"][first : first + VIDEO_FRAMES])
                 states = states_from_tracks(tracks)
-                if not 2 <= len(states.objects) <= MAX_OBJECTS:
+                if not MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
                     continue
                 noise = rng.normal(size=states.location_world.shape) * SIMULATED_NOISE_WORLD
                 collisions = [
                     {"object": c["object_ids"], "frame": c["frame_id"] - first}
                     for c in truth["collisions"]
-                    if first < c["frame_id"] < first + FRAMES
+                    if first < c["frame_id"] < first + VIDEO_FRAMES
                 ]
                 objects = [{**o, "id": o["object_id"]} for o in truth["objects"]]
                 states = replace(states, location_world=states.location_world + noise)
-                yield -1, states, {"objects": objects, "collisions": collisions}
+                yield SIMULATED_SCENE, states, {"objects": objects, "collisions": collisions}
         except (KeyError, TypeError, IndexError) as e:
             raise DataError(f"{file}: not a truth file of nsdr generate dataset ({e!r})") from e
 
 
 def _row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, Any]:
+    """One scene's entries of `MotionDataset`, padded; true objects are matched to tracks by their attributes."""
     n = len(states.objects)
     pad = MAX_OBJECTS - n
 
-    def padded(a: NDArray[Any]) -> NDArray[Any]:
-        return np.pad(a, [(0, pad)] + [(0, 0)] * (a.ndim - 1))
+    def padded(values: NDArray[Any]) -> NDArray[Any]:
+        return np.pad(values, [(0, pad)] + [(0, 0)] * (values.ndim - 1))
 
     track_of = {o.name: o.id for o in states.objects}
     names = {o["id"]: f"{o['color']} {o['material']} {o['shape']}" for o in block["objects"]}

@@ -13,11 +13,13 @@ __all__ = ["BOX_SCALE", "PatchModel", "PatchModelConfig"]
 
 STATIC_FEATURES = 5
 BOX_SCALE = (WIDTH_PX / 2, HEIGHT_PX / 2, 50.0, 50.0)
-"""Boxes are (column, row, width, height); centres from the image's middle, all in these units: -1 to 1 or a little more."""
+"""Units (pixels) of boxes (column, row, width, height), whose centres count from the image's centre: about -1 to 1."""
 STEP_SCALE = 0.1
-"""Unit of changes: about a fast object's way in a step."""
+"""Unit of changes: about the displacement of a fast object in a step (in units of `BOX_SCALE`)."""
 REACH = 0.3
-"""Unit of the way from one object to another that is near."""
+"""Unit of the displacement from one object to a near one (in units of `BOX_SCALE`)."""
+MAX_REACH = 5.0
+"""Displacements between objects are clamped to this many `REACH`."""
 
 
 @dataclass(frozen=True)
@@ -25,14 +27,14 @@ class PatchModelConfig:
     """Sizes and time steps; the defaults are the paper's.
 
     Attributes:
-        hidden: D, width of the networks.
-        propagation_steps: L.
+        hidden: D, width of the networks (paper: 512).
+        propagation_steps: L (paper: 2).
         stride_frames: frames between two samples (the released files have one in 5).
-        window: samples that the network sees, the present included.
+        window: samples that the network sees, the current one included (paper: 3).
         patch_cells: side of a patch in cells.
         cell_px: side of a cell in pixels.
         channels: of the three convolutions.
-        collision_threshold: probability above which a pair collides.
+        collision_threshold: probability above which a pair collides; 0.3 was set on left-out scenes of `train`.
     """
 
     hidden: int = 512
@@ -65,12 +67,12 @@ class PatchEncoder(nn.Module):
 
 
 class PatchModel(nn.Module):
-    """Predicts every object's box one step later, and the collisions on the way and in the steps of the window.
+    """Predicts every object's box one step later, and the collisions of that step and of the steps of the window.
 
     Differs from the paper: patches hold the mask drawn as its filled box, but no image (the proposals that real training
     data consist of have no pixels); position, motion, material and shape join the convolutions' output instead of being
-    constant channels; what is predicted is the change of the box, from which the next patch is drawn, instead of the
-    patch's pixels; the relation predictor also tells the collisions of the window's own steps, whose effect it sees.
+    constant channels; the change of the box is predicted, from which the next patch is drawn, instead of the patch's
+    pixels; the relation predictor also predicts the collisions of the window's own steps, whose effect it sees.
     """
 
     def __init__(self, config: PatchModelConfig) -> None:
@@ -103,10 +105,10 @@ class PatchModel(nn.Module):
         own = self._masks(boxes, centre[:, :, -1])
         sent = self._masks(boxes[:, None].expand(-1, n, -1, -1, -1), around)
         masks = torch.cat([own[:, :, None].expand(-1, -1, n, -1, -1, -1), sent], 3)
-        way = ((centre[:, None] - centre[:, :, None]) / REACH).clamp(-5, 5).flatten(3)
+        apart = ((centre[:, None] - centre[:, :, None]) / REACH).clamp(-MAX_REACH, MAX_REACH).flatten(3)
         kinds = [static[:, :, None].expand(-1, -1, n, -1), static[:, None].expand(-1, n, -1, -1)]
         objects = self.object_encoder(own, torch.cat([centre.flatten(2), boxes[:, :, -1, 2:], motion, static], -1))
-        pairs = self.relation_encoder(masks, torch.cat([way, motion[:, None] - motion[:, :, None], *kinds], -1))
+        pairs = self.relation_encoder(masks, torch.cat([apart, motion[:, None] - motion[:, :, None], *kinds], -1))
         change, collision = self.network(objects, pairs, exists)
         inertia = boxes[:, :, -1] - boxes[:, :, -2]
         return boxes[:, :, -1] + inertia + change.float() * STEP_SCALE, (collision + collision.transpose(1, 2)) / 2

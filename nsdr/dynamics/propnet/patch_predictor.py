@@ -13,13 +13,16 @@ from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
 from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.io.device import resolve_device
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = ["PatchPredictor", "patch_boxes"]
 
+DEFAULT = "dynamics_paper"
+"""Name of the shipped checkpoint."""
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 FAR = 3.0
@@ -33,7 +36,7 @@ def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolAr
         location_world: (..., F, 2).
         box_px: (..., F, 4) as in `MotionStates`.
         reliable: (..., F).
-        margin: continued so many frames before the first one in a straight line.
+        margin: frames before the first one, continued in a straight line.
 
     Returns:
         (..., margin + F, 4) in units of `BOX_SCALE`.
@@ -72,6 +75,32 @@ class PatchPredictor:
         self.horizon_frame = horizon_frame
         self.smoothing = smoothing or SmoothingConfig()
         self.config = model.config
+
+    @classmethod
+    def from_pretrained(
+        cls, path_or_id: str | Path = DEFAULT, device: str = "auto", **options: Any
+    ) -> "PatchPredictor":
+        """Load the weights of a checkpoint folder, its name, or a hub id; `options` are the constructor's.
+
+        Raises:
+            CheckpointError: missing or corrupt.
+            DataError: an unknown device.
+        """
+        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write `dynamics.safetensors` and its JSON, for `from_pretrained(folder)`."""
+        save_checkpoint(folder, "dynamics", self.model.state_dict(), self.config, {})
+
+    def to(self, device: str) -> "PatchPredictor":
+        """Move the network to a device ("auto", "cpu", "cuda", …); raises `DataError` when it is not there."""
+        self.model.to(resolve_device(device))
+        return self
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return next((p.device for p in self.model.parameters()), torch.device("cpu"))
 
     @classmethod
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> "PatchPredictor":
@@ -140,7 +169,7 @@ class PatchPredictor:
         return sorted(events, key=lambda e: e.frame)
 
     def _boxes(self, states: MotionStates) -> FloatArray:
-        """(n, margin + F, 4): `patch_boxes` from so many frames before the video on that windows reach back."""
+        """(n, margin + F, 4): `patch_boxes`, from the frame before the video to which the first window reaches."""
         margin = (self.config.window - 1) * self.config.stride_frames
         return patch_boxes(states.location_world, states.box_px, states.reliable, margin)
 
@@ -152,7 +181,8 @@ class PatchPredictor:
     def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Boxes (C, n, 4) a step later, and collision probabilities (C, n, n, window), of several n_rollouts at once."""
         static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
-        boxes, logits = self.model(torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
+        inputs = (torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
+        boxes, logits = (x.cpu() for x in self.model(*(x.to(self.device) for x in inputs)))
         possible = here[:, :, None] & here[:, None]
         return boxes.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible[..., None]
 

@@ -1,4 +1,4 @@
-"""The dynamics predictor's networks: one looks at observed motion for collisions, one predicts what comes next."""
+"""The state backend's networks: one detects collisions in observed motion, one predicts the next positions."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,13 @@ __all__ = ["StateModel", "StateModelConfig"]
 
 STATIC_FEATURES = 5
 LENGTH_WORLD = 0.1
-"""Unit of lengths inside the networks: about one frame of fast motion."""
+"""Unit of lengths inside the networks: about the displacement of a fast object in one frame (world units)."""
+DIAMETER = 4.0
+"""An object's width in `LENGTH_WORLD`: the distance at which two touch."""
+NEAR, FAR, MAX_DISTANCE = 3.0, 6.0, 12.0
+"""Distances between objects are clamped to a range around contact (in `LENGTH_WORLD`), because only near contact matters."""
+INERTIA_STEPS = 3
+"""Samples over which the current velocity is the mean."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +44,8 @@ class StateModelConfig:
 class StateModel(nn.Module):
     """Two propagation networks on windows of ground-plane states.
 
-    All inputs are relative (to the object's own present position, or to the other object), so the networks know no
-    absolute position and training may rotate scenes.
+    All inputs are relative to the object's own current position, or to the other object, so the networks know no absolute
+    position and training may rotate scenes.
     """
 
     def __init__(self, config: StateModelConfig) -> None:
@@ -56,7 +62,7 @@ class StateModel(nn.Module):
         self.observer_network = network(whole, 1)
 
     def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
-        """The next position of every object and the collisions on the way.
+        """The next position of every object, and the collisions until then.
 
         Args:
             window: (B, N, past_steps, 2) positions in world units, the present last.
@@ -69,7 +75,7 @@ class StateModel(nn.Module):
         """
         objects, relations = _inputs(window, reliable, static, present=-1)
         motion, collision = self.forward_network(objects, relations, exists)
-        inertia = (window[:, :, -1] - window[:, :, -4]) / 3
+        inertia = (window[:, :, -1] - window[:, :, -1 - INERTIA_STEPS]) / INERTIA_STEPS
         return window[:, :, -1] + inertia + motion * LENGTH_WORLD, _symmetric(collision)
 
     def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
@@ -90,8 +96,8 @@ def _inputs(window: Tensor, reliable: Tensor, static: Tensor, present: int) -> t
     distance = apart.norm(dim=-1)
     moving_apart = distance[..., 1:] - distance[..., :-1]
     nearest = distance.min(-1, keepdim=True).values
-    # 4.0 is a diameter: near contact is what matters, so far distances are squeezed.
+    beyond_contact, touches = (distance - DIAMETER).clamp(-NEAR, FAR), nearest - DIAMETER < 1
     relations = torch.cat(
-        [apart.flatten(3) / 4, (distance - 4).clamp(-3, 6), moving_apart, nearest.clamp(max=12), nearest - 4 < 1], -1
+        [apart.flatten(3) / DIAMETER, beyond_contact, moving_apart, nearest.clamp(max=MAX_DISTANCE), touches], -1
     )
     return objects, relations

@@ -19,11 +19,14 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.io.device import resolve_device
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["StatePredictor", "windows"]
 
+DEFAULT = "default"
+"""Name of the shipped checkpoint."""
 FloatArray = NDArray[np.floating[Any]]
 PEAK_FRAMES = 4
 """Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
@@ -54,6 +57,32 @@ class StatePredictor:
         self.shortcut = shortcut
         self.horizon_frame = horizon_frame
         self.smoothing = smoothing or SmoothingConfig()
+
+    @classmethod
+    def from_pretrained(
+        cls, path_or_id: str | Path = DEFAULT, device: str = "auto", **options: Any
+    ) -> "StatePredictor":
+        """Load the weights of a checkpoint folder, its name, or a hub id; `options` are the constructor's.
+
+        Raises:
+            CheckpointError: missing or corrupt.
+            DataError: an unknown device.
+        """
+        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write `dynamics.safetensors` and its JSON, for `from_pretrained(folder)`."""
+        save_checkpoint(folder, "dynamics", self.model.state_dict(), self.config, {})
+
+    def to(self, device: str) -> "StatePredictor":
+        """Move the network to a device ("auto", "cpu", "cuda", …); raises `DataError` when it is not there."""
+        self.model.to(resolve_device(device))
+        return self
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return next((p.device for p in self.model.parameters()), torch.device("cpu"))
 
     @classmethod
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> "StatePredictor":
@@ -96,7 +125,7 @@ class StatePredictor:
         window, reliable = windows(states, index)
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
-        logits = self.model.observe(window, reliable, static, exists)
+        logits = self._on_device(self.model.observe, window, reliable, static, exists)
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
@@ -160,7 +189,9 @@ class StatePredictor:
             here = exists & (first <= t)
             history = location[:, :, index] + earlier[:, np.minimum(times, 0)]
             window = torch.from_numpy(np.nan_to_num(history).astype(np.float32))
-            positions, logits = self.model.predict(window, torch.from_numpy(known), static, torch.from_numpy(here))
+            positions, logits = self._on_device(
+                self.model.predict, window, torch.from_numpy(known), static, torch.from_numpy(here)
+            )
             following = positions.numpy().astype(float)
             for step in range(1, stride + 1):
                 between = location[:, :, t] + (following - location[:, :, t]) * step / stride
@@ -200,6 +231,11 @@ class StatePredictor:
             )
             for k in range(n_rollouts)
         ]
+
+    def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
+        """Outputs of a network on the CPU, computed where its weights are."""
+        outputs = network(*(x.to(self.device) for x in inputs))
+        return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
 
     def _observed_event(
         self,

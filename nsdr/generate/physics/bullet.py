@@ -1,7 +1,7 @@
 """CLEVRER's physics in Bullet, with the parameters recovered from its annotation files.
 
-One frame is 7 steps of 0.004 s. Objects are convex hulls on a plane; spheres slide without friction, cubes and cylinders
-with a little. Nothing but the start (positions, velocities, turn of cubes, masses) is random.
+Objects are convex hulls on a plane. Spheres slide without friction, cubes and cylinders with a little. Only the start state
+is random (positions, velocities, yaw of cubes, masses); the simulation is deterministic.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,16 +13,31 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.physics_constants import (
+    GRAVITY,
+    GROUND_FRICTION,
+    GROUND_RESTITUTION,
+    OBJECT_RADIUS_WORLD,
+    OBJECT_RESTITUTION,
+    SPINNING_FRICTION,
+    STEP_SECONDS,
+    STEPS_PER_FRAME,
+)
 from nsdr.world.shapes import hull_vertices
 
 __all__ = ["Body", "BulletConfig", "BulletMotion", "Contact", "Simulator"]
 
 FloatArray = NDArray[np.floating[Any]]
 NEAR_WORLD = 6 * OBJECT_RADIUS_WORLD
-"""Centres farther apart at a frame's start cannot touch within that frame."""
+"""Objects whose centres are farther apart than this when a frame starts are not checked for contacts in that frame."""
 CONTACT_PAUSE_STEPS = 70
-"""Two objects that touch again after that many steps apart have collided again."""
+"""Two objects that touch after more than this number of steps without contact have collided again."""
+GROUND_HALF_EXTENTS_WORLD = (15.0, 15.0, 5.0)
+"""Half-size of the box whose top face is the ground."""
+GROUND_BOX_FRICTION = 1.0
+"""Friction coefficient of the ground box. Bullet multiplies it by the object's coefficient."""
+NORMAL_FORCE_FIELD, POINT_ON_A_FIELD = 9, 5
+"""Fields of the rows that PyBullet's `getContactPoints` returns."""
 
 
 @dataclass(frozen=True)
@@ -30,24 +45,24 @@ class BulletConfig:
     """Parameters of the simulation; the defaults are CLEVRER's.
 
     Attributes:
-        step_s: Bullet's time step in seconds.
+        step_s: Bullet's time step (s).
         steps_per_frame: steps between two frames.
-        gravity: world units per second squared, downwards.
-        friction: of cubes and cylinders on the ground.
-        sphere_friction: of spheres on the ground.
-        spinning_friction: torsional, of all objects.
-        restitution: of each object; two objects rebound with the product.
-        ground_restitution: of the ground.
+        gravity: downward acceleration (world units/s²).
+        friction: friction coefficient of cubes and cylinders on the ground.
+        sphere_friction: friction coefficient of spheres on the ground.
+        spinning_friction: torsional friction coefficient of all objects.
+        restitution: restitution of each object; that of a collision is the product of the two.
+        ground_restitution: restitution of the ground.
     """
 
-    step_s: float = 0.004
-    steps_per_frame: int = 7
-    gravity: float = 9.81
-    friction: float = 0.03
-    sphere_friction: float = 0.0
-    spinning_friction: float = 0.01
-    restitution: float = 0.8
-    ground_restitution: float = 0.5
+    step_s: float = STEP_SECONDS
+    steps_per_frame: int = STEPS_PER_FRAME
+    gravity: float = GRAVITY
+    friction: float = GROUND_FRICTION["cube"]
+    sphere_friction: float = GROUND_FRICTION["sphere"]
+    spinning_friction: float = SPINNING_FRICTION
+    restitution: float = OBJECT_RESTITUTION
+    ground_restitution: float = GROUND_RESTITUTION
 
 
 @dataclass(frozen=True)
@@ -56,11 +71,11 @@ class Body:
 
     Attributes:
         shape: "cube", "sphere" or "cylinder".
-        location_world: (x, y, z).
-        orientation: Euler angles in radians as annotated; a cylinder stands upright with (pi/2, 0, yaw).
-        velocity: world units per second.
-        angular_velocity: radians per second.
-        mass: relative; only ratios matter.
+        location_world: centre (x, y, z).
+        orientation: Euler angles as in the annotation files (rad); a cylinder stands upright with (pi/2, 0, yaw).
+        velocity: (x, y, z) (world units/s).
+        angular_velocity: (x, y, z) (rad/s).
+        mass: relative mass; only ratios matter.
     """
 
     shape: str
@@ -73,7 +88,13 @@ class Body:
 
 @dataclass(frozen=True)
 class Contact:
-    """The start of a collision: frame, indices of the two bodies, and where they touch (x, y, z)."""
+    """The start of a collision.
+
+    Attributes:
+        frame: frame nearest to the first contact.
+        bodies: indices of the two bodies, in ascending order.
+        location_world: point of contact (x, y, z).
+    """
 
     frame: int
     bodies: tuple[int, int]
@@ -82,9 +103,15 @@ class Contact:
 
 @dataclass(frozen=True)
 class BulletMotion:
-    """What a simulation gives: arrays (n_bodies, n_frames, 3) as in the annotation files, and collisions in order of time.
+    """Result of a simulation. Arrays are (n_bodies, n_frames, 3), with the annotation files' conventions.
 
-    `complete` is False when the run was stopped before its end; later frames are zero.
+    Attributes:
+        location_world: centres.
+        orientation: Euler angles (rad).
+        velocity: linear velocities (world units/s).
+        angular_velocity: angular velocities (rad/s).
+        contacts: collisions in order of time.
+        complete: False when the simulation was stopped early; the remaining frames are zero.
     """
 
     location_world: FloatArray
@@ -96,7 +123,10 @@ class BulletMotion:
 
 
 class Simulator:
-    """A Bullet world for many simulations one after another. Use it in a `with` block.
+    """A Bullet world for any number of simulations, one after another. Use it in a `with` block.
+
+    Args:
+        config: parameters of the simulation; None is CLEVRER's.
 
     Raises:
         DataError: PyBullet is not installed.
@@ -116,12 +146,12 @@ class Simulator:
     def run(
         self, bodies: Sequence[Body], n_frames: int, stop: Callable[[list[Contact]], bool] | None = None
     ) -> BulletMotion:
-        """Simulate from frame 0, the start, on.
+        """Simulate objects and record them at every frame.
 
         Args:
-            bodies: the objects.
+            bodies: start states, recorded as frame 0.
             n_frames: frames to record.
-            stop: called with all contacts so far whenever there is a new one; True ends the run early.
+            stop: called with all contacts so far whenever there is a new one; the simulation stops when it returns True.
         """
         p, client, config = self._bullet, self._client, self.config
         numbers = self._build(bodies)
@@ -136,11 +166,11 @@ class Simulator:
                 for step in range((frame - 1) * config.steps_per_frame + 1, frame * config.steps_per_frame + 1):
                     p.stepSimulation(physicsClientId=client)
                     for pair in near:
-                        position = self._touch(numbers[pair[0]], numbers[pair[1]])
-                        if position is None:
+                        point = self._touch(numbers[pair[0]], numbers[pair[1]])
+                        if point is None:
                             continue
                         if step - last_touch.get(pair, -CONTACT_PAUSE_STEPS - 1) > CONTACT_PAUSE_STEPS:
-                            contacts.append(Contact(int(step / config.steps_per_frame + 0.5), pair, position))
+                            contacts.append(Contact(int(step / config.steps_per_frame + 0.5), pair, point))
                             if stop is not None and stop(contacts):
                                 return _motion(states, contacts, complete=False)
                         last_touch[pair] = step
@@ -151,10 +181,10 @@ class Simulator:
         return _motion(states, contacts)
 
     def _touch(self, a: int, b: int) -> tuple[float, float, float] | None:
-        """Where two bodies press on each other after the last step."""
+        """Point at which two bodies press on each other after the last step; None when they do not."""
         for point in self._bullet.getContactPoints(a, b, physicsClientId=self._client):
-            if point[9] > 0:  # normal force
-                return tuple(point[5])
+            if point[NORMAL_FORCE_FIELD] > 0:
+                return tuple(point[POINT_ON_A_FIELD])
         return None
 
     def _build(self, bodies: Sequence[Body]) -> list[int]:
@@ -163,21 +193,27 @@ class Simulator:
         p.resetSimulation(physicsClientId=client)
         p.setGravity(0, 0, -config.gravity, physicsClientId=client)
         p.setTimeStep(config.step_s, physicsClientId=client)
-        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[15, 15, 5], physicsClientId=client)
-        ground = p.createMultiBody(0, box, basePosition=[0, 0, -5], physicsClientId=client)
-        p.changeDynamics(ground, -1, lateralFriction=1.0, restitution=config.ground_restitution, physicsClientId=client)
+        box = p.createCollisionShape(p.GEOM_BOX, halfExtents=GROUND_HALF_EXTENTS_WORLD, physicsClientId=client)
+        ground = p.createMultiBody(0, box, basePosition=[0, 0, -GROUND_HALF_EXTENTS_WORLD[2]], physicsClientId=client)
+        p.changeDynamics(
+            ground,
+            -1,
+            lateralFriction=GROUND_BOX_FRICTION,
+            restitution=config.ground_restitution,
+            physicsClientId=client,
+        )
         hulls = {
             shape: p.createCollisionShape(p.GEOM_MESH, vertices=hull_vertices(shape), physicsClientId=client)
             for shape in sorted({b.shape for b in bodies})
         }
         numbers = []
         for body in bodies:
-            turn = p.getQuaternionFromEuler(body.orientation)
+            quaternion = p.getQuaternionFromEuler(body.orientation)
             number = p.createMultiBody(
                 body.mass,
                 hulls[body.shape],
                 basePosition=body.location_world,
-                baseOrientation=turn,
+                baseOrientation=quaternion,
                 physicsClientId=client,
             )
             p.resetBaseVelocity(number, body.velocity, body.angular_velocity, physicsClientId=client)
@@ -200,7 +236,7 @@ def _motion(states: FloatArray, contacts: list[Contact], complete: bool = True) 
 
 def _pybullet() -> Any:
     try:
-        with quiet():  # it prints its build time
+        with quiet():  # PyBullet prints its build time
             import pybullet
     except ImportError as e:
         raise DataError("the simulator needs PyBullet: pip install 'nsdr[generate]'") from e

@@ -1,7 +1,7 @@
-"""Simulating a released annotation again from its first frame: how closely the simulator follows the original one.
+"""Resimulation of a released annotation from its first frame, which shows how closely the simulator follows CLEVRER's.
 
-Masses are not in the files. They follow from the momentum exchanged in each collision, and are refined so that the
-simulated positions come near the annotated ones.
+The annotation files hold no masses. They are estimated from the momentum exchanged in each collision, and refined until the
+simulated positions are close to the annotated ones.
 """
 
 from collections.abc import Mapping
@@ -17,22 +17,38 @@ from nsdr.generate.physics.bullet import Body, BulletMotion, Simulator
 __all__ = ["Resimulation", "resimulate"]
 
 FloatArray = NDArray[np.floating[Any]]
-MASS_LOG_DEVIATION = 0.24
-"""Of uniform(0.7, 1.3) masses' ratios: a weak prior."""
-MAX_ERROR_WORLD, MAX_LATE_FRAMES = 0.5, 10
-"""Beyond these a simulation is as wrong as can be."""
+LOG_MASS_RATIO_STD = 0.24
+"""Standard deviation of the log ratio of two masses uniform in 0.7-1.3; width of the prior."""
+MAX_ERROR_WORLD = 0.5
+"""Larger position errors count as this (world units)."""
+MAX_DELAY_FRAMES = 10
+"""Larger errors of a collision's frame, and missing and extra collisions, count as this (frames)."""
+DELAY_WEIGHT = 0.02
+"""Weight of a collision's error (frames) beside the position error (world units) in the cost of a fit."""
+PRIOR_WEIGHT = 0.01
+"""Weight of the prior in the cost of a fit."""
+START_SCALES = (1.0, 0.5, 0.0)
+"""The fit starts from the masses by momentum with their logarithms scaled by each of these; the best result is kept."""
+SIMPLEX_SIZE = 0.1
+"""Edge of the first Nelder-Mead simplex (log mass)."""
+MOMENTUM_FRAMES = 2
+"""Momentum is compared this many frames before and after a collision."""
+MOMENTUM_PRIOR = 0.01
+"""Weight of log mass 0 in the estimate by momentum; objects without collisions stay at mass 1."""
+MAX_LOG_MASS = 0.6
+"""Estimates by momentum are clipped to this absolute value (log mass); log(1.3 / 0.7) is 0.62."""
 
 
 @dataclass(frozen=True)
 class Resimulation:
-    """A simulation beside the annotation it started from.
+    """A simulation compared with the annotation it started from.
 
     Attributes:
-        mass: (n,) relative masses, 1 for the first object.
-        motion: the simulation.
-        frames: for each annotated colliding pair, (annotated frame, simulated frame or None).
-        extra: simulated collisions of pairs that do not collide in the annotation.
-        error_world: (n, F) distance on the ground from the annotated positions.
+        mass: (n,) relative masses, 1 for the first colliding object.
+        motion: the simulated motion and collisions.
+        frames: (annotated frame, simulated frame or None) of each pair that collides in the annotation.
+        extra: pairs that collide in the simulation only.
+        error_world: (n, F) distance from the annotated positions on the ground (world units).
     """
 
     mass: FloatArray
@@ -43,12 +59,12 @@ class Resimulation:
 
 
 def resimulate(annotation: Mapping[str, Any], simulator: Simulator, evaluations: int = 40) -> Resimulation:
-    """Simulate an annotation file's content (see `nsdr.clevrer.read_annotation`) from frame 0, masses fitted.
+    """Simulate an annotation from frame 0, with fitted masses.
 
     Args:
-        annotation: checked content.
-        simulator: with CLEVRER's parameters.
-        evaluations: about how many simulations the masses' refinement may take, from each of three starts.
+        annotation: content of an annotation file, see `nsdr.clevrer.annotations.read_annotation`.
+        simulator: a simulator with CLEVRER's parameters.
+        evaluations: approximate max number of simulations for the refinement from each of `START_SCALES`.
     """
     frames = [sorted(frame["objects"], key=lambda o: o["object_id"]) for frame in annotation["motion_trajectory"]]
     bodies = [
@@ -90,26 +106,28 @@ def resimulate(annotation: Mapping[str, Any], simulator: Simulator, evaluations:
 
     def cost(x: FloatArray) -> float:
         result = run(with_free(x))
-        late = [MAX_LATE_FRAMES if b is None else min(abs(b - a), MAX_LATE_FRAMES) for a, b in result.frames.values()]
-        wrong = float(np.mean(late)) + MAX_LATE_FRAMES * len(result.extra)
-        near = float(np.minimum(result.error_world[[0, *free]], MAX_ERROR_WORLD).mean())
-        return near + 0.02 * wrong + 0.01 * float(np.mean((x / MASS_LOG_DEVIATION) ** 2))
+        delays = [
+            MAX_DELAY_FRAMES if b is None else min(abs(b - a), MAX_DELAY_FRAMES) for a, b in result.frames.values()
+        ]
+        delay = float(np.mean(delays)) + MAX_DELAY_FRAMES * len(result.extra)
+        distance = float(np.minimum(result.error_world[[0, *free]], MAX_ERROR_WORLD).mean())
+        return distance + DELAY_WEIGHT * delay + PRIOR_WEIGHT * float(np.mean((x / LOG_MASS_RATIO_STD) ** 2))
 
     fits = []
-    for scale in (1.0, 0.5, 0.0):
+    for scale in START_SCALES:
         first = scale * start[free]
-        simplex = np.vstack([first, first + 0.1 * np.eye(len(free))])
+        simplex = np.vstack([first, first + SIMPLEX_SIZE * np.eye(len(free))])
         options = {"maxfev": evaluations, "initial_simplex": simplex}
         fits.append(minimize(cost, first, method="Nelder-Mead", options=options))
     return run(with_free(min(fits, key=lambda fit: float(fit.fun)).x))
 
 
 def _log_mass_by_momentum(velocity: FloatArray, collisions: Mapping[tuple[int, int], int]) -> FloatArray:
-    """(n,) log masses relative to the first colliding object, from velocities (n, F, 2) around each collision."""
+    """Log masses (n,) relative to the first colliding object, from the velocities (n, F, 2) around each collision."""
     n, last = velocity.shape[0], velocity.shape[1] - 1
     rows, values = [], []
     for (i, j), frame in collisions.items():
-        before, after = max(frame - 2, 0), min(frame + 2, last)
+        before, after = max(frame - MOMENTUM_FRAMES, 0), min(frame + MOMENTUM_FRAMES, last)
         change = np.linalg.norm(velocity[:, after] - velocity[:, before], axis=-1)
         if change[i] > 0 and change[j] > 0:
             row = np.zeros(n)
@@ -118,7 +136,7 @@ def _log_mass_by_momentum(velocity: FloatArray, collisions: Mapping[tuple[int, i
             values.append(np.log(change[j] / change[i]))
     if not rows:
         return np.zeros(n)
-    prior = 0.01 * np.eye(n)  # leaves objects that meet nothing at mass 1
+    prior = MOMENTUM_PRIOR * np.eye(n)
     solution = np.linalg.lstsq(np.vstack([*rows, prior]), np.concatenate([values, np.zeros(n)]), rcond=None)[0]
     first = min(i for pair in collisions for i in pair)
-    return np.asarray(np.clip(solution - solution[first], -0.6, 0.6))
+    return np.asarray(np.clip(solution - solution[first], -MAX_LOG_MASS, MAX_LOG_MASS))

@@ -1,14 +1,14 @@
-"""Random CLEVRER scenes with their whole truth: what happens, what happens later, and what without each object.
+"""Random CLEVRER scenes with their complete truth: the video, the frames after it, and the collisions without each object.
 
-The construction is the paper's: one moving object; each further participant gets a start from which it meets one that is
-there already; simulations in which a pair collides twice are discarded. Bystanders, which touch nothing, come last.
-Distributions of starts were measured on the release's annotations and ground-truth blocks.
+The construction is the paper's: one object moves; each further participant gets a start state from which it collides with
+an object that is there already; simulations in which a pair collides twice are discarded. Bystanders, which touch nothing,
+are added last. The distributions of start states were measured on the release's annotations and ground-truth blocks.
 """
 
 import math
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,136 +16,49 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import Body, BulletConfig, BulletMotion, Contact, Simulator
+from nsdr.generate.physics.scene_config import SceneConfig, Triple, matches_any, of_participant
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, pixels_from_world
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD
 
-__all__ = ["SceneConfig", "SimulatedScene", "simulate_scene"]
+__all__ = ["SimulatedScene", "simulate_scene"]
 
 FloatArray = NDArray[np.floating[Any]]
 TOUCHING_WORLD = 2.02 * OBJECT_RADIUS_WORLD
-"""Distance of the centres at which a planned meeting takes position."""
+"""Distance of the centres at which a planned collision starts."""
 MIN_START_DISTANCE_WORLD = 0.83
-"""Least distance of two objects at frame 0 in the release."""
-PATH_OFFSET_WORLD, MAX_OFFSET_WORLD = 0.14, 0.37
-"""Standard deviation and greatest distance of a resting object from the path on which it is hit."""
-MIN_SPEED = 0.4
-"""A path slower than that (world units per second) is no position to be hit."""
-PLACEMENTS, TRIES_AT_A_FRAME, RESTARTS = 12, 30, 400
-"""Tries for one object before the scene is begun anew (for participants: at each of that many frames), and beginnings before
-the configuration is given up."""
-
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """What scenes look like. The defaults match the released videos.
-
-    Attributes:
-        objects: probability of each number of objects (normalised); up to `participants` take part in collisions, the
-            others rest as bystanders.
-        participants: how many objects the recursive process adds.
-        static_fraction: for each participant in turn, the probability that it rests at first (0 for the first one).
-        partner_weights: how readily each participant is chosen to be met by a later one.
-        first_meeting: mean and standard deviation of the frame at which the first two objects meet.
-        resting_delay: mean number of frames from then until a later, resting participant is hit (exponential); moving ones
-            meet at any later frame.
-        late_fraction: for each participant, the probability that a moving one is planned to meet another only after the video.
-        shapes: allowed words.
-        colors: allowed words.
-        materials: allowed words.
-        held_out: triples "color material shape" (or parts, such as "red cube") that do not occur.
-        only: when given, at least one object of each scene is one of these triples or parts: the complement of
-            `held_out`, for compositional splits.
-        extra_fraction: probability that an object may cause more collisions than its planned one.
-        speed: least and greatest initial speed, world units per second.
-        mass: least and greatest mass.
-        first_distance: least and greatest distance of the first object from the origin.
-        first_heading_degrees: greatest angle between its heading and the origin.
-        heading_degrees: the same for later moving objects.
-        far_world: greatest distance from the origin at which an object starts.
-        area: least x, greatest x, least y, greatest y of planned meetings and resting objects.
-        n_frames: frames of the video; 7/5 of them are simulated.
-        physics: the simulation's parameters.
-    """
-
-    objects: Mapping[int, float] = field(default_factory=lambda: {4: 0.36, 5: 0.335, 6: 0.305})
-    participants: int = 4
-    static_fraction: tuple[float, ...] = (0.0, 0.6, 0.35, 0.35)
-    partner_weights: tuple[float, ...] = (1.0, 1.1, 0.5)
-    first_meeting: tuple[float, float] = (30.0, 15.0)
-    resting_delay: float = 36.0
-    late_fraction: tuple[float, ...] = (0.0, 0.0, 0.55, 0.9)
-    extra_fraction: float = 0.3
-    shapes: tuple[str, ...] = SHAPES
-    colors: tuple[str, ...] = COLORS
-    materials: tuple[str, ...] = MATERIALS
-    held_out: tuple[str, ...] = ()
-    only: tuple[str, ...] = ()
-    speed: tuple[float, float] = (2.7, 3.0)
-    mass: tuple[float, float] = (0.7, 1.3)
-    first_distance: tuple[float, float] = (3.15, 3.91)
-    first_heading_degrees: float = 28.0
-    heading_degrees: float = 15.0
-    far_world: float = 10.5
-    area: tuple[float, float, float, float] = (-2.25, 1.15, -1.6, 1.5)
-    n_frames: int = 128
-    physics: BulletConfig = field(default_factory=BulletConfig)
-
-    def __post_init__(self) -> None:
-        for name, words, known in (
-            ("shapes", self.shapes, SHAPES),
-            ("colors", self.colors, COLORS),
-            ("materials", self.materials, MATERIALS),
-        ):
-            if not words or set(words) - set(known):
-                raise DataError(f"{name}: expected some of {', '.join(known)}, got {', '.join(words) or 'none'}")
-        if (
-            not self.objects
-            or min(self.objects) < 2
-            or min(self.objects.values()) < 0
-            or not any(self.objects.values())
-        ):
-            raise DataError(f"objects: expected probabilities of 2 objects or more, got {dict(self.objects)}")
-        if self.n_frames < 10:
-            raise DataError(f"n_frames: expected at least 10, got {self.n_frames}")
-        if len(self.triples) < max(self.objects):
-            raise DataError(
-                f"shapes, colors, materials and held_out leave {len(self.triples)} kinds of objects for scenes of "
-                f"{max(self.objects)}; triples do not repeat in a scene"
-            )
-        if self.only and not any(_matches(t, self.only) for t in self.triples):
-            raise DataError(f"only: none of {', '.join(self.only)} is left by shapes, colors, materials and held_out")
-
-    @property
-    def triples(self) -> list[tuple[str, str, str]]:
-        """Allowed (color, material, shape)."""
-        every = [(c, m, s) for c in self.colors for m in self.materials for s in self.shapes]
-        return [t for t in every if not _matches(t, self.held_out)]
-
-    @property
-    def simulated_frames(self) -> int:
-        """7/5 of the video, as in the paper."""
-        return round(self.n_frames * 7 / 5)
-
-
-def _matches(triple: tuple[str, str, str], patterns: Sequence[str]) -> bool:
-    return any(set(pattern.split()) <= set(triple) for pattern in patterns)
+"""Min distance of two objects at frame 0 in the release."""
+PATH_OFFSET_WORLD = 0.14
+"""Standard deviation of the distance between an object at rest and the path of the object that hits it."""
+MAX_PATH_OFFSET_WORLD = 0.37
+"""Max of that distance."""
+MIN_HIT_SPEED_WORLD_PER_S = 0.4
+"""An object slower than this is not planned to hit one at rest."""
+MIN_MEETING_FRAME = 6
+"""First frame at which a collision may be planned."""
+MAX_HEIGHT_CHANGE_WORLD = 0.02
+"""A cube or cylinder whose centre rises or sinks by more has toppled."""
+PLACEMENTS = 12
+"""Attempts to add an object before the scene is started anew."""
+TRIES_PER_FRAME = 30
+"""Start states tried for each frame drawn for a participant's collision."""
+RESTARTS = 400
+"""Attempts at a scene before the configuration is given up."""
 
 
 @dataclass(frozen=True)
 class SimulatedScene:
-    """A scene and everything about it.
+    """A simulated scene.
 
     Attributes:
-        seed: what it was drawn from.
-        objects: identities.
+        seed: seed that it was drawn from.
+        objects: identities and attributes.
         mass: (n,) relative masses.
         n_frames: frames that the video shows.
-        motion: all simulated frames, and collisions.
-        visible: (n, F) bool, in the image of CLEVRER's camera.
-        counterfactual: collisions with each object removed, by its id; bodies are numbered as in `objects`.
+        motion: motion over all simulated frames, and the collisions.
+        visible: (n, F) bool, whether CLEVRER's camera sees the object.
+        counterfactual: collisions with each object removed, by the removed object's id; bodies are indexed as in `objects`.
     """
 
     seed: int
@@ -158,10 +71,15 @@ class SimulatedScene:
 
 
 def simulate_scene(seed: int, config: SceneConfig | None = None, simulator: Simulator | None = None) -> SimulatedScene:
-    """The scene of a seed; the same for the same configuration, whatever was simulated before.
+    """Generate the scene of a seed. It depends on the seed and the configuration only, not on earlier simulations.
+
+    Args:
+        seed: any integer.
+        config: what scenes look like; None is CLEVRER.
+        simulator: a simulator to reuse; None starts one for this scene.
 
     Raises:
-        DataError: the configuration leaves no scenes to be found, or PyBullet is missing.
+        DataError: no scene fits the configuration, or PyBullet is not installed.
     """
     config = config or SceneConfig()
     if simulator is None:
@@ -178,11 +96,12 @@ def simulate_scene(seed: int, config: SceneConfig | None = None, simulator: Simu
         mass = np.array([b.mass for b in bodies])
         return SimulatedScene(seed, objects, mass, config.n_frames, motion, visible, without)
     raise DataError(
-        f"seed {seed}: no scene found in {RESTARTS} tries; the configuration's area, speeds or frames leave too few"
+        f"seed {seed}: no scene found in {RESTARTS} attempts; the configuration's area, speed or n_frames allows too few"
     )
 
 
 def _without(removed: int, bodies: Sequence[Body], config: SceneConfig, simulator: Simulator) -> tuple[Contact, ...]:
+    """First collision of each pair when one object is removed."""
     kept = [i for i in range(len(bodies)) if i != removed]
     motion = simulator.run([bodies[i] for i in kept], config.simulated_frames)
     found: dict[tuple[int, int], Contact] = {}
@@ -193,7 +112,7 @@ def _without(removed: int, bodies: Sequence[Body], config: SceneConfig, simulato
 
 
 class _Construction:
-    """One attempt at a scene: objects are added one after another, each checked by simulating all."""
+    """One attempt at a scene: objects are added one by one, and each addition is checked by simulating all of them."""
 
     def __init__(self, config: SceneConfig, simulator: Simulator, rng: random.Random) -> None:
         self.config, self.simulator, self.rng = config, simulator, rng
@@ -203,8 +122,8 @@ class _Construction:
         self.bodies: list[Body] = []
         self.motion: BulletMotion | None = None
 
-    def build(self) -> tuple[list[tuple[str, str, str]], list[Body], BulletMotion, NDArray[np.bool_]] | None:
-        """Triples, start states, motion and visibility; None when this attempt failed."""
+    def build(self) -> tuple[list[Triple], list[Body], BulletMotion, NDArray[np.bool_]] | None:
+        """Attributes, start states, motion and visibility; None when the attempt failed."""
         if not self._add(self._first(), meets=True):
             return None
         participants = min(self.config.participants, self.n)
@@ -213,17 +132,17 @@ class _Construction:
             if not any(step(k) for _ in range(PLACEMENTS)):
                 return None
         assert self.motion is not None
-        if any(self._tilted(i) for i in range(self.n)):
+        if any(self._topples(i) for i in range(self.n)):
             return None
         visible = np.stack([self._visible(i) for i in range(self.n)])
         if not visible[:, : self.config.n_frames].any(1).all():
             return None
         return self.triples, self.bodies, self.motion, visible
 
-    def _draw_triples(self) -> list[tuple[str, str, str]]:
+    def _draw_triples(self) -> list[Triple]:
         while True:
             triples = self.rng.sample(self.config.triples, self.n)
-            if not self.config.only or any(_matches(t, self.config.only) for t in triples):
+            if not self.config.only or any(matches_any(t, self.config.only) for t in triples):
                 return triples
 
     def _body(self, k: int, x: float, y: float, heading: float, speed: float) -> Body:
@@ -235,20 +154,23 @@ class _Construction:
         return Body(shape, (x, y, OBJECT_RADIUS_WORLD), (tilt, 0.0, yaw), velocity, mass=mass)
 
     def _first(self) -> Body:
+        """The first object, which moves roughly towards the origin."""
         angle, distance = self.rng.uniform(0, 2 * math.pi), self.rng.uniform(*self.config.first_distance)
-        turn = math.radians(self.rng.uniform(-1, 1) * self.config.first_heading_degrees)
+        deviation = math.radians(self.rng.uniform(-1, 1) * self.config.first_heading_degrees)
         speed = self.rng.uniform(*self.config.speed)
-        return self._body(0, distance * math.cos(angle), distance * math.sin(angle), angle + math.pi + turn, speed)
+        return self._body(0, distance * math.cos(angle), distance * math.sin(angle), angle + math.pi + deviation, speed)
 
     def _participant(self, k: int) -> bool:
-        resting = self.rng.random() < _of(self.config.static_fraction, k)
+        """Add an object that collides at a frame drawn for it; False when none of the tried start states fits."""
+        resting = self.rng.random() < of_participant(self.config.static_fraction, k)
         frame = self._meeting_frame(k, resting)
-        if not 6 <= frame < self.config.simulated_frames:
+        if not MIN_MEETING_FRAME <= frame < self.config.simulated_frames:
             return False
         step = self._resting_participant if resting else self._moving_participant
-        return any(step(k, frame) for _ in range(TRIES_AT_A_FRAME))
+        return any(step(k, frame) for _ in range(TRIES_PER_FRAME))
 
     def _meeting_frame(self, k: int, resting: bool) -> int:
+        """Frame at which the k-th participant is planned to collide."""
         if k == 1:
             return round(self.rng.gauss(*self.config.first_meeting))
         assert self.motion is not None
@@ -256,56 +178,63 @@ class _Construction:
         if resting:
             return first + 1 + int(self.rng.expovariate(1 / self.config.resting_delay))
         low, high = first + 1, self.config.n_frames
-        if self.rng.random() < _of(self.config.late_fraction, k):
+        if self.rng.random() < of_participant(self.config.late_fraction, k):
             low, high = max(low, high), self.config.simulated_frames
         return self.rng.randrange(low, high) if low < high else high
 
     def _partner(self) -> int:
+        """Index of the object that a new participant is planned to collide with."""
         numbers = range(len(self.bodies))
-        return self.rng.choices(numbers, [_of(self.config.partner_weights, j) for j in numbers])[0]
+        return self.rng.choices(numbers, [of_participant(self.config.partner_weights, j) for j in numbers])[0]
 
     def _resting_participant(self, k: int, frame: int) -> bool:
-        """Rests on or beside the path of a moving object."""
+        """Add an object at rest on or beside the path of a moving object."""
         assert self.motion is not None
         j = self._partner()
         (x, y), (vx, vy) = self.motion.location_world[j, frame, :2], self.motion.velocity[j, frame, :2]
-        if math.hypot(vx, vy) < MIN_SPEED:
+        if math.hypot(vx, vy) < MIN_HIT_SPEED_WORLD_PER_S:
             return False
         heading = math.atan2(vy, vx)
-        offset = max(-MAX_OFFSET_WORLD, min(MAX_OFFSET_WORLD, self.rng.gauss(0, PATH_OFFSET_WORLD)))
+        offset = self.rng.gauss(0, PATH_OFFSET_WORLD)
+        offset = max(-MAX_PATH_OFFSET_WORLD, min(MAX_PATH_OFFSET_WORLD, offset))
         ahead = math.sqrt(TOUCHING_WORLD**2 - offset**2)
         x += ahead * math.cos(heading) - offset * math.sin(heading)
         y += ahead * math.sin(heading) + offset * math.cos(heading)
         return self._in_area(x, y) and self._add(self._body(k, x, y, 0.0, 0.0), meets=True)
 
     def _moving_participant(self, k: int, frame: int) -> bool:
-        """Comes from farther away and meets the middle of another object at a frame."""
+        """Add an object that starts farther away and hits another one centrally at a frame."""
         assert self.motion is not None
         j = self._partner()
         (x, y), (vx, vy) = self.motion.location_world[j, frame, :2], self.motion.velocity[j, frame, :2]
         heading, speed = self.rng.uniform(0, 2 * math.pi), self.rng.uniform(*self.config.speed)
         if not self._in_area(x, y):
             return False
-        way, arrives = _slide(self.triples[k][2], speed, frame, self.config.physics)
-        approach = math.atan2(arrives * math.sin(heading) - vy, arrives * math.cos(heading) - vx)
-        x -= TOUCHING_WORLD * math.cos(approach) + way * math.cos(heading)
-        y -= TOUCHING_WORLD * math.sin(approach) + way * math.sin(heading)
+        slid, arrival_speed = _slide(self.triples[k][2], speed, frame, self.config.physics)
+        approach = math.atan2(arrival_speed * math.sin(heading) - vy, arrival_speed * math.cos(heading) - vx)
+        x -= TOUCHING_WORLD * math.cos(approach) + slid * math.cos(heading)
+        y -= TOUCHING_WORLD * math.sin(approach) + slid * math.sin(heading)
         to_origin = math.atan2(-y, -x)
-        aside = abs((heading - to_origin + math.pi) % (2 * math.pi) - math.pi)
+        deviation = abs((heading - to_origin + math.pi) % (2 * math.pi) - math.pi)
         distance = math.hypot(x, y)
         if distance > self.config.far_world:
             return False
-        if distance > self.config.first_distance[0] and aside > math.radians(self.config.heading_degrees):
+        if distance > self.config.first_distance[0] and deviation > math.radians(self.config.heading_degrees):
             return False
         return self._add(self._body(k, x, y, heading, speed), meets=True)
 
     def _bystander(self, k: int) -> bool:
-        """Rests where nothing comes along."""
+        """Add an object at rest that nothing touches."""
         x0, x1, y0, y1 = self.config.area
         return self._add(self._body(k, self.rng.uniform(x0, x1), self.rng.uniform(y0, y1), 0.0, 0.0), meets=False)
 
     def _add(self, body: Body, meets: bool) -> bool:
-        """Add an object when the simulation with it is admissible: it meets another (after the first collision), or none."""
+        """Add an object if the simulation with it is admissible.
+
+        Args:
+            body: start state.
+            meets: whether it must collide in the image, but not before the first collision; otherwise it must touch nothing.
+        """
         new = len(self.bodies)
         x, y, _ = body.location_world
         if any(math.dist((x, y), b.location_world[:2]) < MIN_START_DISTANCE_WORLD for b in self.bodies):
@@ -316,10 +245,10 @@ class _Construction:
                 return False
 
         known = len(self.motion.contacts) if self.motion else 0
-        most = new * len(self.bodies) if self.rng.random() < self.config.extra_fraction else known + 1
+        max_contacts = new * len(self.bodies) if self.rng.random() < self.config.extra_fraction else known + 1
 
         def inadmissible(contacts: list[Contact]) -> bool:
-            if len(contacts) > most:
+            if len(contacts) > max_contacts:
                 return True
             pairs = [c.bodies for c in contacts]
             too_early = new > 1 and new in pairs[0]
@@ -335,6 +264,7 @@ class _Construction:
         return True
 
     def _in_image(self, contact: Contact) -> bool:
+        """Whether CLEVRER's image shows a point of contact."""
         u, v = pixels_from_world(contact.location_world)
         return bool(0 < u < WIDTH_PX and 0 < v < HEIGHT_PX)
 
@@ -342,12 +272,12 @@ class _Construction:
         x0, x1, y0, y1 = self.config.area
         return x0 <= x <= x1 and y0 <= y <= y1
 
-    def _tilted(self, i: int) -> bool:
-        """Whether a cube or cylinder topples."""
+    def _topples(self, i: int) -> bool:
+        """Whether an object is a cube or cylinder that topples."""
         assert self.motion is not None
         if self.bodies[i].shape == "sphere":
             return False
-        return bool(np.abs(self.motion.location_world[i, :, 2] - OBJECT_RADIUS_WORLD).max() > 0.02)
+        return bool(np.abs(self.motion.location_world[i, :, 2] - OBJECT_RADIUS_WORLD).max() > MAX_HEIGHT_CHANGE_WORLD)
 
     def _visible(self, i: int) -> NDArray[np.bool_]:
         assert self.motion is not None
@@ -355,17 +285,15 @@ class _Construction:
         return in_image(self.bodies[i].shape, motion.location_world[i], motion.orientation[i, :, 2])
 
 
-def _of(values: Sequence[float], k: int) -> float:
-    """The k-th value; the last one goes on."""
-    return values[min(k, len(values) - 1)]
-
-
 def _slide(shape: str, speed: float, frames: int, physics: BulletConfig) -> tuple[float, float]:
-    """How far an undisturbed object slides, and its speed then: it loses 0.04 v + 0.04 v^2 to damping, and friction."""
+    """Distance that an undisturbed object slides (world units), and its final speed (world units/s).
+
+    Euler steps of one frame. Seeds depend on its exact values, so it does not use `nsdr.dynamics.sliding.slide`.
+    """
     drag = 0.0 if shape == "sphere" else physics.friction * physics.gravity
     step = physics.step_s * physics.steps_per_frame
-    length = 0.0
+    distance = 0.0
     for _ in range(frames):
-        length += speed * step
-        speed = max(0.0, speed - (0.04 * speed + 0.04 * speed**2 + drag) * step)
-    return length, speed
+        distance += speed * step
+        speed = max(0.0, speed - (LINEAR_DAMPING * speed + LINEAR_DAMPING * speed**2 + drag) * step)
+    return distance, speed

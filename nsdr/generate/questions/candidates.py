@@ -1,4 +1,4 @@
-"""All questions that a scene offers: every content of the grammar that its events give an answer to."""
+"""All questions that can be asked about a scene: every meaning of the grammar that has an answer in it."""
 
 import random
 import re
@@ -23,15 +23,23 @@ DESCRIPTION_WEIGHTS = {
     ("material", "shape"): 1.0,
     ("color", "material", "shape"): 0.2,
 }
-"""How readily each set of attributes describes an object where it is unique; close to the released questions' use."""
+"""Relative frequency of each set of attributes in descriptions of a single object; close to the released questions."""
 ABSENT_CLASSES = 4
-"""Classes without any object that are asked about ("Are there any green cubes that …?"), drawn for each scene."""
+"""Number of classes without objects that each scene's questions mention ("Are there any green cubes that …?")."""
 _ATTRIBUTE_TOKENS = re.compile(r"\S+ filter_(color|material|shape) ?")
 
 
 @dataclass(frozen=True)
 class Descriptive:
-    """A descriptive question: text, program, subtype, answer, and `family`: its program without attribute words."""
+    """A descriptive question.
+
+    Attributes:
+        text: the question.
+        program: its program.
+        subtype: CLEVRER's subtype, such as "count" or "query_color".
+        answer: the correct answer.
+        family: the program without attribute words.
+    """
 
     text: str
     program: tuple[str, ...]
@@ -42,7 +50,14 @@ class Descriptive:
 
 @dataclass(frozen=True)
 class Option:
-    """An option of a multiple-choice question: text, program, whether it is right, and kind of content."""
+    """An option of a multiple-choice question.
+
+    Attributes:
+        text: the option.
+        program: its program.
+        correct: whether it is correct.
+        kind: the grammar's symbol that it was made from, such as "presence" or "collision".
+    """
 
     text: str
     program: tuple[str, ...]
@@ -52,7 +67,15 @@ class Option:
 
 @dataclass(frozen=True)
 class MultipleChoice:
-    """A multiple-choice question with all options that the scene offers."""
+    """A multiple-choice question with all options that the scene allows.
+
+    Attributes:
+        text: the question.
+        program: its program.
+        type: "explanatory", "predictive" or "counterfactual".
+        negated: whether it asks with "not".
+        options: all options, correct and wrong.
+    """
 
     text: str
     program: tuple[str, ...]
@@ -62,7 +85,7 @@ class MultipleChoice:
 
 
 class SceneWords:
-    """Descriptions of a scene's objects and classes (`nsdr.question_parser.grammar.templates.Phrases`)."""
+    """Descriptions of a scene's objects and classes; implements `nsdr.question_parser.grammar.templates.Phrases`."""
 
     def __init__(self, scene: Scene, rng: random.Random) -> None:
         self.rng = rng
@@ -83,7 +106,7 @@ class SceneWords:
                 absent.add(words)
         small = {words: len(found) for words, found in matches.items() if len(words) < 3}
         self.counted = [(), *small, *sorted(absent)]
-        # An object that alone fits its words could be found in a single frame.
+        # Classes with one object are excluded: a single frame would identify it.
         self.shared = [(), *(words for words, found in small.items() if found > 1)]
         self.named: list[int] = []
 
@@ -106,7 +129,7 @@ def _attributes(words: Sequence[str]) -> tuple[str, ...]:
 def descriptive_questions(scene: Scene, rng: random.Random) -> Iterator[Descriptive]:
     """All descriptive questions that have an answer in the scene, each in a random wording.
 
-    Where motion is not known, questions about it are left out.
+    Questions about motion are omitted when the scene's `moving` is None.
     """
     words, executor = SceneWords(scene, rng), Executor(scene)
     symbols = [Grammar.count_or_exist_events, Grammar.query]
@@ -124,7 +147,10 @@ def descriptive_questions(scene: Scene, rng: random.Random) -> Iterator[Descript
 
 
 def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
-    """All explanatory questions, and predictive and counterfactual ones where that truth is known, with all options."""
+    """All multiple-choice questions with all their options.
+
+    Predictive and counterfactual questions are omitted when the scene lacks that ground truth.
+    """
     yield from _explanatory(scene, rng)
     if scene.unseen:
         yield from _predictive(scene, rng)
@@ -133,7 +159,7 @@ def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[Mult
 
 
 class _Namer:
-    """Texts about given objects."""
+    """Texts and programs about given objects."""
 
     def __init__(self, scene: Scene, rng: random.Random) -> None:
         self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene)
@@ -143,13 +169,13 @@ class _Namer:
         return next(every(symbol, self.words, self.rng))
 
     def option(self, question: Sequence[str], symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> Option:
-        """An option and whether it is right."""
+        """An option for a question's program, with its correctness."""
         text, program = self(symbol, objects)
         correct = bool(self.executor.run([*program, *question]))
         return Option(text, tuple(program), correct, symbol.__name__)
 
-    def alone(self, symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> bool:
-        """Whether the text is about exactly one event."""
+    def is_unique(self, symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> bool:
+        """Whether the description fits exactly one event."""
         try:
             self.executor.run(self(symbol, objects)[1])
         except ExecutionError:
@@ -162,7 +188,7 @@ def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
     about: list[tuple[Callable[[Grammar], Pair], tuple[int, ...]]] = []
     for event in scene.events:
         symbol = {"collision": Grammar.collision, "out": Grammar.exit, "in": Grammar.entrance}[event.kind]
-        if name.alone(symbol, event.objects):
+        if name.is_unique(symbol, event.objects):
             about.append((symbol, event.objects))
     for target, participants in about:
         if target is Grammar.entrance:
@@ -182,17 +208,17 @@ def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
 
 
 def _both_ways(text: str, program: Sequence[str], kind: str, options: Sequence[Option]) -> Iterator[MultipleChoice]:
-    """The question as it is, and with "not "."""
+    """The question in its affirmative and its negated form; "{}" in the text is where "not" goes."""
     yield MultipleChoice(text.format(""), tuple(program), kind, False, tuple(options))
-    turned = tuple(Option(o.text, o.program, not o.correct, o.kind) for o in options)
-    yield MultipleChoice(text.format("not "), (*program, "negate"), kind, True, turned)
+    negated = tuple(Option(o.text, o.program, not o.correct, o.kind) for o in options)
+    yield MultipleChoice(text.format("not "), (*program, "negate"), kind, True, negated)
 
 
 def _predictive(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
     name = _Namer(scene, rng)
     text, program = name(Grammar.predictive, [])
     pairs = combinations(range(len(scene.objects)), 2)
-    options = [name.option(program, Grammar.happens, _in_any_order(pair, rng)) for pair in pairs]
+    options = [name.option(program, Grammar.happens, _shuffled(pair, rng)) for pair in pairs]
     yield MultipleChoice(text, tuple(program), "predictive", False, tuple(options))
 
 
@@ -201,9 +227,9 @@ def _counterfactual(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice
     for removed in range(len(scene.objects)):
         pairs = combinations([i for i in range(len(scene.objects)) if i != removed], 2)
         text, program = name(Grammar.counterfactual, [removed])
-        options = [name.option(program, Grammar.happens, _in_any_order(pair, rng)) for pair in pairs]
+        options = [name.option(program, Grammar.happens, _shuffled(pair, rng)) for pair in pairs]
         yield from _both_ways(text.replace(" will happen", " will {}happen"), program, "counterfactual", options)
 
 
-def _in_any_order(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:
+def _shuffled(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:
     return pair if rng.random() < 0.5 else (pair[1], pair[0])

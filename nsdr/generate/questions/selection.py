@@ -1,7 +1,8 @@
-"""CLEVRER's questions for scenes whose truth is known, balanced over a whole data set.
+"""CLEVRER questions for scenes with known ground truth, balanced over a data set.
 
-Every scene offers all its questions (`nsdr.generate.questions.candidates`); from scene to scene those are taken that bring
-the data set's answers nearer to their shares, so that the type of a question tells nothing about its answer.
+`nsdr.generate.questions.candidates` lists all questions of a scene. The selection goes through the scenes in order and takes
+the questions that bring the data set's answers closest to their target shares, so that a question's type says nothing about
+its answer.
 """
 
 import random
@@ -33,29 +34,43 @@ PER_VIDEO = {
     "predictive": 0.718,
     "counterfactual": 1.864,
 }
-"""The train split's questions a video."""
+"""Mean number of questions per video in the train split."""
 COUNT_SHARES = {"0": 0.25, "1": 0.25, "2": 0.24, "3": 0.17, "4": 0.08, "5": 0.01}
-"""Wanted shares of counts: even as far as scenes of four to six objects have them. All other answers are wanted evenly."""
+"""Target shares of the answers to "count", as uniform as scenes of four to six objects allow. Other answers are uniform."""
+OTHER_COUNT_SHARE = 0.01
+"""Target share of larger counts."""
 CORRECT_SHARES = {
     "explanatory": {0: 0.163, 1: 0.204, 2: 0.330, 3: 0.257, 4: 0.046},
     "predictive": {1: 1.0},
     "counterfactual": {0: 0.009, 1: 0.426, 2: 0.344, 3: 0.221},
 }
-"""Shares of questions with that many right options in the train split."""
+"""Shares of the train split's questions by number of correct options."""
 MAX_SURPLUS = 0.02
-"""By so much a share may exceed what is wanted before questions of that kind are left out."""
+"""Questions that would raise a share above its target by more than this are left out."""
 KEPT_PER_ANSWER = 3
-"""Of each scene's questions of one family with one answer, so many are kept for the selection."""
+"""Max number of a scene's candidates with the same family and answer."""
+MIN_OWED = 0.5
+"""Another question is selected while at least this many are owed, which rounds to the nearest number."""
+FAMILY_ANSWER_WEIGHT = 2
+"""Weight of a family's uses with the same answer, relative to its uses with any answer."""
+MIN_OPTIONS = 2
+"""Min number of options of a question."""
+PREDICTIVE_OPTIONS = 2
+"""Options of a predictive question, as in the release."""
+PREDICTIVE_PER_SCENE = 1
+"""Max number of predictive questions per scene; they all have the same text."""
+MIN_WRONG = {"explanatory": 0, "predictive": 1, "counterfactual": 1}
+"""Min number of wrong options, as in the release."""
 
 
 @dataclass(frozen=True)
 class QuestionConfig:
-    """Which questions are wanted.
+    """Number and form of the questions.
 
     Attributes:
-        per_video: mean number of questions of each descriptive subtype and each other type; as in the train split.
-        max_options: options of a question (predictive ones have two).
-        seed: of wordings and ties.
+        per_video: mean number of questions per video, by descriptive subtype or other type. Defaults to the train split's.
+        max_options: max number of options of a question (predictive ones have two).
+        seed: seed of the wordings and of ties.
     """
 
     per_video: Mapping[str, float] = field(default_factory=lambda: dict(PER_VIDEO))
@@ -65,13 +80,20 @@ class QuestionConfig:
     def __post_init__(self) -> None:
         if set(self.per_video) - set(PER_VIDEO):
             raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
-        if self.max_options < 2:
-            raise DataError(f"max_options: expected at least 2, got {self.max_options}")
+        if self.max_options < MIN_OPTIONS:
+            raise DataError(f"max_options: expected at least {MIN_OPTIONS}, got {self.max_options}")
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """What one scene offers."""
+    """The questions that can be asked about one scene.
+
+    Attributes:
+        scene_index: index of the video.
+        video_filename: file name of the video.
+        descriptive: descriptive questions with their answers.
+        multiple_choice: multiple-choice questions with all options.
+    """
 
     scene_index: int
     video_filename: str
@@ -80,7 +102,7 @@ class Candidates:
 
 
 def find_candidates(item: tuple[int, str, Scene], seed: int = 0) -> Candidates:
-    """The questions that a scene (index, file name, scene) offers, thinned to a few for each family and answer."""
+    """Candidate questions of a scene (index, file name, scene), at most `KEPT_PER_ANSWER` per family and answer."""
     index, filename, scene = item
     rng = random.Random(f"{seed} questions {index}")
     kept: list[Descriptive] = []
@@ -100,21 +122,21 @@ def generate_questions(
 ) -> Iterator[SceneQuestions]:
     """Balanced questions for scenes (index, file name, scene); deterministic for the same scenes in the same order.
 
-    Scenes without unseen or counterfactual truth get descriptive and explanatory questions only, without motion none about it.
+    Predictive, counterfactual and motion questions are omitted for scenes that lack the ground truth they need.
     """
     config = config or QuestionConfig()
     return select_questions(map(partial(find_candidates, seed=config.seed), scenes), config)
 
 
 def select_questions(candidates: Iterable[Candidates], config: QuestionConfig) -> Iterator[SceneQuestions]:
-    """Take from each scene's candidates, in order, the questions that balance the data set."""
+    """Select from the candidates of each scene, in order, the questions that balance the data set."""
     selection = _Selection(config)
     for scene in candidates:
         yield selection.scene(scene)
 
 
 class _Selection:
-    """What was taken so far, and what to take next."""
+    """Counts of the questions selected so far, and the choice of the next ones."""
 
     def __init__(self, config: QuestionConfig) -> None:
         self.config, self.rng = config, random.Random(f"{config.seed} selection")
@@ -128,8 +150,8 @@ class _Selection:
         questions: list[Question] = []
         for kind in self.config.per_video:
             self.owed[kind] += self.config.per_video[kind]
-            take = self._multiple_choice if kind in CORRECT_SHARES else self._descriptive
-            questions += take(kind, candidates)
+            select = self._multiple_choice if kind in CORRECT_SHARES else self._descriptive
+            questions += select(kind, candidates)
         ordered = sorted(questions, key=lambda q: q.type != "descriptive")
         return SceneQuestions(
             candidates.scene_index,
@@ -140,85 +162,85 @@ class _Selection:
         )
 
     def _descriptive(self, kind: str, candidates: Candidates) -> list[Question]:
-        open_ = [c for c in candidates.descriptive if c.subtype == kind]
-        taken: list[Question] = []
-        here: Counter[str] = Counter()
-        while open_ and self.owed[kind] >= 0.5:
+        remaining = [c for c in candidates.descriptive if c.subtype == kind]
+        selected: list[Question] = []
+        in_scene: Counter[str] = Counter()
+        while remaining and self.owed[kind] >= MIN_OWED:
             best = min(
-                open_, key=lambda c: (self._answer_use(c), here[c.family], self._family_use(c), self.rng.random())
+                remaining,
+                key=lambda c: (self._answer_use(c), in_scene[c.family], self._family_use(c), self.rng.random()),
             )
             self.answers[kind, best.answer] += 1
             self.families[kind, best.family] += 1
             self.families[best.family, best.answer] += 1
-            here[best.family] += 1
+            in_scene[best.family] += 1
             self.owed[kind] -= 1
-            taken.append(Question(0, best.text, "descriptive", kind, best.program, best.answer, ()))
-            open_ = [
-                c for c in open_ if c.program != best.program and (c.family, c.answer) != (best.family, best.answer)
+            selected.append(Question(0, best.text, "descriptive", kind, best.program, best.answer, ()))
+            remaining = [
+                c for c in remaining if c.program != best.program and (c.family, c.answer) != (best.family, best.answer)
             ]
-        return taken
+        return selected
 
     def _answer_use(self, c: Descriptive) -> float:
-        share = COUNT_SHARES.get(c.answer, 0.01) if c.subtype == "count" else 1.0
+        share = COUNT_SHARES.get(c.answer, OTHER_COUNT_SHARE) if c.subtype == "count" else 1.0
         return (self.answers[c.subtype, c.answer] + self.rng.random()) / share
 
     def _family_use(self, c: Descriptive) -> float:
-        return self.families[c.subtype, c.family] + 2 * self.families[c.family, c.answer]
+        return self.families[c.subtype, c.family] + FAMILY_ANSWER_WEIGHT * self.families[c.family, c.answer]
 
     def _multiple_choice(self, kind: str, candidates: Candidates) -> list[Question]:
-        open_ = [c for c in candidates.multiple_choice if c.type == kind]
-        self.rng.shuffle(open_)
-        taken: list[Question] = []
-        most = 1 if kind == "predictive" else len(open_)
-        while open_ and self.owed[kind] >= 0.5 and len(taken) < most:
-            # One wording of each question: "not" or without it, whichever was used less.
-            open_.sort(key=lambda c: self.families[kind, str(c.negated)])
-            candidate = open_.pop(0)
+        remaining = [c for c in candidates.multiple_choice if c.type == kind]
+        self.rng.shuffle(remaining)
+        selected: list[Question] = []
+        limit = PREDICTIVE_PER_SCENE if kind == "predictive" else len(remaining)
+        while remaining and self.owed[kind] >= MIN_OWED and len(selected) < limit:
+            # Each question is asked in one form only: affirmative or negated, whichever was used less.
+            remaining.sort(key=lambda c: self.families[kind, str(c.negated)])
+            candidate = remaining.pop(0)
             options = self._options(candidate)
             if not options:
                 continue
             other = candidate.program[:-1] if candidate.negated else (*candidate.program, "negate")
-            open_ = [c for c in open_ if c.program != other]
+            remaining = [c for c in remaining if c.program != other]
             self.families[kind, str(candidate.negated)] += 1
             self.owed[kind] -= 1
             choices = tuple(
                 Choice(i, o.text, o.program, "correct" if o.correct else "wrong") for i, o in enumerate(options)
             )
-            taken.append(Question(0, candidate.text, kind, None, candidate.program, None, choices))
-        return taken
+            selected.append(Question(0, candidate.text, kind, None, candidate.program, None, choices))
+        return selected
 
     def _options(self, question: MultipleChoice) -> Sequence[Option]:
-        """Options in random order, as many right ones as brings the data set nearer to its shares; none when it cannot be."""
+        """Options in random order, with the number of correct ones that is most below its target share; [] when none fits."""
         kind = question.type
-        right = [o for o in question.options if o.correct]
+        correct = [o for o in question.options if o.correct]
         wrong = [o for o in question.options if not o.correct]
-        most = 2 if kind == "predictive" else self.config.max_options
+        max_options = PREDICTIVE_OPTIONS if kind == "predictive" else self.config.max_options
         shares = CORRECT_SHARES[kind]
         total = sum(self.correct[kind, k] for k in shares) + 1
-        feasible = {k: min(most - k, len(wrong)) for k in shares if k <= min(len(right), most)}
-        min_wrong = 0 if kind == "explanatory" else 1  # as in the release
-        feasible = {k: w for k, w in feasible.items() if k + w >= 2 and w >= min_wrong}
+        feasible = {k: min(max_options - k, len(wrong)) for k in shares if k <= min(len(correct), max_options)}
+        feasible = {k: w for k, w in feasible.items() if k + w >= MIN_OPTIONS and w >= MIN_WRONG[kind]}
         if not feasible:
             return []
         count = max(feasible, key=lambda k: (shares[k] - self.correct[kind, k] / total, self.rng.random()))
         if self.correct[kind, count] > (shares[count] + MAX_SURPLUS) * total:
             return []
         self.correct[kind, count] += 1
-        options = self._least_used(question, right, count) + self._least_used(question, wrong, feasible[count])
+        options = self._least_used(question, correct, count) + self._least_used(question, wrong, feasible[count])
         self.rng.shuffle(options)
         return options
 
     def _least_used(self, question: MultipleChoice, options: Sequence[Option], count: int) -> list[Option]:
-        """Options whose kind of content was used least with such an answer, compared with the other answer."""
-        left, taken = list(options), []
+        """Options whose kind was least often correct (or wrong, like these) relative to the opposite."""
+        remaining, selected = list(options), []
         for _ in range(count):
 
             def excess(o: Option) -> float:
                 same = self.options[question.type, question.negated, o.kind, o.correct]
                 return same - self.options[question.type, question.negated, o.kind, not o.correct] + self.rng.random()
 
-            best = min(left, key=excess)
-            left.remove(best)
-            taken.append(best)
+            best = min(remaining, key=excess)
+            remaining.remove(best)
+            selected.append(best)
             self.options[question.type, question.negated, best.kind, best.correct] += 1
-        return taken
+        return selected

@@ -1,4 +1,4 @@
-"""Statistics of a question set beside the release's: a Markdown page and a image like the paper's two figures."""
+"""Statistics of a question set compared with the release: a Markdown page and charts like the paper's two figures."""
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
@@ -24,23 +24,23 @@ RELEASED_QUESTIONS: dict[str, dict[str, float]] = {
         "counterfactual": 18642,
     },
     "options of a question": {"1": 149, "2": 9317, "3": 10188, "4": 22966},
-    "right options, explanatory": {"0": 2743, "1": 3428, "2": 5541, "3": 4320, "4": 767},
-    "right options, predictive": {"1": 7179},
-    "right options, counterfactual": {"0": 169, "1": 7947, "2": 6406, "3": 4120},
+    "correct options, explanatory": {"0": 2743, "1": 3428, "2": 5541, "3": 4320, "4": 767},
+    "correct options, predictive": {"1": 7179},
+    "correct options, counterfactual": {"0": 169, "1": 7947, "2": 6406, "3": 4120},
     "options by answer": {"correct": 70836, "wrong": 70375},
 }
-"""Counts of the train split's 10,000 videos."""
+"""Counts over the train split's 10,000 videos."""
 
 
 def count_questions(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, float]]:
-    """Counts as in `RELEASED_QUESTIONS`, and the answers of each descriptive subtype."""
+    """The counts of `RELEASED_QUESTIONS`, and those of the answers to each descriptive subtype."""
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for question in (q for scene in scenes for q in scene.questions):
         counts["questions by kind"][question.subtype or question.type] += 1
         if question.choices:
-            right = sum(c.answer == "correct" for c in question.choices)
+            correct = sum(c.answer == "correct" for c in question.choices)
             counts["options of a question"][str(len(question.choices))] += 1
-            counts[f"right options, {question.type}"][str(right)] += 1
+            counts[f"correct options, {question.type}"][str(correct)] += 1
             counts["options by answer"].update(str(c.answer) for c in question.choices)
         else:
             counts[f"answers, {question.subtype}"][str(question.answer)] += 1
@@ -49,7 +49,7 @@ def count_questions(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, flo
 
 
 def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]) -> None:
-    """Write `STEM.statistics.md` and, where matplotlib is installed, `STEM.statistics.png`."""
+    """Write `STEM.statistics.md` and, if matplotlib is installed, `STEM.statistics.png`."""
     stem = Path(stem)
     counts = count_questions(scenes)
     with atomic_path(stem.with_name(f"{stem.name}.statistics.md")) as temporary:
@@ -69,19 +69,19 @@ def _shares(values: Mapping[str, float]) -> dict[str, float]:
 def _markdown(counts: Mapping[str, Mapping[str, float]], scenes: Sequence[SceneQuestions]) -> str:
     lines = [f"# Questions on {len(scenes)} videos", ""]
     for name, values in counts.items():
-        mine, released = _shares(values), _shares(RELEASED_QUESTIONS.get(name, {}))
+        this_set, released = _shares(values), _shares(RELEASED_QUESTIONS.get(name, {}))
         keys = sorted(
-            {*mine, *released}, key=lambda k: (k not in released, list(released).index(k) if k in released else k)
+            {*this_set, *released}, key=lambda k: (k not in released, list(released).index(k) if k in released else k)
         )
         lines += [f"## {name.capitalize()} (%)", "", f"| | {' | '.join(keys)} |", f"|---{'|---' * len(keys)}|"]
-        lines.append(f"| this set | {' | '.join(f'{100 * mine.get(k, 0):.1f}' for k in keys)} |")
+        lines.append(f"| this set | {' | '.join(f'{100 * this_set.get(k, 0):.1f}' for k in keys)} |")
         if released:
             lines.append(f"| release | {' | '.join(f'{100 * released.get(k, 0):.1f}' for k in keys)} |")
         lines.append("")
     lines += [
-        "## What the question's type gives away",
+        "## Accuracy from the question's type alone",
         "",
-        "Accuracies (%) of answers from the type alone; multiple choice per option / per question.",
+        "Accuracies (%) of the Q-type baselines; multiple choice per option / per question.",
         "",
         "| baseline | descriptive | explanatory | predictive | counterfactual |",
         "|---|---|---|---|---|",

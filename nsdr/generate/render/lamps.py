@@ -1,4 +1,4 @@
-"""CLEVR's light: three square area lamps that shine down, a weak sun, and a plain grey ground (facts of its base scene)."""
+"""Lights and ground of CLEVR's base scene: three square area lamps that face down, a weak sun and a plain grey ground."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,15 @@ __all__ = ["GROUND_REFLECTANCE", "LAMPS", "SUN_DIRECTION", "SUN_STRENGTH", "Lamp
 
 @dataclass(frozen=True)
 class Lamp:
-    """An area lamp: position, side in world units, power in watts, linear RGB."""
+    """A square area lamp that faces down.
+
+    Attributes:
+        name: "key", "fill" or "back".
+        location_world: centre (x, y, z).
+        side_world: side length (world units).
+        power: radiant power (W).
+        color: linear RGB (0-1).
+    """
 
     name: str
     location_world: tuple[float, float, float]
@@ -23,14 +31,17 @@ LAMPS = (
     Lamp("fill", (-4.671, -4.014, 3.011), 0.5, 23.56, (0.762, 0.818, 1.0)),
     Lamp("back", (-1.169, 2.646, 5.816), 1.0, 39.27, (1.0, 1.0, 1.0)),
 )
+"""The lamps of CLEVR's base scene."""
 SUN_STRENGTH = 0.45
+"""Irradiance of the sun (W/m², Blender's strength of a sun lamp)."""
 SUN_DIRECTION = (0.4146, -0.1946, 0.889)
-"""Towards the sun."""
+"""Unit vector towards the sun."""
 GROUND_REFLECTANCE = 0.8
+"""Diffuse reflectance of the ground (0-1)."""
 
 
 def lamps_of(view: View) -> tuple[Lamp, ...]:
-    """The lamps as shifted by the view's jitter."""
+    """The lamps, shifted by the view's jitter."""
     lamps = []
     for lamp, shift in zip(LAMPS, view.lamp_shift_world, strict=True):
         x, y, z = (a + b for a, b in zip(lamp.location_world, shift, strict=True))

@@ -1,4 +1,4 @@
-"""Exact images of cubes, spheres and cylinders by casting rays: masks, and depths and normals for the preview renderer."""
+"""Ray casting of cubes, spheres and cylinders: exact masks, and depths and normals for the preview renderer."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,11 +13,25 @@ __all__ = ["Solid", "cast", "image_box", "instance_ids"]
 
 FloatArray = NDArray[np.floating[Any]]
 R = OBJECT_RADIUS_WORLD
+MIN_DEPTH_WORLD = 3 * R
+"""Objects whose centre is nearer to the camera are not in the image."""
+BOUNDING_RADIUS_WORLD = 1.8 * R
+"""Radius of a sphere that contains every shape; a cube's corner is at sqrt(3) R."""
+BOX_RADIUS_WORLD = 1.9 * R
+"""Half-size of an image box at the nearest depth of the bounding sphere, with a margin."""
+CAP_TOLERANCE_WORLD = 1e-6
+"""Points this close to a cylinder's end face lie on it."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """An object where it is in one frame: shape, centre (3,) and rotation matrix (3, 3) from its own axes to the world's."""
+    """Geometry of an object in one frame.
+
+    Attributes:
+        shape: "cube", "sphere" or "cylinder".
+        location_world: (3,) centre.
+        rotation: (3, 3) rotation matrix from the object's axes to the world's.
+    """
 
     shape: str
     location_world: FloatArray
@@ -25,15 +39,16 @@ class Solid:
 
 
 def cast(solid: Solid, origin: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where rays meet a solid.
+    """Intersect rays with a solid.
 
     Args:
         solid: the object.
-        origin: (3,) or (N, 3), where the rays start.
-        directions: (N, 3), of any length.
+        origin: (3,) or (N, 3) start points.
+        directions: (N, 3) directions of any length.
 
     Returns:
-        (N,) multiples of the directions up to the first hit, infinite for none; (N, 3) outward normals in the solid's axes.
+        Distance (N,) to the first hit in multiples of the direction's length, infinite for a miss, and the outward normals
+        (N, 3) in the solid's axes.
     """
     o = (origin - solid.location_world) @ solid.rotation
     d = directions @ solid.rotation
@@ -80,7 +95,7 @@ def _normal(shape: str, hit: FloatArray) -> FloatArray:
         normal = np.zeros_like(hit)
         normal[rows, axis] = np.sign(hit[rows, axis])
         return normal
-    on_cap = np.abs(hit[:, 2]) > R - 1e-6
+    on_cap = np.abs(hit[:, 2]) > R - CAP_TOLERANCE_WORLD
     normal = hit / R
     normal[:, 2] = 0.0
     normal[on_cap] = np.stack([0 * hit[on_cap, 2], 0 * hit[on_cap, 2], np.sign(hit[on_cap, 2])], 1)
@@ -88,19 +103,19 @@ def _normal(shape: str, hit: FloatArray) -> FloatArray:
 
 
 def image_box(solid: Solid, camera: Camera) -> tuple[int, int, int, int] | None:
-    """Pixels (left, top, right, bottom), end exclusive, that surely hold the solid; None when it is out of the image."""
+    """Box (left, top, right, bottom) in pixels, end exclusive, that contains the solid; None when it is outside the image."""
     depth = float(camera.depth(solid.location_world))
-    if depth < 3 * R:
+    if depth < MIN_DEPTH_WORLD:
         return None
     column, row = camera.pixels(solid.location_world)
-    reach = 1.9 * R / (depth - 1.8 * R) * camera.focal_px
-    left, right = max(int(column - reach), 0), min(int(column + reach) + 1, camera.width)
-    top, bottom = max(int(row - reach), 0), min(int(row + reach) + 1, camera.height)
+    half = BOX_RADIUS_WORLD / (depth - BOUNDING_RADIUS_WORLD) * camera.focal_px
+    left, right = max(int(column - half), 0), min(int(column + half) + 1, camera.width)
+    top, bottom = max(int(row - half), 0), min(int(row + half) + 1, camera.height)
     return (left, top, right, bottom) if left < right and top < bottom else None
 
 
 def instance_ids(solids: list[Solid], camera: Camera) -> NDArray[np.int64]:
-    """(height, width): index of the solid seen at each pixel's centre, -1 for none."""
+    """Index (height, width) of the solid seen at each pixel's centre, -1 for none."""
     ids = np.full((camera.height, camera.width), -1, np.int64)
     nearest = np.full((camera.height, camera.width), np.inf)
     for i, solid in enumerate(solids):

@@ -1,12 +1,18 @@
-"""How scenes are rendered, and the camera and lamps of each."""
+"""Rendering options, and the camera and lamps of each scene."""
 
 import random
 from dataclasses import dataclass, field
 
 from nsdr.errors import DataError
 from nsdr.world.camera import EYE_WORLD, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.timeline import FPS
 
 __all__ = ["RenderConfig", "View", "view_of"]
+
+N_LAMPS = 3
+"""Lamps whose positions vary with `RenderConfig.light_jitter`."""
+MIN_SIDE_PX = 16
+"""Smallest image width and height."""
 
 
 @dataclass(frozen=True)
@@ -14,15 +20,15 @@ class RenderConfig:
     """How scenes are rendered.
 
     Attributes:
-        width: of the image in pixels.
-        height: of the image in pixels.
-        camera_jitter: greatest shift of the camera along each axis, world units (CLEVR has 0.5, CLEVRER none).
-        light_jitter: greatest shift of each lamp along each axis, world units (CLEVR has 1).
-        samples: Cycles' samples per pixel, before the denoiser.
-        assets: folder of CLEVR's Blender files (`image_generation/data` of facebookresearch/clevr-dataset-gen); "" for
-            plain substitutes.
-        fps: frames per second of the video.
-        crf: H.264 quality, less is better.
+        width: image width (pixels).
+        height: image height (pixels).
+        camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
+        light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
+        samples: Cycles samples per pixel, before denoising.
+        assets: folder of CLEVR's Blender files (`image_generation/data` of facebookresearch/clevr-dataset-gen); "" builds
+            simple substitutes.
+        fps: frame rate of the video (1/s).
+        crf: H.264 constant rate factor; lower is better quality.
     """
 
     width: int = WIDTH_PX
@@ -31,31 +37,35 @@ class RenderConfig:
     light_jitter: float = 0.0
     samples: int = 6
     assets: str = ""
-    fps: int = 25
+    fps: int = FPS
     crf: int = 20
 
     def __post_init__(self) -> None:
-        if self.width < 16 or self.height < 16 or self.width % 2 or self.height % 2:
-            raise DataError(f"width and height: expected even numbers of at least 16, got {self.width}x{self.height}")
+        if min(self.width, self.height) < MIN_SIDE_PX or self.width % 2 or self.height % 2:
+            raise DataError(
+                f"width and height: expected even numbers of at least {MIN_SIDE_PX}, got {self.width}x{self.height}"
+            )
         if self.width * HEIGHT_PX != self.height * WIDTH_PX:
-            raise DataError(f"width and height: expected the release's shape, 3:2, got {self.width}x{self.height}")
+            raise DataError(
+                f"width and height: expected the release's aspect ratio 3:2, got {self.width}x{self.height}"
+            )
 
 
 @dataclass(frozen=True)
 class View:
-    """How one scene is seen.
+    """Camera and lamps of one scene.
 
     Attributes:
         camera: the camera.
-        lamp_shift_world: shift (x, y, z) of each of the three lamps.
+        lamp_shift_world: shift (x, y, z) of each lamp from its position in CLEVR's base scene.
     """
 
     camera: Camera = field(default_factory=Camera)
-    lamp_shift_world: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * 3
+    lamp_shift_world: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * N_LAMPS
 
 
 def view_of(config: RenderConfig, seed: int) -> View:
-    """The view of the scene with a seed: jittered where the configuration says so."""
+    """The view of the scene with this seed, with the jitter of the configuration."""
     rng = random.Random(f"view {seed}")
 
     def shifted(position: tuple[float, ...], by: float) -> tuple[float, float, float]:
@@ -63,5 +73,5 @@ def view_of(config: RenderConfig, seed: int) -> View:
         return x, y, z
 
     eye = shifted(EYE_WORLD, config.camera_jitter)
-    lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(3))
+    lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(N_LAMPS))
     return View(Camera(eye, config.width, config.height), lamps)

@@ -1,7 +1,7 @@
-"""Other wordings of CLEVRER's texts with the same program: an augmentation, and a hand-written evaluation set.
+"""Paraphrases of CLEVRER's texts with the same program: an augmentation and a hand-written evaluation set.
 
-The augmentation rewrites pieces of a grammar text by chance: synonyms, verbs of contact and of coming and going, other
-sentence forms. The evaluation set (`paraphrases.json`, 206 texts) was written before it, by hand, and never trains anything.
+The augmentation randomly rewrites parts of a grammar text: synonyms, verbs of collision, entrance and exit, and sentence forms.
+The evaluation set (`paraphrases.json`, 206 texts) was written by hand before the augmentation and is never trained on.
 """
 
 import random
@@ -15,10 +15,12 @@ from nsdr.io.files import parse_json
 __all__ = ["paraphrased", "read_paraphrases"]
 
 Rule = tuple[str, tuple[str, ...]]
+"""A regular expression and its replacements."""
 
 A = r"(the (?:\w+ ){0,2}\w+)"
-"""An object: "the red metal cube"."""
+"""A single object: "the red metal cube"."""
 THEM = r"((?:\w+ ){0,2}\w+s)"
+"""A class of objects: "red metal cubes"."""
 
 _FORMS: tuple[Rule, ...] = (
     # Whole sentences.
@@ -51,7 +53,7 @@ _FORMS: tuple[Rule, ...] = (
     # What happens.
     (r"^(What|Which event) will happen next", (r"\1 happens next", r"\1 comes next", r"\1 is going to happen next", r"\1 will happen after this", r"\1 happens after the video", r"\1 will come next", r"\1 happens afterwards", r"Which of these happens next")),
     (r"will not happen", ("would not happen", "won't happen", "does not happen", "would not occur", "will not occur", "doesn't happen")),
-    (r"will happen", ("would happen", "happens", "is going to happen", "will occur", "would occur", "will take position")),
+    (r"will happen", ("would happen", "happens", "is going to happen", "will occur", "would occur", "will take place")),
     (rf"[Ii]f {A} is removed", (r"if \1 were removed", r"if \1 was removed", r"if we remove \1", r"if you remove \1", r"if \1 is taken away", r"if we take away \1", r"if \1 was not there", r"if \1 were not there", r"if \1 is gone", r"if \1 did not exist", r"if \1 were absent", r"had \1 not been there", r"with \1 removed", r"suppose \1 is removed", r"imagine \1 is not there", r"if \1 were missing")),
     (r"[Ii]f the (.+?) is removed", (r"if there were no \1", r"if there was no \1", r"if there is no \1")),
     (rf"[Ww]ithout {A}", (r"in the absence of \1", r"with no sign of \1", r"if \1 were not there")),
@@ -69,11 +71,11 @@ _WORDS: tuple[Rule, ...] = (
     (rf"(before|after) {A} exits the scene", (r"\1 \2's exit", r"\1 \2 left", r"\1 the exit of \2")),
     (rf"when {A} (enters|exits) the scene", (r"as \1 \2", r"when \1 \2", r"while \1 \2 the scene")),
     (r"that enters the scene", ("entering the scene", "to enter", "that comes in", "to appear", "to come into view", "that shows up", "that appears", "to arrive")),
-    (r"that exits the scene", ("leaving the scene", "to leave", "that leaves", "that disappears", "that goes out of view", "to go out", "to leave the image")),
-    (r"enters the scene", ("enters", "comes in", "comes into the scene", "appears", "arrives", "comes into view", "shows up", "enters the image")),
-    (r"exits the scene", ("exits", "leaves", "leaves the scene", "goes out", "disappears", "goes out of view", "goes away", "leaves the image")),
+    (r"that exits the scene", ("leaving the scene", "to leave", "that leaves", "that disappears", "that goes out of view", "to go out", "to leave the picture")),
+    (r"enters the scene", ("enters", "comes in", "comes into the scene", "appears", "arrives", "comes into view", "shows up", "enters the picture")),
+    (r"exits the scene", ("exits", "leaves", "leaves the scene", "goes out", "disappears", "goes out of view", "goes away", "leaves the picture")),
     (r"enter the scene", ("enter", "come in", "come into the scene", "appear", "arrive", "come into view", "show up")),
-    (r"exit the scene", ("exit", "leave", "leave the scene", "go out", "disappear", "go out of view", "leave the image")),
+    (r"exit the scene", ("exit", "leave", "leave the scene", "go out", "disappear", "go out of view", "leave the picture")),
     (r"that (?:is|are) moving", ("in motion", "that moves", "which is moving", "that is in motion", "that move")),
     (r"that (?:is|are) stationary", ("at rest", "that is at rest", "that is not moving", "that stands still", "that isn't moving", "that does not move", "that never moves", "that stay still")),
     (r"(are|is) moving", (r"\1 in motion", "move", r"\1 still moving")),
@@ -90,25 +92,27 @@ _WORDS: tuple[Rule, ...] = (
     (r"[Ww]hich of the following", ("which of these", "which")),
 )  # fmt: skip
 
-_FORM_CHANCE, _WORD_CHANCE = 0.5, 0.25
-"""How likely each fitting rule is to apply."""
+_FORM_PROBABILITY = 0.5
+"""Probability that a matching rule of `_FORMS` is applied (0-1)."""
+_WORD_PROBABILITY = 0.25
+"""Probability that a matching rule of `_WORDS` is applied (0-1)."""
 
 
 def paraphrased(text: str, rng: random.Random) -> str:
-    """Another wording of a grammar text, with the same program; now and then the same text."""
-    for rules, chance in ((_FORMS, _FORM_CHANCE), (_WORDS, _WORD_CHANCE)):
+    """A random paraphrase of a grammar text, with the same program; it may be the text itself."""
+    for rules, probability in ((_FORMS, _FORM_PROBABILITY), (_WORDS, _WORD_PROBABILITY)):
         for pattern, wordings in rules:
-            if rng.random() < chance:
-                text = re.sub(pattern, _drawn(wordings, rng), text, count=1)
+            if rng.random() < probability:
+                text = re.sub(pattern, _replacement(wordings, rng), text, count=1)
     return text[:1].upper() + text[1:]
 
 
-def _drawn(wordings: Sequence[str], rng: random.Random) -> Callable[[re.Match[str]], str]:
+def _replacement(wordings: Sequence[str], rng: random.Random) -> Callable[[re.Match[str]], str]:
     return lambda match: match.expand(rng.choice(wordings))
 
 
 def read_paraphrases() -> list[dict[str, Any]]:
-    """The evaluation set: `kind` of text, `text`, `program` (postfix tokens)."""
+    """The evaluation set: rows of `kind` (of text), `text` and `program` (postfix tokens)."""
     content: list[dict[str, Any]] = parse_json(
         files("nsdr.question_parser.grammar").joinpath("paraphrases.json").read_bytes(), "paraphrases.json"
     )

@@ -1,52 +1,76 @@
-"""CLEVRER's question grammar: texts with their programs, at random or all that fit a scene.
+"""CLEVRER's question grammar: texts with their programs, at random or exhaustively.
 
 The wordings are those of the released questions; every text has exactly one program. Templates make two kinds of choices:
-of content (`pick`: another program) and of wording (`vary`: the same program). `sample` takes both at random, with objects
-described by random words: this trains the parser. `nsdr.generate.questions` goes through all content that a scene offers.
+of content (`pick`: another program) and of wording (`vary`: the same program). `sample` makes both at random and describes
+objects by random words; the question parser is trained on its texts. `every` enumerates the content and draws the wording;
+`nsdr.generate.questions` uses it to make the questions of a scene.
 """
 
 import random
 from collections.abc import Callable, Iterator, Sequence
-from typing import ClassVar, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
 
 __all__ = ["TEXT_KINDS", "Chooser", "Grammar", "Pair", "Phrases", "described", "every", "sample"]
 
 T = TypeVar("T")
 Pair = tuple[str, list[str]]
-"""A text (or a part of one) and its postfix tokens."""
+"""A text or a part of one, and its postfix tokens."""
+
+BEFORE_AFTER_WEIGHTS = (0.65, 0.35)
+"""Weights of no clause and of a "before" or "after" clause, in `sample`."""
+COLLISION_WEIGHTS = (0.75, 0.25)
+"""Weights of questions about entrances or exits and about collisions, in `sample`."""
+COUNT_EXIST_WEIGHTS = (0.67, 0.33)
+"""Weights of counting and of existence among the questions about motion, in `sample`."""
+DESCRIPTIVE_WEIGHTS = (3, 3, 5)
+"""Weights of questions about events, about motion and about attributes, in `sample`."""
+EXPLANATORY_WEIGHTS = (2, 1)
+"""Weights of collisions and of exits as the event to explain, in `sample`."""
+MULTIPLE_CHOICE_WEIGHTS = (8, 8, 1)
+"""Weights of explanatory, counterfactual and predictive questions, in `sample`."""
+CHOICE_WEIGHTS = (4, 2, 1, 1, 4)
+"""Weights of presence, collision, entrance and exit as nouns, and of a collision as a sentence, in `sample`."""
+WORD_PROBABILITIES = {"color": 0.5, "material": 0.5, "shape": 0.6}
+"""Probability that a single object is described by each attribute, in `sample` (0-1). Without any, the colour is used."""
+BARE_PROBABILITIES = {"counted": 0.4, "moves": 0.3, "enters": 0.8}
+"""Probability that a class of objects has no attribute words, in `sample` (0-1)."""
 
 
 class Chooser(Protocol):
-    """Takes the templates' choices."""
+    """Makes the choices of the templates."""
 
     def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
-        """One of several contents."""
+        """One of several contents; `weights` are their relative frequencies."""
         ...
 
     def vary(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
-        """One of several wordings."""
+        """One of several wordings; `weights` are their relative frequencies."""
         ...
 
 
 class Phrases(Protocol):
-    """Finds words for objects, as attribute words in the order color, material, shape."""
+    """Describes objects by attribute words, in the order color, material, shape."""
 
     def one(self, choose: Chooser) -> tuple[str, ...]:
-        """Words for a single object."""
+        """Words of a single object."""
         ...
 
     def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
-        """Words for a class of objects, perhaps none, and none of the attribute `without`.
+        """Words of a class of objects, possibly none.
 
-        `use`: "counted", "moves" (the one of them that moves or rests is meant) or "enters" (the one that enters or exits).
+        Args:
+            choose: makes the choices.
+            use: how the text uses the class: "counted", "moves" (the one object of it that moves or rests) or "enters" (the one
+                that enters or exits).
+            without: attribute that must not be among the words.
         """
         ...
 
 
 def described(words: Sequence[str], plural: bool = False) -> Pair:
-    """Such as "red metal cube" and its filters; without a shape word it ends in "object"."""
+    """A noun phrase such as "red metal cube" and its filters; without a shape word the noun is "object"."""
     names = [("color" if w in COLORS else "material" if w in MATERIALS else "shape") for w in words]
     tokens = [token for word, name in zip(words, names, strict=True) for token in (word, f"filter_{name}")]
     noun = [] if "shape" in names else ["object"]
@@ -54,11 +78,11 @@ def described(words: Sequence[str], plural: bool = False) -> Pair:
 
 
 class Grammar:
-    """The templates. Each method makes one text.
+    """The templates; each method makes one text.
 
     Args:
-        choose: takes the choices.
-        phrases: finds words for objects.
+        choose: makes the choices.
+        phrases: describes objects.
     """
 
     def __init__(self, choose: Chooser, phrases: Phrases) -> None:
@@ -91,7 +115,7 @@ class Grammar:
 
     def before_after(self) -> Pair:
         """ "before|after the OBJ enters|exits the scene", or nothing."""
-        if self.choose.pick([False, True], [0.65, 0.35]):
+        if self.choose.pick([False, True], BEFORE_AFTER_WEIGHTS):
             return "", ["events"]
         text, tokens = self.one()
         verb, token = self.in_or_out()
@@ -106,7 +130,7 @@ class Grammar:
         """ "How many OBJs enter the scene …?", "Are there any collisions …?" and so on."""
         when, events = self.before_after()
         last = self.choose.pick(["count", "exist"])
-        if self.choose.pick([False, True], [0.75, 0.25]):
+        if self.choose.pick([False, True], COLLISION_WEIGHTS):
             start = "How many collisions happen" if last == "count" else "Are there collisions"
             return f"{start}{when}?", [*events, "objects", "filter_collision", last]
         text, tokens = self.some("counted")
@@ -121,7 +145,7 @@ class Grammar:
         when, frame = self.time()
         text, tokens = self.some("counted")
         word, token = self.motion()
-        last = self.choose.pick(["count", "exist"], [0.67, 0.33])
+        last = self.choose.pick(["count", "exist"], COUNT_EXIST_WEIGHTS)
         program = ["objects", *tokens, *frame, token, last]
         if last == "exist":
             return f"Are there any {word} {text}{when}?", program
@@ -136,7 +160,7 @@ class Grammar:
         return f"{start} the {text}?", [*tokens, f"query_{name}"]
 
     def ordered(self) -> Pair:
-        """ "first", "second" or "last" with its module, or the only one."""
+        """ "first", "second" or "last" with its module, or `unique`."""
         order = self.choose.pick(["", "first", "second", "last"])
         return (f"{order} ", [order, "filter_order"]) if order else ("", ["unique"])
 
@@ -148,14 +172,14 @@ class Grammar:
         return f"{order}object to collide with {text}", program
 
     def enters_or_exits(self, asked: str) -> Pair:
-        """REF: "the [first] OBJ that enters|exits the scene"; `asked` is the word not to name."""
+        """REF: "the [first] OBJ that enters|exits the scene", where OBJ does not name the attribute `asked`."""
         order, pick = self.ordered()
         verb, token = self.in_or_out()
         text, tokens = self.some("enters", asked)
         return f"{order}{text} that {verb}s the scene", ["events", "objects", *tokens, token, *pick, "get_object"]
 
     def moves_or_rests(self, asked: str) -> Pair:
-        """REF: "the moving OBJ TIME", "the OBJ that is stationary TIME"; `asked` is the word not to name."""
+        """REF: "the moving OBJ TIME", "the OBJ that is stationary TIME", where OBJ does not name the attribute `asked`."""
         text, tokens = self.some("moves", asked)
         when, frame = self.time()
         word, token = self.motion()
@@ -195,7 +219,7 @@ class Grammar:
 
     def explanatory(self) -> Pair:
         '''"Which of the following is [not] responsible for EVENT?"'''
-        text, tokens = self.choose.pick([self.collision, self.exit], [2, 1])()
+        text, tokens = self.choose.pick([self.collision, self.exit], EXPLANATORY_WEIGHTS)()
         negated = self.choose.pick([False, True])
         program = ["events", *tokens, "filter_ancestor", "belong_to", *(["negate"] if negated else [])]
         return f"Which of the following is {'not ' if negated else ''}responsible for {text}?", program
@@ -219,21 +243,21 @@ class Grammar:
     def descriptive(self) -> Pair:
         """Any descriptive question."""
         families = [self.count_or_exist_events, self.count_or_exist_motion, self.query]
-        return self.choose.pick(families, [3, 3, 5])()
+        return self.choose.pick(families, DESCRIPTIVE_WEIGHTS)()
 
     def multiple_choice(self) -> Pair:
         """Any multiple-choice question."""
         families = [self.explanatory, self.counterfactual, self.predictive]
-        return self.choose.pick(families, [8, 8, 1])()
+        return self.choose.pick(families, MULTIPLE_CHOICE_WEIGHTS)()
 
     def choice(self) -> Pair:
         """Any option of a multiple-choice question."""
         families = [self.presence, self.collision, self.entrance, self.exit, self.happens]
-        return self.choose.pick(families, [4, 2, 1, 1, 4])()
+        return self.choose.pick(families, CHOICE_WEIGHTS)()
 
 
 TEXT_KINDS = ("descriptive", "multiple_choice", "choice")
-"""The three kinds of text, each with a network of its own (paper, section 4.3). They are `Grammar`'s start symbols."""
+"""The three kinds of text, each with its own network (paper, section 4.3); also the names of the start symbols in `Grammar`."""
 
 
 class _AtRandom:
@@ -247,34 +271,28 @@ class _AtRandom:
 
 
 class _RandomWords:
-    BARE: ClassVar = {"counted": 0.4, "moves": 0.3, "enters": 0.8}
-    """How often a class has no attribute words."""
-
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
 
     def one(self, choose: Chooser) -> tuple[str, ...]:
-        rng = self.rng
-        color, material, shape = rng.random() < 0.5, rng.random() < 0.5, rng.random() < 0.6
-        used = {"color": color or not (material or shape), "material": material, "shape": shape}
-        words = {"color": COLORS, "material": MATERIALS, "shape": SHAPES}
-        return tuple(rng.choice(words[name]) for name, is_used in used.items() if is_used)
+        used = [name for name, probability in WORD_PROBABILITIES.items() if self.rng.random() < probability]
+        return tuple(self.rng.choice(ATTRIBUTES[name]) for name in used or ["color"])
 
     def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
-        return () if self.rng.random() < self.BARE[use] else self.one(choose)
+        return () if self.rng.random() < BARE_PROBABILITIES[use] else self.one(choose)
 
 
 def sample(kind: str, rng: random.Random) -> Pair:
     """A random text of a kind ("descriptive", "multiple_choice" or "choice") and its program's tokens.
 
-    Objects are described by random attribute words, so texts need not fit any scene.
+    Objects are described by random attribute words, so that a text need not fit any scene.
     """
     text: Pair = getattr(Grammar(_AtRandom(rng), _RandomWords(rng)), kind)()
     return text
 
 
 class _Replay:
-    """Follows a path of picks, then takes the first option of each further one; wordings are drawn at random."""
+    """Repeats a recorded path of picks, then takes the first option of every further one; wordings are drawn at random."""
 
     def __init__(self, path: list[tuple[int, int]], rng: random.Random) -> None:
         self.path, self.depth, self.rng = path, 0, rng
@@ -291,11 +309,11 @@ class _Replay:
 
 
 def every(symbol: Callable[[Grammar], Pair], phrases: Phrases, rng: random.Random) -> Iterator[Pair]:
-    """All contents of a symbol such as `Grammar.query`, each in a random wording.
+    """All contents of a symbol such as `Grammar.query`, each in one random wording.
 
     Args:
-        symbol: method of `Grammar`.
-        phrases: what words there are for objects; has to make its choices of content by `pick`.
+        symbol: a method of `Grammar`.
+        phrases: describes objects; it has to choose among descriptions by `pick`.
         rng: draws the wordings.
     """
     path: list[tuple[int, int]] = []

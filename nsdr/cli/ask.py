@@ -1,0 +1,70 @@
+"""`nsdr answer`, `parse-question`, `execute` and `demo`: questions and programs."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from nsdr.cli.common import load_scene, make_pipeline
+from nsdr.types import Answer
+
+__all__ = ["answer", "demo", "execute", "parse_question"]
+
+
+def answer(options: Any) -> int:
+    """`nsdr answer`: a question about a video or a saved scene."""
+    pipeline = make_pipeline(options)
+    source: Any = load_scene(options.video) if Path(options.video).suffix in (".json", ".npz") else options.video
+    found = pipeline.answer(source, options.question, options.choice or None)
+    if options.json:
+        print(json.dumps(asdict(found)))
+    else:
+        _print_answer(found, options.trace)
+    return 0
+
+
+def _print_answer(found: Answer, trace: bool) -> None:
+    from nsdr.symbolic import format_trace
+
+    if found.answer is not None:
+        if trace:
+            print(format_trace(found.trace))
+        print(found.answer)
+    for choice in found.choices:
+        print(f"{choice.answer:<8} {choice.choice}")
+        if trace:
+            print(format_trace(choice.trace))
+
+
+def parse_question(options: Any) -> int:
+    """`nsdr parse-question`: the program of a text."""
+    from nsdr.errors import QuestionError
+    from nsdr.io.checkpoint import find_checkpoint
+    from nsdr.question_parser.parser import QuestionParser
+
+    parser = QuestionParser.from_checkpoint(find_checkpoint(options.checkpoint))
+    kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
+    for kind in kinds:
+        try:
+            program = parser.parse(options.text, kind)
+            break
+        except QuestionError:
+            if kind == kinds[-1]:
+                raise
+    print(program.tree() if options.tree else program)
+    return 0
+
+
+def execute(options: Any) -> int:
+    """`nsdr execute`: a program on a saved scene."""
+    from nsdr.symbolic import Executor
+
+    _print_answer(Executor(load_scene(options.scene)).answer(options.program), options.trace)
+    return 0
+
+
+def demo(options: Any) -> int:
+    """`nsdr demo`: questions about the clip that ships with the package."""
+    from nsdr.cli.demo import run_demo
+
+    return run_demo(options.checkpoint, options.output)

@@ -1,0 +1,103 @@
+"""`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+from nsdr.cli.common import make_pipeline
+from nsdr.errors import DataError
+
+__all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
+
+
+def parse_video(options: Any) -> int:
+    """`nsdr parse-video`: one video as a scene."""
+    from nsdr.clevrer.proposals import proposals_document
+    from nsdr.io import storage
+    from nsdr.io.files import write_json
+    from nsdr.symbolic.world import world_of
+    from nsdr.visualize import write_annotated_image
+
+    if Path(options.output).suffix not in (".json", ".npz"):
+        raise DataError(f"{options.output}: expected a name ending in .json or .npz")
+    perception = make_pipeline(options).perceive(options.video)
+    scene = perception.scene
+    storage.save(scene, options.output)
+    if options.proposals_out:
+        name = Path(options.video).name
+        number = "".join(c for c in Path(name).stem if c.isdigit())
+        write_json(options.proposals_out, proposals_document(perception.proposals, int(number or 0), name))
+    if options.image:
+        write_annotated_image(options.image, options.video, perception)
+    print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
+    for o in scene.objects:
+        print(f"  object {o.id}: {o.name}")
+    world = world_of(scene)
+    for text in world.event_text(world.observed).split("; ") if scene.events else ():
+        print(f"  {text}")
+    return 0
+
+
+def parse_videos(options: Any) -> int:
+    """`nsdr parse-videos`: a folder of videos as scenes and proposals."""
+    from nsdr.evaluation import parse_videos as run
+    from nsdr.pipeline import pipeline_settings
+
+    o = options
+    settings = pipeline_settings(o.config, o.dynamics, o.set, o.stride)
+    return _report(o.output, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers))
+
+
+def predict_dynamics(options: Any) -> int:
+    """`nsdr predict-dynamics`: a folder of proposals as predictions or scenes."""
+    from nsdr.evaluation import predict_dynamics as run
+    from nsdr.pipeline import pipeline_settings
+
+    o = options
+    settings = pipeline_settings(o.config, o.dynamics, o.set)
+    return _report(o.output, run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers))
+
+
+def _report(output: str, summary: Any) -> int:
+    done, skipped, failed = len(summary.done), len(summary.skipped), len(summary.failed)
+    print(f"{output}: {done} done, {skipped} kept from before, {failed} failed")
+    for name, error in summary.failed.items():
+        print(f"  {name}: {error}")
+    return 1 if failed else 0
+
+
+def visualize(options: Any) -> int:
+    """`nsdr visualize`: an annotated video, an image or an HTML report."""
+    import cv2
+    import numpy as np
+
+    from nsdr.io.video import read_frames
+    from nsdr.visualize import stroboscopic_image, write_annotated_image, write_annotated_video, write_report
+    from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+
+    kind = Path(options.output).suffix
+    if kind not in (".mp4", ".png", ".html"):
+        raise DataError(f"{options.output}: expected a name ending in .mp4, .png or .html")
+    pipeline = make_pipeline(options)
+    p = pipeline.perceive(options.video)
+    if options.removed is not None and options.removed not in p.dynamics.counterfactual:
+        raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # reported once already
+        frames = np.stack(list(read_frames(options.video)))
+    Path(options.output).parent.mkdir(parents=True, exist_ok=True)
+    if kind == ".html":
+        questions = [options.question] if options.question else []
+        answers = [pipeline.answer(options.video, q, options.choice or None) for q in questions]
+        write_report(options.output, frames, p, answers)
+    elif kind == ".mp4":
+        write_annotated_video(options.output, frames, p.proposals, p.tracks, p.scene)
+    elif options.image == "last":
+        write_annotated_image(options.output, options.video, p)
+    elif options.image == "strobe":
+        cv2.imwrite(options.output, stroboscopic_image(frames, p.proposals, p.tracks)[..., ::-1])
+    else:
+        figure = plan_figure(p.dynamics, options.removed) if options.image == "plan" else causal_figure(p.scene)
+        Path(options.output).write_bytes(figure_png(figure))
+    print(options.output)
+    return 0

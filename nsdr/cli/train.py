@@ -1,0 +1,21 @@
+"""`nsdr train frame-parser|dynamics|question-parser`."""
+
+import logging
+from importlib import import_module
+
+from nsdr.errors import DataError
+
+__all__ = ["PARTS", "train"]
+
+PARTS = {name: f"nsdr.training.{name.replace('-', '_')}" for name in ("frame-parser", "dynamics", "question-parser")}
+"""Module with the `main(argv)` of each part."""
+
+
+def train(arguments: list[str]) -> int:
+    """Train a part from its command-line arguments."""
+    if not arguments or arguments[0] not in PARTS:
+        found = arguments[0] if arguments else "nothing"
+        raise DataError(f"nsdr train: expected one of {', '.join(PARTS)}, got {found!r}")
+    logging.getLogger("nsdr").setLevel(logging.INFO)
+    print(import_module(PARTS[arguments[0]]).main(arguments[1:]))
+    return 0

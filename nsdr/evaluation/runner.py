@@ -1,0 +1,263 @@
+"""Evaluation of question files and whole splits: parallel, and resumable at any kill.
+
+Scenes are kept on disk under their fingerprint, so that a second run only makes what is missing, and every run gives the same
+report byte for byte.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.predictions import read_predictions
+from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.dynamics.registry import checkpoint_folders
+from nsdr.errors import DataError, NsdrError
+from nsdr.evaluation.score import Parse, evaluate
+from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, find_file
+from nsdr.io import storage
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.runner import Job, run_jobs
+from nsdr.pipeline import Pipeline, PipelineConfig, pipeline_settings
+from nsdr.symbolic import Executor
+from nsdr.types import Scene
+
+__all__ = ["EvaluationConfig", "evaluation_fingerprint", "run_evaluation"]
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """What is evaluated, and how.
+
+    Attributes:
+        questions: question file; "" with `root`.
+        data: folder or file that `source` reads; "" with `root`.
+        root: data set in the official layout (see `nsdr.clevrer.CLEVRER`), in place of `questions` and `data`.
+        split: "train", "validation" or "test" of `root`.
+        source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
+        programs: "parsed", or "gold" for those of the question file.
+        types: question types to answer.
+        exclude: scene indices to leave out.
+        every: answer every n-th scene of those with such questions.
+        limit: answer the first n of these scenes; 0 for all.
+        checkpoint: weights.
+        dynamics: a backend's name, or its YAML file; "" for that of `config` (physics).
+        config: YAML file of a `nsdr.PipelineConfig`; "" for the defaults.
+        set: single settings, "key=value" each, such as "tracker.score=0.8".
+        stride: the frame parser processes every n-th frame; for videos only.
+        semantics: "paper", or "official" for the released executor's, which needs predictions.
+        collisions: with the official semantics "predicted", or "velocity" (NE).
+        truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
+        truth: folder or file that `truth_source` reads.
+        cache: folder that keeps scenes for the next run.
+        engine: "processes" or "ray".
+        workers: number of processes; 0 is one per CPU core.
+    """
+
+    questions: str = ""
+    data: str = ""
+    root: str = ""
+    split: str = "validation"
+    source: str = "proposals"
+    programs: str = "parsed"
+    types: Sequence[str] = QUESTION_TYPES
+    exclude: Sequence[int] = ()
+    every: int = 1
+    limit: int = 0
+    checkpoint: str = "default"
+    dynamics: str = ""
+    config: str = ""
+    set: Sequence[str] = ()
+    stride: int = 1
+    semantics: str = "paper"
+    collisions: str = "predicted"
+    truth_source: str = ""
+    truth: str = ""
+    cache: str = "runs/scenes"
+    engine: str = "processes"
+    workers: int = 0
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.types) - set(QUESTION_TYPES))
+        if unknown:
+            raise DataError(f"unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
+        for name, allowed in (
+            ("programs", ("parsed", "gold")),
+            ("semantics", ("paper", "official")),
+            ("collisions", ("predicted", "velocity")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise DataError(f"{name} is {getattr(self, name)!r}; expected {' or '.join(allowed)}")
+        if bool(self.root) == bool(self.questions or self.data):
+            raise DataError("give --questions and --data, or --root for a whole split")
+        if not self.root and not (self.questions and self.data):
+            raise DataError("give both --questions and --data, or --root for a whole split")
+        if self.source not in SOURCES.names():
+            raise DataError(f"source is {self.source!r}; expected one of {', '.join(SOURCES.names())}")
+        if self.semantics == "official" and self.source != "predictions":
+            raise DataError(
+                f"the official semantics runs on predictions, not on {self.source}; use --source predictions"
+            )
+        if self.semantics == "paper" and self.collisions != "predicted":
+            raise DataError("collisions: velocity needs --semantics official; for NE of a backend use its YAML file")
+        if self.stride != 1 and self.source != "videos":
+            raise DataError(f"stride is of the frame parser and needs --source videos, not {self.source}")
+        if self.every < 1 or self.limit < 0 or self.stride < 1 or self.workers < 0:
+            raise DataError("every and stride: expected at least 1; limit and workers: expected at least 0")
+        if bool(self.truth_source) != bool(self.truth):
+            raise DataError("truth_source and truth go together; give both or none")
+
+    def pipeline(self) -> PipelineConfig:
+        """The resolved settings of perception."""
+        return pipeline_settings(self.config, self.dynamics, self.set, self.stride)
+
+
+def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
+    """Answer and score the questions; a scene that fails is recorded, and its questions count as wrong.
+
+    Returns:
+        The report of `nsdr.evaluation.evaluate`.
+
+    Raises:
+        DataError: unreadable questions or data, or values that do not go together.
+    """
+    settings = config.pipeline()
+    questions, data = _questions(config)
+    if config.semantics == "official":
+        return evaluate(_official(questions, Path(config.data), config.collisions), _parser(config), config.types)
+    wanted = {s.scene_index for s in questions}
+    source = SOURCES[config.source](data, wanted)
+    true_source = SOURCES[config.truth_source](Path(config.truth), wanted) if config.truth_source else None
+    scenes: dict[int, Scene | Path | NsdrError] = {}
+    jobs: list[Job[tuple[PerceptionInput, Scene | None]]] = []
+    for s in tqdm(questions, desc="reading", unit="scene"):
+        try:
+            found = source(s)
+            true_scene = None if true_source is None else _true_scene(true_source, s)
+        except NsdrError as e:
+            scenes[s.scene_index] = e
+            continue
+        if isinstance(found, Scene):
+            scenes[s.scene_index] = found
+            continue
+        try:
+            job = _job(config, settings, s.scene_index, found, true_scene)
+        except NsdrError as e:
+            scenes[s.scene_index] = e
+            continue
+        scenes[s.scene_index] = job.output
+        jobs.append(job)
+    if (config.dynamics or config.config or config.set) and any(isinstance(s, Scene) for s in scenes.values()):
+        raise DataError(f"source {config.source} needs no pipeline: --dynamics, --config and --set would do nothing")
+    if jobs:
+        function = partial(_perceive, config.checkpoint, settings)
+        summary = run_jobs(function, jobs, jobs[0].output.parent, config.engine, config.workers, "scene")
+        scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
+    return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), _parser(config), config.types)
+
+
+def evaluation_fingerprint(config: EvaluationConfig) -> str:
+    """Of everything a report depends on; folders count by the names, sizes and times of their files."""
+    inputs: list[Any] = []
+    for name in (config.questions, config.data, config.truth, config.root):
+        path = Path(name)
+        if name and path.is_dir():
+            files = sorted(p for p in path.rglob("*") if p.is_file())
+            inputs.append(repr([(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in files]).encode())
+        elif name:
+            inputs.append(path)
+    values = asdict(config)
+    for name in (
+        "questions",
+        "data",
+        "truth",
+        "root",
+        "cache",
+        "engine",
+        "workers",
+        "config",
+        "set",
+        "dynamics",
+        "stride",
+    ):
+        values.pop(name)
+    settings = config.pipeline()
+    weights = checkpoint_folders(find_checkpoint(config.checkpoint), settings.dynamics)
+    return fingerprint(inputs=inputs, config={**values, "pipeline": asdict(settings)}, weights=weights)
+
+
+def _questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
+    data: Data
+    if config.root:
+        split = CLEVRER(config.root).split(config.split)
+        listed, data = list(split.questions()), split
+    else:
+        listed, data = read_questions(config.questions), Path(config.data)
+    listed = [s for s in listed if s.scene_index not in set(config.exclude)]
+    listed = [s for s in listed if any(q.type in config.types for q in s.questions)]
+    return listed[:: config.every][: config.limit or None], data
+
+
+def _job(
+    config: EvaluationConfig, settings: PipelineConfig, index: int, given: PerceptionInput, true_scene: Scene | None
+) -> Job[tuple[PerceptionInput, Scene | None]]:
+    common = _settings_fingerprint(config.checkpoint, settings, config.source, config.truth_source)
+    inputs = [Path(v) if isinstance(v, str) else v for v in given.values()]
+    value = fingerprint(inputs=[*inputs, common.encode(), *([] if true_scene is None else [true_scene])])
+    output = Path(config.cache) / f"{config.source}-{common}" / f"scene_{index:05d}.json"
+    return Job(str(index), (given, true_scene), output, value)
+
+
+@lru_cache(maxsize=16)
+def _settings_fingerprint(checkpoint: str, settings: PipelineConfig, source: str, truth_source: str) -> str:
+    weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
+    return fingerprint(config=[source, truth_source, asdict(settings)], weights=weights)
+
+
+def _perceive(
+    checkpoint: str, settings: PipelineConfig, item: tuple[Mapping[str, Any], Scene | None], output: Path
+) -> None:
+    given, true_scene = item
+    storage.save(_pipeline(checkpoint, settings).perceive(**given, true_scene=true_scene).scene, output)
+
+
+@lru_cache(maxsize=1)
+def _pipeline(checkpoint: str, settings: PipelineConfig) -> Pipeline:
+    return Pipeline.from_pretrained(checkpoint, config=settings)
+
+
+def _true_scene(source: SceneSource, s: SceneQuestions) -> Scene:
+    scene = source(s)
+    if not isinstance(scene, Scene):
+        raise DataError("truth_source must give scenes: annotations, ground-truth, truth or scenes")
+    return scene
+
+
+def _executor(scene: Scene | Path | NsdrError) -> Executor | NsdrError:
+    if isinstance(scene, NsdrError):
+        return scene
+    return Executor(storage.load(Scene, scene) if isinstance(scene, Path) else scene)
+
+
+def _official(
+    questions: Sequence[SceneQuestions], folder: Path, collisions: str
+) -> Iterator[tuple[SceneQuestions, Executor | NsdrError]]:
+    for s in tqdm(questions, desc="scenes", unit="scene"):
+        try:
+            document = read_predictions(find_file(folder, ("sim_{:05d}.json",), s.scene_index))
+            yield s, Executor(document, "official", collisions)
+        except NsdrError as e:
+            yield s, e
+
+
+def _parser(config: EvaluationConfig) -> Parse | None:
+    if config.programs == "gold":
+        return None
+    from nsdr.question_parser.parser import QuestionParser
+
+    return QuestionParser.from_checkpoint(find_checkpoint(config.checkpoint)).parse

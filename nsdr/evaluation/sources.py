@@ -1,0 +1,165 @@
+"""Where scenes come from: a registry of sources, open to other packages."""
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from pathlib import Path
+from typing import Any
+
+from nsdr.clevrer.annotations import read_annotation
+from nsdr.clevrer.dataset import Split
+from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
+from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
+from nsdr.clevrer.questions import SceneQuestions
+from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.errors import DataError
+from nsdr.io import storage
+from nsdr.io.files import read_json
+from nsdr.io.registry import Registry
+from nsdr.tracking.truth_tracks import tracks_from_annotation
+from nsdr.types import Scene
+
+__all__ = ["SOURCES", "Data", "PerceptionInput", "SceneSource", "SourceFactory", "find_file"]
+
+PerceptionInput = Mapping[str, Any]
+"""Arguments of `Pipeline.perceive`: `video`, `proposals` or `tracks`."""
+SceneSource = Callable[[SceneQuestions], Scene | PerceptionInput]
+"""The scene that questions are about, or what a pipeline makes it from."""
+Data = Path | Split
+"""A folder or file, or one split of a data set in the official layout."""
+SourceFactory = Callable[[Data, Set[int]], SceneSource]
+"""(data, indices of the wanted scenes) -> source."""
+
+FOLDER_SIZE = 1000
+"""Files in each sub-folder of the official layout."""
+
+
+def find_file(folder: Path, names: Sequence[str], scene_index: int) -> Path:
+    """The first file of a scene in a folder, or in its official sub-folders of 1,000.
+
+    Args:
+        folder: where to look.
+        names: patterns such as "annotation_{:05d}.json".
+        scene_index: the scene.
+
+    Raises:
+        DataError: there is none; names the expected files.
+    """
+    low = scene_index // FOLDER_SIZE * FOLDER_SIZE
+    files = [name.format(scene_index) for name in names]
+    for name in files:
+        stem = name.split("_")[0]
+        for path in (folder / name, folder / f"{stem}_{low:05d}-{low + FOLDER_SIZE:05d}" / name):
+            if path.exists():
+                return path
+    raise DataError(f"{folder}: has no {' or '.join(files)}")
+
+
+def _folder(data: Data, source: str) -> Path:
+    if not isinstance(data, Path):
+        raise DataError(f"source {source} cannot be read from a split of --root; give --questions and --data")
+    if not data.exists():
+        raise DataError(f"{data}: no such file or folder")
+    return data
+
+
+def _of(table: Mapping[int, Any], scene_index: int, data: Path) -> Any:
+    if scene_index not in table:
+        raise DataError(f"{data}: has no scene {scene_index}")
+    return table[scene_index]
+
+
+def _videos(data: Data, _: Set[int]) -> SceneSource:
+    if isinstance(data, Split):
+        return lambda s: {"video": data.video(s.scene_index)}
+    folder = _folder(data, "videos")
+
+    def video(s: SceneQuestions) -> PerceptionInput:
+        low = s.scene_index // FOLDER_SIZE * FOLDER_SIZE
+        inside = folder / f"video_{low:05d}-{low + FOLDER_SIZE:05d}" / s.video_filename
+        return {"video": inside if inside.exists() else folder / s.video_filename}
+
+    return video
+
+
+_PROPOSAL_NAMES = tuple(f"{stem}_{{:05d}}.json{end}" for end in ("", ".gz") for stem in ("proposal", "sim"))
+
+
+def _proposals(data: Data, wanted: Set[int]) -> SceneSource:
+    if isinstance(data, Split):
+        return lambda s: {"proposals": data.proposals(s.scene_index)}
+    path = _folder(data, "proposals")
+    if path.is_dir():
+        return lambda s: {"proposals": read_proposals(find_file(path, _PROPOSAL_NAMES, s.scene_index))}
+    found = {video: proposals for video, proposals in read_compact_proposals(path) if video in wanted}
+    return lambda s: {"proposals": _of(found, s.scene_index, path)}
+
+
+def _annotation(data: Data, source: str) -> Callable[[SceneQuestions], Any]:
+    if isinstance(data, Split):
+        return lambda s: data.annotation(s.scene_index)
+    folder = _folder(data, source)
+    return lambda s: read_annotation(find_file(folder, ("annotation_{:05d}.json",), s.scene_index))
+
+
+def _tracks(data: Data, _: Set[int]) -> SceneSource:
+    annotation = _annotation(data, "tracks")
+    return lambda s: {"tracks": tracks_from_annotation(annotation(s))}
+
+
+def _annotations(data: Data, _: Set[int]) -> SceneSource:
+    annotation = _annotation(data, "annotations")
+    return lambda s: scene_from_annotation(annotation(s))
+
+
+def _predictions(data: Data, _: Set[int]) -> SceneSource:
+    folder = _folder(data, "predictions")
+    return lambda s: scene_from_predictions(read_predictions(find_file(folder, ("sim_{:05d}.json",), s.scene_index)))
+
+
+def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
+    path = _folder(data, "ground-truth")
+    if path.is_file():
+        blocks = read_truth(path)
+        return lambda s: scene_from_ground_truth(_of(blocks, s.scene_index, path), blocks[s.scene_index]["n_frames"])
+    names = ("sim_{:05d}.json", "sim_{:05d}.json.gz")
+    return lambda s: scene_from_ground_truth(*read_ground_truth(find_file(path, names, s.scene_index)))
+
+
+def _truth(data: Data, _: Set[int]) -> SceneSource:
+    folder = _folder(data, "truth")
+    return lambda s: scene_from_truth(read_json(find_file(folder, ("truth_{:05d}.json",), s.scene_index)))
+
+
+def _scenes(data: Data, _: Set[int]) -> SceneSource:
+    folder = _folder(data, "scenes")
+    return lambda s: storage.load(Scene, find_file(folder, ("scene_{:05d}.json",), s.scene_index))
+
+
+SOURCES: Registry[SourceFactory] = Registry(
+    "source",
+    "nsdr.scene_sources",
+    {
+        name: f"nsdr.evaluation.sources:_{name.replace('-', '_')}"
+        for name in (
+            "videos",
+            "proposals",
+            "tracks",
+            "predictions",
+            "annotations",
+            "ground-truth",
+            "truth",
+            "scenes",
+        )
+    },
+)
+"""Scene sources by name; other packages add theirs by entry points of the group `nsdr.scene_sources`.
+
+- videos: `video_N.mp4`, perceived by the pipeline
+- proposals: `proposal_N.json` or `sim_N.json` (also gzipped), or a compact NPZ; tracked and perceived
+- tracks: the motion of `annotation_N.json` as if it had been tracked
+- predictions: `sim_N.json` of a dynamics predictor
+- annotations: `annotation_N.json`, true observed events
+- ground-truth: the truth block of `processed_proposals/sim_N.json`, or a gzipped list of blocks
+- truth: `truth_N.json` of generated scenes, everything true
+- scenes: `scene_N.json` saved by `nsdr parse-videos`
+"""

@@ -1,0 +1,131 @@
+"""One runner for long work: many tasks on processes or a Ray cluster, whose finished outputs are kept between runs."""
+
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from tqdm import tqdm
+
+from nsdr.io.files import write_json
+from nsdr.io.tasks import run_tasks
+
+__all__ = ["Job", "Summary", "run_jobs"]
+
+LEDGER = ".fingerprints.jsonl"
+FAILURES = "failures.json"
+Item = TypeVar("Item")
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Job(Generic[Item]):
+    """A task that writes files.
+
+    Attributes:
+        name: for reports and `failures.json`.
+        item: what the task works on; picklable.
+        output: the file that the task writes last; its presence marks the task as finished.
+        fingerprint: of everything the output depends on (`nsdr.io.fingerprint`).
+    """
+
+    name: str
+    item: Item
+    output: Path
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What became of the jobs.
+
+    Attributes:
+        done: names of jobs done in this run.
+        skipped: names of jobs whose outputs were kept from an earlier run.
+        failed: error messages by name.
+    """
+
+    done: tuple[str, ...]
+    skipped: tuple[str, ...]
+    failed: Mapping[str, str]
+
+
+def run_jobs(
+    function: Callable[[Item, Path], Any],
+    jobs: Sequence[Job[Item]],
+    folder: str | Path,
+    engine: str = "processes",
+    workers: int = 0,
+    unit: str = "video",
+) -> Summary:
+    """Do `function(item, output)` for every job whose output is missing or was made under another fingerprint.
+
+    Fingerprints are kept in `folder/.fingerprints.jsonl`, error messages in `folder/failures.json`. A killed run goes on
+    where it stopped; one failure does not stop the others.
+
+    Args:
+        function: importable, or a `functools.partial` of such a function.
+        jobs: all of the work, finished or not; outputs lie below `folder`.
+        folder: where the outputs are written.
+        engine: "processes" or "ray".
+        workers: number of processes; 0 is one per CPU core.
+        unit: what a job is called in the progress bar.
+
+    Raises:
+        DataError: an unknown engine.
+    """
+    folder = Path(folder)
+    known = dict(_ledger(folder))
+    keys = {job.output: str(job.output.relative_to(folder)) for job in jobs}
+    skipped = [job for job in jobs if job.output.exists() and known.get(keys[job.output]) == job.fingerprint]
+    kept = {job.output for job in skipped}
+    left = [job for job in jobs if job.output not in kept]
+    for job in left:  # a stale output must not survive a kill
+        job.output.unlink(missing_ok=True)
+    done: list[str] = []
+    failed: dict[str, str] = {}
+    folder.mkdir(parents=True, exist_ok=True)
+    outcomes = run_tasks(partial(_do, function), left, engine, workers)
+    bar = tqdm(outcomes, total=len(jobs), initial=len(skipped), unit=unit, desc=f"{unit}s")
+    with open(folder / LEDGER, "a", encoding="utf-8") as ledger:
+        if _is_torn(folder / LEDGER):
+            ledger.write("\n")
+        for outcome in bar:
+            job = outcome.item
+            if outcome.error:
+                failed[job.name] = outcome.error
+                log.debug("%s failed: %s", job.name, outcome.error)
+                continue
+            done.append(job.name)
+            ledger.write(json.dumps([keys[job.output], job.fingerprint]) + "\n")
+            ledger.flush()
+    if failed:
+        write_json(folder / FAILURES, dict(sorted(failed.items())), indent=1)
+        log.warning("%d of %d %ss failed; see %s", len(failed), len(jobs), unit, folder / FAILURES)
+    else:
+        (folder / FAILURES).unlink(missing_ok=True)
+    return Summary(tuple(sorted(done)), tuple(job.name for job in skipped), failed)
+
+
+def _do(function: Callable[[Item, Path], Any], job: Job[Item]) -> None:
+    function(job.item, job.output)
+
+
+def _is_torn(path: Path) -> bool:
+    """Whether a kill left the last line unfinished."""
+    content = path.read_bytes()
+    return bool(content) and not content.endswith(b"\n")
+
+
+def _ledger(folder: Path) -> Iterator[tuple[str, str]]:
+    """(output, fingerprint) pairs, the newest last; a line that a kill left unfinished is passed over."""
+    path = folder / LEDGER
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        try:
+            output, value = json.loads(line)
+        except ValueError:
+            continue
+        yield output, value

@@ -1,0 +1,187 @@
+"""The question parser's training: configuration, task and the function that runs it."""
+
+import random
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from nsdr.clevrer.questions import iterate_questions
+from nsdr.errors import DataError
+from nsdr.io.checkpoint import save_checkpoint
+from nsdr.io.configuration import described, resolved
+from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
+from nsdr.question_parser.grammar.templates import TEXT_KINDS, Pair, sample
+from nsdr.question_parser.model import QuestionParserConfig
+from nsdr.question_parser.parser import QuestionParser, build_networks, pad
+from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
+from nsdr.training.loop import LoopConfig, Task, train
+
+__all__ = ["QuestionParserTask", "QuestionParserTraining", "exact_share", "read_pairs", "train_question_parser"]
+
+SAMPLES_OF_KIND = {"descriptive": 1, "multiple_choice": 1, "choice": 4}
+"""Programs of each kind for one of `QuestionParserTraining.samples`: the paper's n, n and 4n."""
+VOCABULARY_TEXTS = 4000
+"""Texts of each kind drawn from the grammar to collect the words that the tokenizer knows."""
+VOCABULARY_SEED = 0
+"""Seed of these texts: the vocabulary does not depend on the training's seed."""
+MAX_BATCH_SEED = 2**62
+"""Upper bound of the seed that a batch draws for the grammar's `random.Random`."""
+_TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
+
+
+@dataclass(frozen=True)
+class QuestionParserTraining:
+    """Training of the question parser on pairs drawn from the grammar, or on a question file.
+
+    Attributes:
+        run_dir: folder of the run; an interrupted run is resumed.
+        output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
+        questions: question file in CLEVRER's format to train on; "" draws texts from the grammar.
+        samples: n, to train on n descriptive, n multiple-choice and 4n choice programs only (paper); 0 for all.
+        paraphrase: probability that a training text is paraphrased.
+        other: share of each batch whose texts are of another kind, for the network to reject.
+        evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.
+        ablation: numbers of programs such as "10,100,all": one run for each, and a table and a figure of their accuracy.
+        evaluation_questions: question file with programs and answers; for the ablation.
+        evaluation_scenes: folder with `truth_N.json` of the scenes of `evaluation_questions`; for the ablation.
+        model: the networks.
+        loop: the optimisation.
+    """
+
+    run_dir: str
+    output: str = ""
+    questions: str = ""
+    samples: int = 0
+    paraphrase: float = 0.0
+    other: float = 0.08
+    evaluation_texts: int = 1000
+    ablation: str = ""
+    evaluation_questions: str = ""
+    evaluation_scenes: str = ""
+    model: QuestionParserConfig = field(default_factory=QuestionParserConfig)
+    loop: LoopConfig = field(default_factory=LoopConfig)
+
+
+class QuestionParserTask(Task):
+    """Cross-entropy of the next program token, for each of the three networks; evaluated by the share of exact programs."""
+
+    def __init__(self, config: QuestionParserTraining) -> None:
+        torch.manual_seed(config.loop.seed)
+        self.config = config
+        vocabulary_rng = random.Random(VOCABULARY_SEED)
+        texts = [sample(kind, vocabulary_rng)[0] for kind in TEXT_KINDS for _ in range(VOCABULARY_TEXTS)]
+        if config.paraphrase:
+            texts += [paraphrased(text, vocabulary_rng) for text in texts]
+        self.tokenizer = Tokenizer.from_texts(texts)
+        self.pool = self._pool()
+        self.networks = build_networks(len(self.tokenizer), config.model)
+        self.model: nn.Module = self.networks
+
+    def _pool(self) -> dict[str, list[Pair]] | None:
+        """The training pairs of each kind; None where each batch is drawn from the grammar anew."""
+        config = self.config
+        if not config.questions and not config.samples:
+            return None
+        rng = random.Random(f"{config.loop.seed} pool")
+        if config.questions:
+            pool = read_pairs(config.questions)
+            for pairs in pool.values():
+                rng.shuffle(pairs)
+        else:
+            pool = {k: [sample(k, rng) for _ in range(SAMPLES_OF_KIND[k] * config.samples)] for k in TEXT_KINDS}
+        if config.samples:
+            pool = {k: pairs[: SAMPLES_OF_KIND[k] * config.samples] for k, pairs in pool.items()}
+        empty = [kind for kind, pairs in pool.items() if not pairs]
+        if empty:
+            raise DataError(f"{config.questions}: holds no {' and no '.join(empty)} texts with programs")
+        return pool
+
+    def _draw(self, kind: str, size: int, rng: random.Random) -> list[Pair]:
+        """Training pairs of a kind; some texts are paraphrased, and some are of another kind, with the program `OTHER`."""
+        pairs = []
+        for _ in range(size):
+            is_other = rng.random() < self.config.other
+            drawn_kind = rng.choice([k for k in TEXT_KINDS if k != kind]) if is_other else kind
+            text, program = sample(drawn_kind, rng) if self.pool is None else rng.choice(self.pool[drawn_kind])
+            if rng.random() < self.config.paraphrase:
+                text = paraphrased(text, rng)
+            pairs.append((text, [OTHER] if is_other else program))
+        return pairs
+
+    def batch(self, size: int, rng: np.random.Generator) -> dict[str, tuple[Tensor, Tensor]]:
+        """For each kind, words (B, T) and program tokens (B, S) with `<start>` and `<end>`, both int64 and padded."""
+        draw = random.Random(int(rng.integers(MAX_BATCH_SEED)))
+        batch = {}
+        for kind in TEXT_KINDS:
+            pairs = self._draw(kind, size, draw)
+            words = pad([self.tokenizer.encode(text) for text, _ in pairs])
+            tokens = pad([[START, *(_TOKEN_INDEX[t] for t in program), END] for _, program in pairs])
+            batch[kind] = (words, tokens)
+        return batch
+
+    def losses(self, model: nn.Module, batch: Mapping[str, tuple[Tensor, Tensor]]) -> dict[str, Tensor]:
+        """For each kind, the mean cross-entropy of the tokens (B, S) that follow, a scalar; padding does not count."""
+        device = next(model.parameters()).device
+        losses = {}
+        for kind, (words, tokens) in batch.items():
+            tokens = tokens.to(device)
+            logits = self.networks[kind](words.to(device), tokens[:, :-1])
+            losses[kind] = F.cross_entropy(logits.flatten(0, 1), tokens[:, 1:].flatten(), ignore_index=PAD)
+        return losses
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """For each kind, the share of exact programs on texts of the grammar and on the paraphrases that ship with it."""
+        rng = random.Random("evaluation")
+        parser = QuestionParser(self.tokenizer, self.networks, constrained=True, unknown="ignore")
+        scores = {}
+        for kind in TEXT_KINDS:
+            pairs = [sample(kind, rng) for _ in range(self.config.evaluation_texts)]
+            scores[f"{kind}_exact"] = exact_share(parser, pairs, kind)
+            paraphrases = [(p["text"], p["program"].split()) for p in read_paraphrases() if p["kind"] == kind]
+            scores[f"{kind}_paraphrase_exact"] = exact_share(parser, paraphrases, kind)
+        return scores
+
+
+def exact_share(parser: QuestionParser, pairs: Sequence[Pair], kind: str) -> float:
+    """Share (0-1) of texts of a kind whose most probable program is the true one; the parser's warnings are silenced."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        candidates = parser.candidates([text for text, _ in pairs], kind)
+    return float(np.mean([tokens == program for (tokens, _), (_, program) in zip(candidates, pairs, strict=True)]))
+
+
+def read_pairs(path: str) -> dict[str, list[Pair]]:
+    """The distinct texts of a question file that have programs, with their programs, by kind of text.
+
+    Raises:
+        DataError: a missing or unreadable file.
+    """
+    programs: dict[str, dict[str, list[str]]] = {kind: {} for kind in TEXT_KINDS}
+    for scene in iterate_questions(path):
+        for q in scene.questions:
+            question_kind = "multiple_choice" if q.choices else "descriptive"
+            rows = [(question_kind, q.text, q.program), *(("choice", c.text, c.program) for c in q.choices)]
+            for kind, text, program in rows:
+                if program:
+                    programs[kind][text] = list(program)
+    return {kind: list(texts.items()) for kind, texts in programs.items()}
+
+
+def train_question_parser(config: QuestionParserTraining) -> str:
+    """Run one training, without the ablation; returns the folder of the finished checkpoint."""
+    task = QuestionParserTask(config)
+    metrics = train(task, config.loop, config.run_dir, resolved(config))
+    output = config.output or f"{config.run_dir}/checkpoint"
+    details = {
+        "words": task.tokenizer.words,
+        "program_tokens": PROGRAM_TOKENS,
+        "metrics": metrics,
+        "training": described(config),
+    }
+    save_checkpoint(output, "question_parser", task.networks.state_dict(), config.model, details, half=True)
+    return output

@@ -1,0 +1,134 @@
+"""What the training tasks of both dynamics networks share: the configuration, the tracks and the collision loss."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from nsdr.dynamics.metrics import collision_scores, rollout_errors
+from nsdr.dynamics.propnet.data import SIMULATED_SCENE, MotionDataset, read_motion_dataset
+from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.state_model import StateModelConfig
+from nsdr.dynamics.propnet.state_predictor import StatePredictor
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.training.loop import LoopConfig, Task
+from nsdr.world.timeline import VIDEO_FRAMES
+
+__all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "pair_loss"]
+
+HELD_OUT_EVERY = 40
+"""Every n-th scene with tracks is kept out of training, for evaluation."""
+NEAR_COLLISION_SHARE = 0.5
+"""Share of each batch whose present is drawn close to a collision; the others are drawn uniformly."""
+FIRST_PRESENT_FRAME = 4
+"""First frame that is drawn as a window's present."""
+LAST_FRAME = VIDEO_FRAMES - 1
+"""Index of a video's last frame."""
+ROLLOUT_SCENES = 30
+"""Number of held-out scenes whose rollouts are measured."""
+
+
+@dataclass(frozen=True)
+class DynamicsTraining:
+    """Training of the dynamics predictor on tracks of real proposals.
+
+    Attributes:
+        proposals: compact proposals of the training scenes (NPZ).
+        truth: ground-truth blocks of the same scenes (gzipped JSON).
+        run_dir: folder of the run; an interrupted run is resumed.
+        output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
+        initial: folder of a checkpoint to start from; "" starts from random weights.
+        limit: maximum number of real scenes; 0 for all.
+        simulated: folder of simulated scenes (`nsdr generate dataset --renderer none`) to train on as well; "" for none.
+        rollout_steps: number of consecutive predictions, each from the last ones, that a loss covers.
+        noise_world: standard deviation of the noise added to observed positions (world units); for the network on patches,
+            50 times this value is the noise added to boxes (px).
+        evaluation_scenes: maximum number of held-out scenes (every 40th real scene) to evaluate on.
+        network: "state" (network on states) or "paper" (the paper's network on patches).
+        model: the network on states.
+        patches: the network on patches.
+        loop: the optimisation.
+    """
+
+    proposals: str
+    truth: str
+    run_dir: str
+    output: str = ""
+    initial: str = ""
+    limit: int = 0
+    simulated: str = ""
+    rollout_steps: int = 5
+    noise_world: float = 0.003
+    evaluation_scenes: int = 100
+    network: str = "state"
+    model: StateModelConfig = field(default_factory=StateModelConfig)
+    patches: PatchModelConfig = field(default_factory=PatchModelConfig)
+    loop: LoopConfig = field(default_factory=LoopConfig)
+
+
+class TrackTask(Task):
+    """Base of the dynamics tasks: a network, the tracks to train it on, and held-out scenes.
+
+    The tracks are kept in `run_dir/motion.npz`, so that a resumed run need not make them again.
+
+    Args:
+        config: the training.
+        network: what is trained; starts from `config.initial` where that is given.
+    """
+
+    def __init__(self, config: DynamicsTraining, network: nn.Module) -> None:
+        self.config = config
+        if config.initial:
+            network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
+        self.model: nn.Module = network
+        cache = f"{config.run_dir}/motion.npz"
+        data = read_motion_dataset(
+            config.proposals, config.truth, cache, config.limit or None, config.simulated or None
+        )
+        held_out = (np.arange(len(data)) % HELD_OUT_EVERY == 0) & (data.scene != SIMULATED_SCENE)
+        self.data: MotionDataset = data.subset(~held_out)
+        self.held_out: MotionDataset = data.subset(np.flatnonzero(held_out)[: config.evaluation_scenes])
+        n = self.data.collision_frame.shape[1]
+        self.collisions = np.argwhere(self.data.collision_frame * np.triu(np.ones((n, n), int), 1) > 0)
+
+    def draw_windows(
+        self, size: int, rng: np.random.Generator, frames_before: int, frames_after: int
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Scene indices (size,) and present frames (size,) of random windows.
+
+        In `NEAR_COLLISION_SHARE` of them, a collision is drawn and the present is at most `frames_before` frames before it or
+        `frames_after` frames after it, perhaps outside the video; in the others, scene and present are uniform.
+        """
+        scenes = rng.integers(len(self.data), size=size)
+        frames = rng.integers(FIRST_PRESENT_FRAME, LAST_FRAME, size=size)
+        near = rng.random(size) < NEAR_COLLISION_SHARE
+        picked = self.collisions[rng.integers(len(self.collisions), size=size)]
+        collision_frames = self.data.collision_frame[picked[:, 0], picked[:, 1], picked[:, 2]]
+        shifted = collision_frames + rng.integers(-frames_before, frames_after + 1, size=size)
+        return np.where(near, picked[:, 0], scenes), np.where(near, shifted, frames)
+
+    def measure(self, predictor: StatePredictor | PatchPredictor) -> dict[str, float]:
+        """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
+        scenes = [self.held_out.states(i) for i in range(len(self.held_out))]
+        scores = collision_scores([(predictor.observed_collisions(states), events) for states, events in scenes])
+        return scores | rollout_errors(predictor, [states for states, _ in scenes[:ROLLOUT_SCENES]])
+
+
+def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
+    """Binary cross-entropy of pairs, summed over the pairs of a scene and averaged over scenes.
+
+    Args:
+        logits: (B, N, N), symmetric; the entries above the diagonal count.
+        target: (B, N, N) bool.
+        exists: (B, N) bool; pairs with an object that does not exist are left out.
+    """
+    n = logits.shape[1]
+    upper = torch.triu(torch.ones(n, n, dtype=torch.bool, device=logits.device), 1)
+    valid = exists[:, :, None] & exists[:, None] & upper
+    loss = F.binary_cross_entropy_with_logits(logits, target.float(), reduction="none")
+    return (loss * valid).sum() / len(logits)
