@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--videos", type=Path, required=True)
     parser.add_argument("--proposals", type=Path, required=True)
     parser.add_argument("--checkpoint", default="default")
-    parser.add_argument("--every", type=int, default=4, help="measure accuracy on every so-manieth frame")
+    parser.add_argument("--every", type=int, default=4, help="measure accuracy on every n-th frame")
     parser.add_argument("--stride", type=int, nargs="*", default=[1, 2, 4])
     parser.add_argument("--reference_frames", type=int, default=3, help="0 leaves torchvision's network out")
     options = parser.parse_args()

@@ -9,7 +9,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.clevrer.example import QUESTIONS, TRUTH
-from nsdr.evaluation.experiments import run_experiment
+from nsdr.evaluation.experiments import read_experiment, run_experiment
 
 TEXT = """
 title: Example
@@ -68,3 +68,9 @@ def test_the_docs_show_the_tables_as_they_were_measured() -> None:
     for name, text in included:
         rows = [line for line in (root / name).read_text().splitlines() if line.startswith("|")]
         assert [line for line in text.splitlines() if line.startswith("|")] == rows, name
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parent.parent / "configs" / "experiments").glob("*.yaml")))
+def test_the_shipped_experiments_are_readable(path: Path) -> None:
+    _, rows = read_experiment(path)
+    assert len({row.name for row in rows}) == len(rows)

@@ -87,6 +87,8 @@ def _row(values: dict[str, Any]) -> ExperimentRow:
         raise DataError(f"baseline is {baseline!r}; expected {' or '.join(BASELINES)}")
     if published:
         return ExperimentRow(name, None, "", published)
+    if baseline:  # reads no scenes
+        values.setdefault("data", values.get("questions", ""))
     return ExperimentRow(name, EvaluationConfig(**values), baseline)
 
 

@@ -19,15 +19,15 @@ from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.dataset import image_tensor
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
-from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
-from nsdr.io.device import resolve_device
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.pretrained import PretrainedPart
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["FrameParser"]
 
 
-class FrameParser:
+class FrameParser(PretrainedPart):
     """Detects objects with their masks and attributes in the frames of a video (paper, section 4.1).
 
     It runs on the device of the network's weights, and its results are on the CPU.
@@ -41,27 +41,13 @@ class FrameParser:
         DataError: `batch_size` or `stride` is less than 1.
     """
 
+    part = "frame_parser"
+
     def __init__(self, model: nn.Module, batch_size: int = 8, stride: int = 1) -> None:
         if batch_size < 1 or stride < 1:
             raise DataError(f"batch_size {batch_size} and stride {stride}: expected at least 1")
         self.model = model.eval().to(memory_format=torch.channels_last)
         self.batch_size, self.stride = batch_size, stride
-
-    @classmethod
-    def from_pretrained(cls, path_or_id: str | Path = "default", device: str = "auto", **options: Any) -> Self:
-        """The frame parser of a checkpoint.
-
-        Args:
-            path_or_id: a folder, the name of a shipped checkpoint or a repository id of the Hugging Face hub; see
-                `find_checkpoint`.
-            device: as of `to`.
-            options: arguments of the constructor.
-
-        Raises:
-            CheckpointError: not found, incomplete or corrupt.
-            DataError: the device is unknown or not available.
-        """
-        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
 
     @classmethod
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
@@ -76,31 +62,15 @@ class FrameParser:
         model.load_state_dict(state)
         return cls(model, **options)
 
-    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
-        """Write `frame_parser.safetensors` and `frame_parser.json` for `from_pretrained`.
+    @property
+    def network(self) -> nn.Module:
+        """The Mask R-CNN."""
+        return self.model
 
-        Args:
-            folder: created if missing; other parts of a checkpoint in it are kept.
-            details: plain values to add to the JSON, such as metrics.
-
-        Raises:
-            CheckpointError: the network was not made by `build_frame_parser`.
-        """
+    def _description(self) -> tuple[Any, Mapping[str, Any]]:
         if not isinstance(self.model, FrameParserNetwork):
             raise CheckpointError(f"expected a network of build_frame_parser, got {type(self.model).__name__}")
-        save_checkpoint(folder, "frame_parser", self.model.state_dict(), self.model.config, details or {})
-
-    def to(self, device: str) -> Self:
-        """Move the network to a device; returns the parser itself.
-
-        Args:
-            device: a device of torch, such as "cpu" or "cuda:1"; "auto" is CUDA where that is available, else the CPU.
-
-        Raises:
-            DataError: the device is unknown or not available.
-        """
-        self.model.to(resolve_device(device))
-        return self
+        return self.model.config, {}
 
     @torch.no_grad()
     def parse(self, frames: Iterable[NDArray[np.uint8]], progress: bool = False) -> VideoProposals:

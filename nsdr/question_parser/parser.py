@@ -8,8 +8,8 @@ import torch
 from torch import nn
 
 from nsdr.errors import CheckpointError, ProgramError, QuestionError
-from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
-from nsdr.io.device import resolve_device
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.pretrained import PretrainedPart
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer
@@ -36,7 +36,7 @@ def build_networks(n_words: int, config: QuestionParserConfig) -> nn.ModuleDict:
     return nn.ModuleDict({kind: ParserNetwork(n_words, len(PROGRAM_TOKENS), config) for kind in TEXT_KINDS})
 
 
-class QuestionParser:
+class QuestionParser(PretrainedPart):
     """Parses descriptive questions, multiple-choice questions and choices, with one network for each kind of text.
 
     It runs on the device of the networks' weights.
@@ -52,6 +52,8 @@ class QuestionParser:
     Raises:
         QuestionError: another value of `unknown`, or a `beam` of less than 1.
     """
+
+    part = "question_parser"
 
     def __init__(
         self,
@@ -72,22 +74,6 @@ class QuestionParser:
         self.networks = networks.eval()
 
     @classmethod
-    def from_pretrained(cls, path_or_id: str | Path = "default", device: str = "auto", **options: Any) -> Self:
-        """The question parser of a checkpoint.
-
-        Args:
-            path_or_id: a folder, the name of a shipped checkpoint or a repository id of the Hugging Face hub; see
-                `find_checkpoint`.
-            device: as of `to`.
-            options: arguments of the constructor.
-
-        Raises:
-            CheckpointError: not found, incomplete, corrupt, or trained with other program tokens.
-            DataError: the device is unknown or not available.
-        """
-        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
-
-    @classmethod
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
         """The question parser of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
 
@@ -105,30 +91,14 @@ class QuestionParser:
         networks.load_state_dict(state)
         return cls(tokenizer, networks, **options)
 
-    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
-        """Write `question_parser.safetensors` and `question_parser.json` for `from_pretrained`.
+    @property
+    def network(self) -> nn.Module:
+        """The three networks."""
+        return self.networks
 
-        Args:
-            folder: created if missing; other parts of a checkpoint in it are kept.
-            details: plain values to add to the JSON, such as metrics.
-        """
+    def _description(self) -> tuple[Any, Mapping[str, Any]]:
         network: Any = self.networks[TEXT_KINDS[0]]
-        vocabulary = {"words": self.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
-        save_checkpoint(
-            folder, "question_parser", self.networks.state_dict(), network.config, {**(details or {}), **vocabulary}
-        )
-
-    def to(self, device: str) -> Self:
-        """Move the networks to a device; returns the parser itself.
-
-        Args:
-            device: a device of torch, such as "cpu" or "cuda:1"; "auto" is CUDA where that is available, else the CPU.
-
-        Raises:
-            DataError: the device is unknown or not available.
-        """
-        self.networks.to(resolve_device(device))
-        return self
+        return network.config, {"words": self.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
 
     def parse(self, text: str, kind: str = "descriptive") -> Program:
         """The program of one text; `parse_batch` parses many at a time.

@@ -1,28 +1,27 @@
 """The paper's dynamics predictor: one-step predictions of a patch network, rolled out from the first observations."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
 from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
-from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
-from nsdr.io.device import resolve_device
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.pretrained import PretrainedPart
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = ["PatchPredictor", "patch_boxes"]
 
-DEFAULT = "dynamics_paper"
-"""Name of the shipped checkpoint."""
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 FAR = 3.0
@@ -53,7 +52,7 @@ def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolAr
     return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
 
 
-class PatchPredictor:
+class PatchPredictor(PretrainedPart):
     """PropNet over patches (paper, section 4.2).
 
     Collisions of the video are judged on the observed samples. The future is rolled out from the last samples; with an object
@@ -68,6 +67,9 @@ class PatchPredictor:
         smoothing: how observed tracks are smoothed.
     """
 
+    part = "dynamics"
+    default_checkpoint = "dynamics_paper"
+
     def __init__(
         self, model: PatchModel, horizon_frame: int | None = None, smoothing: SmoothingConfig | None = None
     ) -> None:
@@ -76,34 +78,16 @@ class PatchPredictor:
         self.smoothing = smoothing or SmoothingConfig()
         self.config = model.config
 
-    @classmethod
-    def from_pretrained(
-        cls, path_or_id: str | Path = DEFAULT, device: str = "auto", **options: Any
-    ) -> "PatchPredictor":
-        """Load the weights of a checkpoint folder, its name, or a hub id; `options` are the constructor's.
-
-        Raises:
-            CheckpointError: missing or corrupt.
-            DataError: an unknown device.
-        """
-        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Write `dynamics.safetensors` and its JSON, for `from_pretrained(folder)`."""
-        save_checkpoint(folder, "dynamics", self.model.state_dict(), self.config, {})
-
-    def to(self, device: str) -> "PatchPredictor":
-        """Move the network to a device ("auto", "cpu", "cuda", …); raises `DataError` when it is not there."""
-        self.model.to(resolve_device(device))
-        return self
-
     @property
-    def device(self) -> torch.device:
-        """Where the weights are."""
-        return next((p.device for p in self.model.parameters()), torch.device("cpu"))
+    def network(self) -> nn.Module:
+        """The propagation network."""
+        return self.model
+
+    def _description(self) -> tuple[Any, Mapping[str, Any]]:
+        return self.config, {}
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "PatchPredictor":
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
         """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
 
         Raises:

@@ -1,13 +1,14 @@
 """The state backend: propagation networks on ground-plane states (paper, section 4.2)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
@@ -19,20 +20,18 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
-from nsdr.io.device import resolve_device
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.pretrained import PretrainedPart
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["StatePredictor", "windows"]
 
-DEFAULT = "default"
-"""Name of the shipped checkpoint."""
 FloatArray = NDArray[np.floating[Any]]
 PEAK_FRAMES = 4
 """Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
 
 
-class StatePredictor:
+class StatePredictor(PretrainedPart):
     """Propagation networks over ground-plane states (paper, section 4.2).
 
     Differs from the paper: states instead of image patches; observed collisions are read from motion before and after;
@@ -44,6 +43,8 @@ class StatePredictor:
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
         smoothing: how observed tracks are smoothed.
     """
+
+    part = "dynamics"
 
     def __init__(
         self,
@@ -58,34 +59,16 @@ class StatePredictor:
         self.horizon_frame = horizon_frame
         self.smoothing = smoothing or SmoothingConfig()
 
-    @classmethod
-    def from_pretrained(
-        cls, path_or_id: str | Path = DEFAULT, device: str = "auto", **options: Any
-    ) -> "StatePredictor":
-        """Load the weights of a checkpoint folder, its name, or a hub id; `options` are the constructor's.
-
-        Raises:
-            CheckpointError: missing or corrupt.
-            DataError: an unknown device.
-        """
-        return cls.from_checkpoint(find_checkpoint(path_or_id), **options).to(device)
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Write `dynamics.safetensors` and its JSON, for `from_pretrained(folder)`."""
-        save_checkpoint(folder, "dynamics", self.model.state_dict(), self.config, {})
-
-    def to(self, device: str) -> "StatePredictor":
-        """Move the network to a device ("auto", "cpu", "cuda", …); raises `DataError` when it is not there."""
-        self.model.to(resolve_device(device))
-        return self
-
     @property
-    def device(self) -> torch.device:
-        """Where the weights are."""
-        return next((p.device for p in self.model.parameters()), torch.device("cpu"))
+    def network(self) -> nn.Module:
+        """The propagation network."""
+        return self.model
+
+    def _description(self) -> tuple[Any, Mapping[str, Any]]:
+        return self.config, {}
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> "StatePredictor":
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
         """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
 
         Raises:
