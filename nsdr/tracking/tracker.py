@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from nsdr.tracking.localization import ground_location
-from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
+from nsdr.tracking.visibility import VisibilityConfig, cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import SHAPES, attributes_of
 
 __all__ = ["TrackerConfig", "track"]
@@ -38,11 +37,10 @@ class TrackerConfig:
             frame). Objects move by up to 0.1 per frame.
         mismatch_world: matching cost of each differing attribute word, as a distance (world units).
         velocity_memory: weight of a tracklet's previous velocity when a displacement updates it (0-1).
-        border_px: a late identity's first box must be closer than this to the image border (pixels).
         duplicate_iou: boxes of two tracks coincide where their intersection over union exceeds this (0-1).
         duplicate_share: a track is dropped as a duplicate when it coincides with a longer one in at least this share of its
             frames (0-1).
-        visibility: when a side of a box is hidden.
+        visibility: when a side of a box is cut or hidden.
     """
 
     score: float = 0.9
@@ -55,7 +53,6 @@ class TrackerConfig:
     gate_world_per_frame: float = 0.1
     mismatch_world: float = 0.12
     velocity_memory: float = 0.6
-    border_px: int = 6
     duplicate_iou: float = 0.5
     duplicate_share: float = 0.9
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
@@ -119,9 +116,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
 def _enters_late(proposals: VideoProposals, rows: list[int], c: TrackerConfig) -> bool:
     """Whether the rows show an object that entered the image too late to be seen in `min_frames` frames."""
     frames = proposals.frame_index[rows]
-    left, top, right, bottom = (int(side) for side in proposals.box_xyxy_px[rows[0]])
-    margin = c.border_px
-    at_border = left < margin or top < margin or right > WIDTH_PX - margin or bottom > HEIGHT_PX - margin
+    at_border = bool(cut_sides(proposals.box_xyxy_px[rows[0]], c.visibility).any())
     frames_left = proposals.n_frames - int(frames[0])
     return (
         at_border
