@@ -206,7 +206,7 @@ class Pipeline:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
             if not Path(video).is_file():
                 raise VideoError(f"{video}: no such file")
-            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])])
+            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])], code=False)
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]

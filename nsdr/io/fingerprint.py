@@ -21,19 +21,22 @@ DIGITS = 16
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
-def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iterable[str | Path] = ()) -> str:
-    """A short text that changes when anything changes on which a result depends; the code of `nsdr` is always part of it.
+def fingerprint(
+    *, inputs: Iterable[Any] = (), config: Any = None, weights: Iterable[str | Path] = (), code: bool = True
+) -> str:
+    """A short text that changes when anything changes on which a result depends.
 
     Args:
         inputs: what is worked on: a `Path` stands for the content of that file, bytes for themselves, other values (such as
             `VideoProposals`) for their pickled form.
         config: the resolved configuration: a dataclass, or plain values.
         weights: files, or folders with `*.safetensors` and `*.json`.
+        code: the code of `nsdr` counts; False for what is kept in memory only.
 
     Raises:
         DataError: a file cannot be read; names it.
     """
-    digest = hashlib.sha256(code_fingerprint().encode())
+    digest = hashlib.sha256(code_fingerprint().encode() if code else b"")
     digest.update(json.dumps(_plain(config), sort_keys=True, default=str).encode())
     for path in weights:
         folder = Path(path)
