@@ -39,6 +39,15 @@ def test_an_output_without_its_line_is_done_again(tmp_path) -> None:
     assert run_jobs(write, jobs(tmp_path, {"a": "1", "b": "2"}), tmp_path, workers=1).skipped == ("a", "b")
 
 
+def test_a_failure_leaves_the_earlier_output_which_is_not_taken_for_a_new_one(tmp_path) -> None:
+    run_jobs(write, jobs(tmp_path, {"a": "1"}), tmp_path, workers=1)
+    assert "a" in run_jobs(write, jobs(tmp_path, {"a": "bad"}), tmp_path, workers=1).failed
+    assert (tmp_path / "a").read_text() == "1"
+    (tmp_path / "a").write_text("as if killed after writing, before the ledger")
+    assert run_jobs(write, jobs(tmp_path, {"a": "1"}), tmp_path, workers=1).done == ("a",)
+    assert (tmp_path / "a").read_text() == "1"
+
+
 def test_fingerprints_depend_on_content_settings_and_weights(tmp_path) -> None:
     file, weights = tmp_path / "input", tmp_path / "weights"
     file.write_text("one")

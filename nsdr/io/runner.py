@@ -64,7 +64,8 @@ def run_jobs(
     """Do `function(item, output)` for every job whose output is missing or was made under another fingerprint.
 
     Fingerprints are kept in `folder/.fingerprints.jsonl`, error messages in `folder/failures.json`. A killed run goes on
-    where it stopped; one failure does not stop the others.
+    where it stopped; one failure does not stop the others, and leaves an earlier output as it was. With several processes,
+    call it below `if __name__ == "__main__":`, because workers import the main module.
 
     Args:
         function: importable, or a `functools.partial` of such a function.
@@ -83,8 +84,6 @@ def run_jobs(
     skipped = [job for job in jobs if job.output.exists() and known.get(keys[job.output]) == job.fingerprint]
     kept = {job.output for job in skipped}
     left = [job for job in jobs if job.output not in kept]
-    for job in left:  # a stale output must not survive a kill
-        job.output.unlink(missing_ok=True)
     done: list[str] = []
     failed: dict[str, str] = {}
     folder.mkdir(parents=True, exist_ok=True)
@@ -93,6 +92,9 @@ def run_jobs(
     with open(folder / LEDGER, "a", encoding="utf-8") as ledger:
         if _is_torn(folder / LEDGER):
             ledger.write("\n")
+        for job in left:  # from here on no earlier line vouches for what a kill may leave half replaced
+            ledger.write(_line(keys[job.output], ""))
+        ledger.flush()
         for outcome in bar:
             job = outcome.item
             if outcome.error:
@@ -100,7 +102,7 @@ def run_jobs(
                 log.debug("%s failed: %s", job.name, outcome.error)
                 continue
             done.append(job.name)
-            ledger.write(json.dumps([keys[job.output], job.fingerprint]) + "\n")
+            ledger.write(_line(keys[job.output], job.fingerprint))
             ledger.flush()
     if failed:
         write_json(folder / FAILURES, dict(sorted(failed.items())), indent=1)
@@ -112,6 +114,10 @@ def run_jobs(
 
 def _do(function: Callable[[Item, Path], Any], job: Job[Item]) -> None:
     function(job.item, job.output)
+
+
+def _line(output: str, value: str) -> str:
+    return json.dumps([output, value]) + "\n"
 
 
 def _is_torn(path: Path) -> bool:
