@@ -10,8 +10,9 @@ question -> question parser -> program;  program + scene -> executor -> answer w
 Names load their modules when first used, so `import nsdr` is quick.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 __version__ = "0.2.0"
 
@@ -99,7 +100,6 @@ _HOME = {
         "VideoTracks",
     ],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "CLEVRER",
@@ -151,12 +151,4 @@ __all__ = [
     "track",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr' has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

@@ -1,10 +1,10 @@
 """CLEVRER's files: one reader, and a writer where one is needed, for each kind, and the scenes they describe."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 # Function and module have the same name; imported lazily, the name could mean the module.
 from nsdr.clevrer.download import OFFICIAL_ROOT, download
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.clevrer.annotations import (
@@ -98,7 +98,6 @@ _HOME = {
     "nsdr.clevrer.submissions": ["read_submission", "submission_document", "write_submission"],
     "nsdr.clevrer.truth_blocks": ["read_truth"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "CLEVRER",
@@ -145,12 +144,4 @@ __all__ = [
     "write_submission",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr.clevrer' has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

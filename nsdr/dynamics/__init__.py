@@ -1,7 +1,8 @@
 """Tracks to rollouts: motion and collisions, observed, future and counterfactual; the backends and their registry."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.dynamics.base import DynamicsBackend
@@ -12,14 +13,13 @@ if TYPE_CHECKING:
     from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
 
 _HOME = {
-    "base": ["DynamicsBackend"],
-    "physics": ["PhysicsConfig", "PhysicsPredictor"],
-    "propnet": ["PatchModel", "PatchPredictor", "StateModel", "StatePredictor"],
-    "registry": ["BACKENDS", "BackendConfig", "load_backend"],
-    "scene": ["scene_from_prediction"],
-    "velocity_events": ["VelocityConfig", "VelocityEvents"],
+    "nsdr.dynamics.base": ["DynamicsBackend"],
+    "nsdr.dynamics.physics": ["PhysicsConfig", "PhysicsPredictor"],
+    "nsdr.dynamics.propnet": ["PatchModel", "PatchPredictor", "StateModel", "StatePredictor"],
+    "nsdr.dynamics.registry": ["BACKENDS", "BackendConfig", "load_backend"],
+    "nsdr.dynamics.scene": ["scene_from_prediction"],
+    "nsdr.dynamics.velocity_events": ["VelocityConfig", "VelocityEvents"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "BACKENDS",
@@ -37,8 +37,4 @@ __all__ = [
     "scene_from_prediction",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr.dynamics' has no attribute {name!r}")
-    return getattr(import_module(f"nsdr.dynamics.{_MODULE_OF[name]}"), name)
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

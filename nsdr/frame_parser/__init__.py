@@ -1,7 +1,8 @@
 """From frames to proposals: the Mask R-CNN with attribute heads, its data set, its metrics and its use on videos."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, augment, collate, image_tensor
@@ -17,7 +18,6 @@ _HOME = {
     "nsdr.frame_parser.parser": ["FrameParser"],
     "nsdr.frame_parser.training_frames": ["frame_records", "write_frames"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "AugmentConfig",
@@ -35,12 +35,4 @@ __all__ = [
     "write_frames",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

@@ -1,7 +1,8 @@
 """Generation of data sets in CLEVRER's layout: simulated scenes, rendered videos, and questions with answers."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.generate.dataset import DatasetConfig, generate_dataset
@@ -21,7 +22,6 @@ _HOME = {
     "nsdr.generate.render.preview": ["render_preview"],
     "nsdr.generate.render.view": ["RenderConfig", "View"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "BulletConfig",
@@ -38,12 +38,4 @@ __all__ = [
     "simulate_scene",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr.generate' has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

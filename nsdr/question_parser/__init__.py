@@ -1,7 +1,8 @@
 """From questions and choices to programs: tokenizer, networks, constrained decoding and the grammar they are trained on."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
@@ -13,7 +14,6 @@ _HOME = {
     "nsdr.question_parser.parser": ["QuestionParser", "build_networks", "pad"],
     "nsdr.question_parser.tokenizer": ["PROGRAM_TOKENS", "Tokenizer"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "PROGRAM_TOKENS",
@@ -25,12 +25,4 @@ __all__ = [
     "pad",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

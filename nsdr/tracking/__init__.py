@@ -1,7 +1,8 @@
 """From proposals of single frames to tracks: linking, positions on the ground plane, and which sides of a box are hidden."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.tracking.localization import ground_location, outline
@@ -15,7 +16,6 @@ _HOME = {
     "nsdr.tracking.truth_tracks": ["tracks_from_annotation", "tracks_from_motion"],
     "nsdr.tracking.visibility": ["VisibilityConfig", "cut_sides", "hidden_sides", "in_image"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "TrackerConfig",
@@ -30,12 +30,4 @@ __all__ = [
     "tracks_from_motion",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

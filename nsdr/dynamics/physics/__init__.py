@@ -1,7 +1,8 @@
 """The physics backend: a planar simulator, its fit to tracks, and the search for the collisions that explain them."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.dynamics.physics.collision_search import CollisionSearchConfig, search_collisions
@@ -10,12 +11,11 @@ if TYPE_CHECKING:
     from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitConfig, fit_trajectories
 
 _HOME = {
-    "collision_search": ["CollisionSearchConfig", "search_collisions"],
-    "predictor": ["CollisionDetector", "PhysicsConfig", "PhysicsPredictor"],
-    "simulator": ["BodyStates", "PrescribedMotion", "SimulatedMotion", "simulate"],
-    "trajectory_fit": ["TrajectoryFit", "TrajectoryFitConfig", "fit_trajectories"],
+    "nsdr.dynamics.physics.collision_search": ["CollisionSearchConfig", "search_collisions"],
+    "nsdr.dynamics.physics.predictor": ["CollisionDetector", "PhysicsConfig", "PhysicsPredictor"],
+    "nsdr.dynamics.physics.simulator": ["BodyStates", "PrescribedMotion", "SimulatedMotion", "simulate"],
+    "nsdr.dynamics.physics.trajectory_fit": ["TrajectoryFit", "TrajectoryFitConfig", "fit_trajectories"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "BodyStates",
@@ -32,8 +32,4 @@ __all__ = [
     "simulate",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr.dynamics.physics' has no attribute {name!r}")
-    return getattr(import_module(f"nsdr.dynamics.physics.{_MODULE_OF[name]}"), name)
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

@@ -1,7 +1,8 @@
 """Simulation of CLEVRER scenes in Bullet, and resimulation of released annotations."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.generate.physics.bullet import Body, BulletConfig, BulletMotion, Contact, Simulator
@@ -15,7 +16,6 @@ _HOME = {
     "nsdr.generate.physics.scene": ["SimulatedScene", "simulate_scene"],
     "nsdr.generate.physics.scene_config": ["SceneConfig"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "Body",
@@ -29,12 +29,4 @@ __all__ = [
     "simulate_scene",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr.generate.physics' has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

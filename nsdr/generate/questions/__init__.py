@@ -1,7 +1,8 @@
 """Generation of balanced questions about scenes with known ground truth, and statistics of question sets."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.generate.questions.selection import (
@@ -23,7 +24,6 @@ _HOME = {
     ],
     "nsdr.generate.questions.statistics": ["count_questions", "write_question_statistics"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "Candidates",
@@ -35,12 +35,4 @@ __all__ = [
     "write_question_statistics",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr.generate.questions' has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

@@ -1,7 +1,8 @@
 """Rendering of scenes with Blender or a fast preview renderer, and exact masks."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.generate.render.blender import Blender
@@ -15,7 +16,6 @@ _HOME = {
     "nsdr.generate.render.raycast": ["Solid", "instance_ids"],
     "nsdr.generate.render.view": ["RenderConfig", "View", "view_of"],
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "Blender",
@@ -27,12 +27,4 @@ __all__ = [
     "view_of",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'nsdr.generate.render' has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)
