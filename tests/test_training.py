@@ -1,6 +1,10 @@
 import csv
 import json
+import os
 import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +19,8 @@ from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.training import dynamics, frame_parser, question_parser, question_parser_task
 from nsdr.training.ablation import ALL, parse_sizes
-from nsdr.training.loop import LoopConfig, Task, learning_rate_at, train
+from nsdr.training.loop import LoopConfig, LossTerm, Task, learning_rate_at, train
+from nsdr.training.run_folder import RunFolder, TrainingState
 from nsdr.world.timeline import VIDEO_FRAMES
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
@@ -197,12 +202,15 @@ class _Line(Task):
         self.model = torch.nn.Linear(1, 1)
         self.explode = explode
 
-    def batch(self, size: int, rng: np.random.Generator) -> torch.Tensor:
-        return torch.from_numpy(rng.normal(size=(size, 1)).astype(np.float32))
+    def draw(self, count: int, rng: np.random.Generator) -> list[float]:
+        return rng.normal(size=count).tolist()
+
+    def collate(self, examples: Sequence[float]) -> torch.Tensor:
+        return torch.tensor(examples)[:, None]
 
     def losses(self, model, batch):
-        loss = (model(batch) - 3 * batch).square().mean()
-        return {"fit": loss, "bad": loss * float("nan")} if self.explode else {"fit": loss}
+        loss = LossTerm((model(batch) - 3 * batch).square().sum(), len(batch))
+        return {"fit": loss, "bad": loss._replace(total=loss.total * float("nan"))} if self.explode else {"fit": loss}
 
     def evaluate(self, model):
         return {"weight": model.weight.item()}
@@ -213,6 +221,28 @@ def test_loop_fits_a_line(tmp_path) -> None:
     assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
     # A finished run is not repeated: its metrics are read.
     assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
+
+
+def test_two_processes_train_one_model_as_one_process_with_twice_the_batch(tiny_motion, tmp_path) -> None:
+    script = str(Path(__file__).parent / "two_processes.py")
+    data = [str(path) for path in tiny_motion]
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc_per_node", "2"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    two = subprocess.Popen([*launch, script, *data, str(tmp_path / "two"), "3"], env=environment)
+    one = subprocess.run([sys.executable, script, *data, str(tmp_path / "one"), "6"], env=environment)
+    assert (one.returncode, two.wait(300)) == (0, 0)
+    for network in ("state", "paper", "question_parser"):
+        files = [tmp_path / "two" / f"{network}_0.pt", tmp_path / "two" / f"{network}_1.pt"]
+        first, second, alone = map(torch.load, [*files, tmp_path / "one" / f"{network}_0.pt"])
+        torch.testing.assert_close(first, second, rtol=0, atol=0)
+        torch.testing.assert_close(first["weights"], alone["weights"])
+        assert any(g.abs().max() > 1e-4 for g in first["gradients"][0] if g is not None)
+        for ours, expected in zip(first["gradients"], alone["gradients"], strict=True):
+            for gradient, of_one in zip(ours, expected, strict=True):
+                if of_one is None:  # a part of the network that no loss reads
+                    assert gradient is None or not gradient.any()
+                else:
+                    torch.testing.assert_close(gradient, of_one, rtol=1e-3, atol=1e-5)
 
 
 def test_a_loss_that_is_not_finite_names_the_term(tmp_path) -> None:
@@ -229,15 +259,15 @@ def test_the_averaged_weights_are_kept_and_resume(tmp_path, monkeypatch) -> None
     train(plain, replace(config, ema=0.0), tmp_path / "plain", {})
     assert plain.model.weight.item() != task.model.weight.item()
     interrupted = _Line()
-    draw = interrupted.batch
+    collate = interrupted.collate
     calls = iter(range(100))
 
-    def killed(size, rng):
+    def killed(examples):
         if next(calls) == 25:
             raise KeyboardInterrupt
-        return draw(size, rng)
+        return collate(examples)
 
-    interrupted.batch = killed
+    interrupted.collate = killed
     with pytest.raises(KeyboardInterrupt):
         train(interrupted, config, tmp_path / "killed", {})
     resumed = _Line()
@@ -245,14 +275,93 @@ def test_the_averaged_weights_are_kept_and_resume(tmp_path, monkeypatch) -> None
     assert resumed.model.weight.item() == task.model.weight.item()
 
 
-def test_learning_rate_schedules(tmp_path) -> None:
+def test_metrics_are_those_of_the_averaged_weights(tmp_path) -> None:
+    task = _Line()
+    config = LoopConfig(steps=5, learning_rate=0.5, ema=0.99, save_every=5, evaluate_every=5, device="cpu")
+    metrics = train(task, config, tmp_path, {})
+    saved = load_file(tmp_path / "step_0000005" / "model.safetensors")["weight"].item()
+    assert metrics["weight"] == task.model.weight.item() != saved
+
+
+class _KilledInEvaluation(_Line):
+    def evaluate(self, model):
+        raise _Killed
+
+
+def test_a_run_that_is_killed_in_an_evaluation_keeps_its_steps(tmp_path) -> None:
+    config = LoopConfig(steps=4, log_every=1, save_every=2, device="cpu")
+    with pytest.raises(_Killed):
+        train(_KilledInEvaluation(), config, tmp_path, {})
+    assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3]
+    task = _Line()
+    task.draw = None  # no step is repeated
+    assert train(task, config, tmp_path, {}).keys() == {"weight"}
+    assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4]
+    assert {"loss", "weight"} <= set(lines(tmp_path)[-1])
+    whole = _Line()
+    train(whole, config, tmp_path / "whole", {})
+    assert lines(tmp_path) == lines(tmp_path / "whole")
+
+
+def test_a_resumed_run_repeats_no_line(tmp_path) -> None:
+    """Killed after the lines of steps 3 and 4 were written, with a checkpoint of step 2 and a torn line at the end."""
+    config = LoopConfig(steps=5, log_every=1, save_every=2, device="cpu")
+    train(_Line(), config, tmp_path / "whole", {})
+    train(_Line(), config, tmp_path / "broken", {})
+    for step in ("4", "5"):
+        shutil.rmtree(tmp_path / "broken" / f"step_000000{step}")
+    train(_Line(), replace(config, steps=2), tmp_path / "short", {})
+    shutil.copytree(tmp_path / "short" / "step_0000002", tmp_path / "broken" / "step_0000002")
+    with open(tmp_path / "broken" / "metrics.jsonl", "a") as file:
+        file.write('{"step": 6, "lo')
+    train(_Line(), config, tmp_path / "broken", {})
+    short = {line["step"]: line for line in lines(tmp_path / "broken")}
+    assert [line["step"] for line in lines(tmp_path / "broken")] == [1, 2, 3, 4, 5]
+    assert short[1] == lines(tmp_path / "whole")[0]
+
+
+def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, caplog) -> None:
+    config = LoopConfig(steps=6, log_every=1, save_every=2, device="cpu")
+    task = _Line()
+    train(task, config, tmp_path, {})
+    assert sorted(p.name for p in tmp_path.glob("step_*")) == ["step_0000004", "step_0000006"]
+    newest = tmp_path / "step_0000006" / "optimizer.safetensors"
+    newest.write_bytes(newest.read_bytes()[:40])
+    resumed = _Line()
+    train(resumed, config, tmp_path, {})
+    assert "step_0000006: damaged" in caplog.text
+    assert resumed.model.weight.item() == task.model.weight.item()
+    assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4, 5, 6]
+    for path in tmp_path.glob("step_*/model.safetensors"):
+        path.write_bytes(b"")
+    with pytest.raises(DataError, match="no checkpoint can be read; delete the folder to start again"):
+        train(_Line(), config, tmp_path, {})
+
+
+def test_a_run_that_never_got_to_a_checkpoint_does_not_refuse_another_configuration(tmp_path) -> None:
+    with pytest.raises(FloatingPointError):
+        train(_Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {"learning_rate": 100})
+    train(_Line(), LoopConfig(steps=3, device="cpu"), tmp_path, {"learning_rate": 1})
+    assert json.loads((tmp_path / "config.json").read_text())["config"] == {"learning_rate": 1}
+
+
+def test_the_scaler_of_mixed_precision_is_saved(tmp_path) -> None:
+    task, other = _Line(), _Line()
+    optimizers = [torch.optim.AdamW(t.model.parameters()) for t in (task, other)]
+    scalers = [torch.amp.GradScaler("cpu", init_scale=scale) for scale in (8.0, 1024.0)]
+    state, restored = (
+        TrainingState(t.model, o, scaler=s) for t, o, s in zip((task, other), optimizers, scalers, strict=True)
+    )
+    folder = RunFolder(tmp_path, {})
+    folder.save(state, 3, {"loss": 1.0})
+    assert folder.restore(restored) == (3, {"loss": 1.0})
+    assert scalers[1].get_scale() == 8.0
+
+
+def test_learning_rate_schedules() -> None:
     config = LoopConfig(steps=100, learning_rate=1.0, warmup_steps=10)
     assert learning_rate_at(0, config) == pytest.approx(0.1)
     assert learning_rate_at(10, config) == 1.0
     assert learning_rate_at(99, config) < 0.01
     steps = replace(config, schedule="step", step_size=30, step_factor=0.5, warmup_steps=0)
     assert [learning_rate_at(s, steps) for s in (0, 29, 30, 60)] == [1, 1, 0.5, 0.25]
-    with pytest.raises(DataError, match="schedule is 'odd'"):
-        learning_rate_at(0, replace(steps, schedule="odd"))
-    with pytest.raises(DataError, match="optimizer is 'odd'"):
-        train(_Line(), LoopConfig(optimizer="odd", device="cpu"), tmp_path, {})

@@ -1,6 +1,7 @@
 """`nsdr train frame-parser|dynamics|question-parser`."""
 
 import logging
+import re
 from importlib import import_module
 
 from nsdr.errors import DataError
@@ -12,10 +13,11 @@ PARTS = {name: f"nsdr.training.{name.replace('-', '_')}" for name in ("frame-par
 
 
 def train(arguments: list[str]) -> int:
-    """Train a part from its command-line arguments."""
+    """Train a part from its command-line arguments; `--device` stands for `--loop.device`."""
     if not arguments or arguments[0] not in PARTS:
         found = arguments[0] if arguments else "nothing"
         raise DataError(f"nsdr train: expected one of {', '.join(PARTS)}, got {found!r}")
     logging.getLogger("nsdr").setLevel(logging.INFO)
-    print(import_module(PARTS[arguments[0]]).main(arguments[1:]))
+    options = [re.sub(r"^--device(?==|$)", "--loop.device", argument) for argument in arguments[1:]]
+    print(import_module(PARTS[arguments[0]]).main(options))
     return 0

@@ -11,7 +11,7 @@ from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["atomic_path", "parse_json", "read_json", "write_json"]
+__all__ = ["atomic_path", "parse_json", "read_json", "sync", "write_json"]
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
@@ -20,7 +20,7 @@ FILE_MODE = 0o644
 
 
 def read_json(path: str | Path, error: Callable[[str], Exception] = DataError) -> Any:
-    """Read a JSON file.
+    """Read a JSON file, plain or gzipped.
 
     Args:
         path: the file.
@@ -31,10 +31,11 @@ def read_json(path: str | Path, error: Callable[[str], Exception] = DataError) -
     """
     path = Path(path)
     try:
-        return json.loads(path.read_text())
+        data = path.read_bytes()
+        return json.loads(gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data)
     except FileNotFoundError as e:
         raise error(f"{path}: no such file") from e
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as e:
+    except (OSError, EOFError, UnicodeDecodeError, json.JSONDecodeError) as e:
         raise error(f"{path}: not a readable JSON file ({e})") from e
 
 
@@ -70,9 +71,18 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
+        sync(temporary)
         temporary.chmod(FILE_MODE)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def sync(*paths: Path) -> None:
+    """Flush files and folders to disk."""
+    for path in paths:
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from nsdr.errors import DataError
-from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset
+from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
-from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
-from nsdr.io.configuration import described, parse_config, resolved
-from nsdr.training.loop import LoopConfig, Task, train
+from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.configuration import parse_config
+from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.world.vocabulary import attributes_of
 
 __all__ = ["FrameParserTask", "FrameParserTraining", "main"]
 
+MAX_EXAMPLE_SEED = 2**62
+"""Upper bound of the seed of an example's augmentation."""
 SHOWN_FRAMES = 3
 """Held-out frames that are shown in TensorBoard with their detections."""
 MIN_SHOWN_SCORE = 0.5
@@ -69,17 +71,19 @@ class FrameParserTask(Task):
         self.training_frames = FrameDataset(config.frames, "train", config.augmentation)
         self.evaluation_frames = FrameDataset(config.frames, "evaluation")
 
-    def batch(self, size: int, rng: np.random.Generator) -> list[tuple[Tensor, dict[str, Tensor]]]:
-        """Random augmented frames (3, H, W) in 0-1 and their targets, see `FrameDataset`."""
-        return [self.training_frames.get(int(i), rng) for i in rng.integers(len(self.training_frames), size=size)]
+    def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int]]:
+        """The index of each example's frame, and the seed of its augmentation."""
+        indices = rng.integers(len(self.training_frames), size=count)
+        return list(zip(indices.tolist(), rng.integers(MAX_EXAMPLE_SEED, size=count).tolist(), strict=True))
 
-    def losses(self, model: nn.Module, batch: Sequence[tuple[Tensor, dict[str, Tensor]]]) -> Mapping[str, Tensor]:
-        """The network's loss terms, scalars, for images (3, H, W)."""
-        device = next(model.parameters()).device
-        images = [image.to(device) for image, _ in batch]
-        targets = [{name: value.to(device) for name, value in target.items()} for _, target in batch]
-        losses: dict[str, Tensor] = model(images, targets)
-        return losses
+    def collate(self, examples: Sequence[tuple[int, int]]) -> tuple[list[Tensor], list[dict[str, Tensor]]]:
+        """Augmented frames (3, H, W) in 0-1 and their targets, see `FrameDataset`."""
+        return collate([self.training_frames.get(index, np.random.default_rng(seed)) for index, seed in examples])
+
+    def losses(self, model: nn.Module, batch: tuple[list[Tensor], list[dict[str, Tensor]]]) -> dict[str, LossTerm]:
+        """The network's loss terms for images (3, H, W), means over what torchvision samples in this process's images."""
+        images, targets = batch
+        return {name: LossTerm(loss * len(images), len(images)) for name, loss in model(images, targets).items()}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """`detection_scores` and `average_precision` on evenly spaced held-out frames."""
@@ -118,8 +122,4 @@ def main(argv: Sequence[str] | None = None) -> str:
     task = FrameParserTask(config)
     if len(task.training_frames) < config.loop.batch_size:
         raise DataError(f"{config.frames}: {len(task.training_frames)} training frames, fewer than one batch")
-    metrics = train(task, config.loop, config.run_dir, resolved(config))
-    output = config.output or f"{config.run_dir}/checkpoint"
-    details = {"metrics": metrics, "training": described(config)}
-    save_checkpoint(output, "frame_parser", task.model.state_dict(), config.model, details, half=True)
-    return output
+    return train_part("frame_parser", task, config, config.model)

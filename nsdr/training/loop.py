@@ -1,40 +1,41 @@
 """The training loop of every part, on Accelerate; a run that is killed at any moment can be resumed.
 
-Each step depends only on the weights, the optimizer's state and the step's number: batches and random numbers are seeded with
-(seed, step, process). A resumed run therefore gives the same result as an uninterrupted one.
+Each step depends only on the weights, the optimizer's state and the step's number. A resumed run therefore gives the same
+result as an uninterrupted one, and n processes with batches of B the same as one process with batches of n B.
 """
 
-import json
 import logging
 import math
-import shutil
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
-from accelerate import Accelerator
+from accelerate import Accelerator, DistributedDataParallelKwargs
+from accelerate.state import AcceleratorState, PartialState
+from accelerate.utils import send_to_device
 from numpy.typing import NDArray
-from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from nsdr.errors import DataError
-from nsdr.io.files import read_json, write_json
-from nsdr.io.fingerprint import code_revision
+from nsdr.io.checkpoint import save_checkpoint
+from nsdr.io.configuration import described, resolved
+from nsdr.io.device import resolve_device
+from nsdr.io.validation import check_choices, check_ranges
+from nsdr.training.run_folder import RunFolder, TrainingState
 
-__all__ = ["LoopConfig", "Task", "train"]
+__all__ = ["LoopConfig", "LossTerm", "Task", "learning_rate_at", "train", "train_part"]
 
 log = logging.getLogger(__name__)
 
 SGD_MOMENTUM = 0.9
 """Momentum of the "sgd" optimizer."""
-SEED_STRIDE = 1_000_003
-"""Torch's seed at a step is `seed * SEED_STRIDE + step`: the stride exceeds any number of steps, so that no two are equal."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,11 @@ class LoopConfig:
         log_every: steps between two lines of losses in `metrics.jsonl`.
         evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
         save_every: steps between two checkpoints.
-        device: "auto" (an accelerator where there is one) or "cpu".
+        device: "auto" (an accelerator where there is one), "cpu", "cuda" or "cuda:N". With several processes
+            (`torchrun`, `accelerate launch`), "auto" or "cpu": the launcher assigns the devices.
+
+    Raises:
+        DataError: a value out of its range; names it.
     """
 
     steps: int = 1000
@@ -81,32 +86,70 @@ class LoopConfig:
     save_every: int = 200
     device: str = "auto"
 
+    def __post_init__(self) -> None:
+        many, positive = (1, math.inf), (math.nextafter(0, 1), math.inf)
+        check_ranges(self, steps=many, batch_size=many, step_size=many, log_every=many, save_every=many)
+        check_ranges(self, learning_rate=positive, clip_norm=positive, step_factor=positive, weight_decay=(0, math.inf))
+        check_ranges(self, warmup_steps=(0, math.inf), evaluate_every=(0, math.inf), seed=(0, math.inf))
+        check_ranges(self, ema=(0, math.nextafter(1, 0)))
+        check_choices(self, optimizer=("adam", "sgd"), schedule=("constant", "cosine", "step"))
+        check_choices(self, precision=("no", "bf16", "fp16"))
+
+
+class LossTerm(NamedTuple):
+    """A loss before the division by the number of its items, which may differ between processes.
+
+    Attributes:
+        total: scalar, the sum over the items of this process's batch.
+        items: their number, or the sum of their weights.
+    """
+
+    total: Tensor
+    items: float | Tensor
+
 
 class Task(Protocol):
     """What is trained: a model, its batches, its losses and its evaluation."""
 
     model: nn.Module
 
-    def batch(self, size: int, rng: np.random.Generator) -> Any:
-        """A batch of `size` examples, drawn with `rng` and no other source of randomness."""
+    def draw(self, count: int, rng: np.random.Generator) -> Sequence[Any]:
+        """The random choices of `count` examples, such as their indices, by `rng` and no other source of randomness.
 
-    def losses(self, model: nn.Module, batch: Any) -> Mapping[str, Tensor]:
-        """Scalar loss terms by name; their sum is minimised."""
+        Every process draws the examples of all processes and collates its own, so this should be cheap.
+        """
+
+    def collate(self, examples: Sequence[Any]) -> Any:
+        """A batch from some of the examples that were drawn: tensors on the CPU, in lists, tuples or dictionaries."""
+
+    def losses(self, model: nn.Module, batch: Any) -> Mapping[str, LossTerm]:
+        """Loss terms by name; the sum of their means is minimised. `batch` is on the device of `model`."""
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Metrics on held-out data, by name."""
+        """Metrics of `model` on held-out data, by name."""
 
     def images(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
         """RGB images (H, W, 3) for TensorBoard, by name; none by default."""
         return {}
 
 
-def learning_rate_at(step: int, config: LoopConfig) -> float:
-    """Learning rate of a step (0-based).
+class _Losses(nn.Module):
+    """The forward pass from a batch to the loss terms, as one module: gradients of all that it calls are synchronised."""
 
-    Raises:
-        DataError: an unknown schedule.
-    """
+    def __init__(self, task: Task) -> None:
+        super().__init__()
+        self.model = task.model
+        self.losses = task.losses
+
+    def forward(self, batch: Any) -> dict[str, tuple[Tensor, Tensor]]:
+        terms = self.losses(self.model, batch)
+        return {
+            name: (term.total, torch.as_tensor(term.items, device=term.total.device)) for name, term in terms.items()
+        }
+
+
+def learning_rate_at(step: int, config: LoopConfig) -> float:
+    """Learning rate of a step (0-based)."""
     if step < config.warmup_steps:
         return config.learning_rate * (step + 1) / config.warmup_steps
     if config.schedule == "cosine":
@@ -114,16 +157,13 @@ def learning_rate_at(step: int, config: LoopConfig) -> float:
         return config.learning_rate * 0.5 * (1 + math.cos(math.pi * progress))
     if config.schedule == "step":
         return config.learning_rate * config.step_factor ** (step // config.step_size)
-    if config.schedule == "constant":
-        return config.learning_rate
-    raise DataError(f"schedule is {config.schedule!r}; expected constant, cosine or step")
+    return config.learning_rate
 
 
 def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping[str, Any]) -> dict[str, float]:
     """Train `task.model`, resuming the run in `run_dir` if there is one; at the end the model holds the trained weights.
 
-    The folder `run_dir` gets `config.json` (the resolved configuration and the code's revision), `metrics.jsonl`, TensorBoard
-    events and the newest checkpoint, `step_N`.
+    The folder gets `config.json`, `metrics.jsonl`, TensorBoard events and the newest checkpoints; see `RunFolder`.
 
     Args:
         task: what to train.
@@ -132,170 +172,151 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
         resolved: the whole configuration as plain values; a run is resumed only with the configuration it was started with.
 
     Returns:
-        The metrics of the last evaluation.
+        The metrics of the last evaluation: those of the averaged weights, where `config.ema` asks for them.
 
     Raises:
         FloatingPointError: a loss is not finite; the message names the step and the terms.
-        DataError: `run_dir` was started with another configuration, or an unknown optimizer or schedule.
+        DataError: `run_dir` was started with another configuration, or the device cannot be used.
     """
-    run_dir = Path(run_dir)
-    run_dir.mkdir(parents=True, exist_ok=True)
-    # Accelerate moves the model, casts and synchronises; batches are made here.
-    accelerator = Accelerator(mixed_precision=config.precision, cpu=config.device == "cpu")
-    _check_same_run(run_dir, resolved, accelerator.is_main_process)
-    model, optimizer = accelerator.prepare(task.model, _optimizer(task.model, config))
+    accelerator = _accelerator(config)
+    folder = RunFolder(run_dir, resolved, accelerator.is_main_process)
+    losses, optimizer = accelerator.prepare(_Losses(task), _optimizer(task.model, config))
     average = (
         AveragedModel(task.model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
         if config.ema
         else None
     )
-    start = _restore(run_dir, task.model, optimizer, average)
-    writer = _tensorboard(run_dir) if accelerator.is_main_process else None
+    evaluated = task.model if average is None else average.module
+    state = TrainingState(task.model, optimizer, average, accelerator.scaler)
+    start, record = folder.restore(state)
+    writer = _tensorboard(folder.path, start) if accelerator.is_main_process else None
+    rank, processes = accelerator.process_index, accelerator.num_processes
 
-    def draw(step: int) -> Any:
-        return task.batch(config.batch_size, np.random.default_rng((config.seed, step, accelerator.process_index)))
+    def batch_of(step: int) -> Any:
+        examples = task.draw(config.batch_size * processes, np.random.default_rng((config.seed, step)))
+        return task.collate(examples[rank::processes])
 
-    metrics: dict[str, float] = {}
-    with ThreadPoolExecutor(1) as pool, open(run_dir / "metrics.jsonl", "a") as lines:
-        upcoming: Future[Any] | None = pool.submit(draw, start) if start < config.steps else None
+    def finish(step: int, record: dict[str, float]) -> None:
+        """Evaluate after a step where it is time to, and write what there is to write."""
+        if step == config.steps or (config.evaluate_every and step % config.evaluate_every == 0):
+            metrics = task.evaluate(evaluated)
+            record = record | metrics
+            log.info("step %d: %s", step, metrics)
+            if writer is not None:
+                for name, image in task.images(evaluated).items():
+                    writer.add_image(name, image, step, dataformats="HWC")
+        if record:
+            folder.write_line(step, record)
+            if writer is not None:
+                for name, value in record.items():
+                    writer.add_scalar(name, value, step)
+
+    if start and folder.metrics(start) is None:  # killed after the checkpoint, before its line was written
+        finish(start, record)
+    with ThreadPoolExecutor(1) as pool:
+        upcoming: Future[Any] | None = pool.submit(batch_of, start) if start < config.steps else None
         bar = tqdm(
             range(start, config.steps), initial=start, total=config.steps, disable=not accelerator.is_main_process
         )
         for step in bar:
             assert upcoming is not None
-            batch = upcoming.result()
-            upcoming = pool.submit(draw, step + 1) if step + 1 < config.steps else None
-            torch.manual_seed(config.seed * SEED_STRIDE + step)
+            batch = send_to_device(upcoming.result(), accelerator.device)
+            done = step + 1
+            upcoming = pool.submit(batch_of, done) if done < config.steps else None
+            torch.manual_seed(int(np.random.SeedSequence((config.seed, step, rank)).generate_state(1)[0]))
             rate = learning_rate_at(step, config)
             for group in optimizer.param_groups:
                 group["lr"] = rate
-            model.train()
-            with accelerator.autocast():
-                losses = task.losses(model, batch)
-            total = torch.stack([term.float() for term in losses.values()]).sum()
-            if not torch.isfinite(total):
-                bad = [name for name, term in losses.items() if not torch.isfinite(term)]
-                raise FloatingPointError(f"step {step}: loss is not finite ({', '.join(bad) or 'sum'})")
-            accelerator.backward(total)
-            accelerator.clip_grad_norm_(model.parameters(), config.clip_norm)
+            task.model.train()
+            terms = losses(batch)
+            totals, counts = (torch.stack([term[k].float() for term in terms.values()]) for k in (0, 1))
+            all_totals, all_counts = accelerator.reduce(torch.stack([totals.detach(), counts]), "sum")
+            all_counts = all_counts.clamp(min=1)
+            means = dict(zip(terms, (all_totals / all_counts).tolist(), strict=True))
+            if not all(map(math.isfinite, means.values())):
+                bad = [name for name, mean in means.items() if not math.isfinite(mean)]
+                raise FloatingPointError(f"step {step}: loss is not finite ({', '.join(bad)})")
+            # Gradients are averaged over processes, while the means are over the items of all of them.
+            accelerator.backward((totals / all_counts).sum() * processes)
+            accelerator.clip_grad_norm_(task.model.parameters(), config.clip_norm)
             optimizer.step()
             optimizer.zero_grad()
             if average is not None:
-                average.update_parameters(accelerator.unwrap_model(model))
+                average.update_parameters(task.model)
 
-            done = step + 1
             last = done == config.steps
-            record: dict[str, float] = {}
+            record = {}
             if done % config.log_every == 0 or last:
-                record |= {"loss": total.item(), "learning_rate": rate}
-                record |= {f"loss/{name}": term.item() for name, term in losses.items()}
+                record = {"loss": sum(means.values()), "learning_rate": rate}
+                record |= {f"loss/{name}": mean for name, mean in means.items()}
                 bar.set_postfix(loss=f"{record['loss']:.4g}")
-            if last or (config.evaluate_every and done % config.evaluate_every == 0):
-                evaluated = accelerator.unwrap_model(model) if average is None else average.module
-                metrics = task.evaluate(evaluated)
-                record |= metrics
-                if writer is not None:
-                    for name, image in task.images(evaluated).items():
-                        writer.add_image(name, image, done, dataformats="HWC")
-                log.info("step %d: %s", done, metrics)
-            if record and accelerator.is_main_process:
-                lines.write(json.dumps({"step": done, **record}) + "\n")
-                lines.flush()
-                if writer is not None:
-                    for name, value in record.items():
-                        writer.add_scalar(name, value, done)
-            if accelerator.is_main_process and (last or done % config.save_every == 0):
-                _save(run_dir, done, task.model, optimizer, average, metrics)
+            if last or done % config.save_every == 0:
+                folder.save(state, done, record)
+            finish(done, record)
     if average is not None:
         task.model.load_state_dict(average.module.state_dict())
     if writer is not None:
         writer.close()
-    return metrics or _last_metrics(run_dir)
+    return folder.metrics(config.steps) or {}
+
+
+def train_part(part: str, task: Task, config: Any, model_config: Any, details: Mapping[str, Any] | None = None) -> str:
+    """Train a part of the system and write its checkpoint.
+
+    Args:
+        part: "frame_parser", "dynamics" or "question_parser".
+        task: what to train.
+        config: the training, with `run_dir`, `output` ("" for `run_dir/checkpoint`) and `loop`.
+        model_config: the dataclass that rebuilds the network.
+        details: what else the part's JSON file holds.
+
+    Returns:
+        The folder of the checkpoint.
+
+    Raises:
+        FloatingPointError, DataError: as of `train`.
+    """
+    metrics = train(task, config.loop, config.run_dir, resolved(config))
+    output: str = config.output or f"{config.run_dir}/checkpoint"
+    processes = PartialState()
+    if processes.is_main_process:
+        more = {**(details or {}), "metrics": metrics, "training": described(config)}
+        save_checkpoint(output, part, task.model.state_dict(), model_config, more, half=True)
+    processes.wait_for_everyone()
+    return output
+
+
+def _accelerator(config: LoopConfig) -> Accelerator:
+    """Moves models to the device, casts and synchronises gradients."""
+    if int(os.environ.get("WORLD_SIZE", "1")) > 1:
+        if config.device not in ("auto", "cpu"):
+            raise DataError(f"device is {config.device!r}; expected auto or cpu with several processes")
+    else:
+        AcceleratorState._reset_state(
+            reset_partial_state=True
+        )  # another training in this process may have another device
+        device = resolve_device(config.device)
+        if device.type == "cuda" and device.index is not None:
+            torch.cuda.set_device(device)
+        if config.precision == "fp16" and device.type == "cpu":
+            raise DataError("precision is 'fp16', which needs an accelerator; expected no or bf16 on the CPU")
+    unused = DistributedDataParallelKwargs(find_unused_parameters=True)
+    return Accelerator(mixed_precision=config.precision, cpu=config.device == "cpu", kwargs_handlers=[unused])
 
 
 def _optimizer(model: nn.Module, config: LoopConfig) -> torch.optim.Optimizer:
     if config.optimizer == "adam":
         return torch.optim.AdamW(model.parameters(), config.learning_rate, weight_decay=config.weight_decay)
-    if config.optimizer == "sgd":
-        return torch.optim.SGD(
-            model.parameters(), config.learning_rate, momentum=SGD_MOMENTUM, weight_decay=config.weight_decay
-        )
-    raise DataError(f"optimizer is {config.optimizer!r}; expected adam or sgd")
+    return torch.optim.SGD(
+        model.parameters(), config.learning_rate, momentum=SGD_MOMENTUM, weight_decay=config.weight_decay
+    )
 
 
-def _check_same_run(run_dir: Path, resolved: Mapping[str, Any], write: bool) -> None:
-    """Compare the configuration with that of `run_dir/config.json`, which is written for a new run if `write`."""
-    path = run_dir / "config.json"
-    resolved = json.loads(json.dumps(resolved))
-    if path.exists():
-        before = read_json(path)["config"]
-        changed = sorted(k for k in {*before, *resolved} if before.get(k) != resolved.get(k))
-        if changed:
-            raise DataError(
-                f"{run_dir}: was started with another configuration ({', '.join(changed)}); use a new run_dir"
-            )
-    elif write:
-        write_json(path, {"config": resolved, "revision": code_revision(), "torch": torch.__version__}, indent=1)
-
-
-def _newest(run_dir: Path) -> Path | None:
-    """The newest complete checkpoint."""
-    complete = [p for p in run_dir.glob("step_*") if (p / "state.json").exists()]
-    return max(complete, default=None, key=lambda p: int(p.name.removeprefix("step_")))
-
-
-def _save(
-    run_dir: Path,
-    step: int,
-    model: nn.Module,
-    optimizer: Any,
-    average: AveragedModel | None,
-    metrics: Mapping[str, float],
-) -> None:
-    """Write `step_N`, with `state.json` last, which marks it as complete, and then delete the older checkpoints."""
-    folder = run_dir / f"step_{step:07d}"
-    folder.mkdir(exist_ok=True)
-    state = optimizer.state_dict()["state"]
-    flat = {f"{i}.{name}": torch.as_tensor(value) for i, values in state.items() for name, value in values.items()}
-    save_file({k: v.detach().cpu().contiguous() for k, v in model.state_dict().items()}, folder / "model.safetensors")
-    save_file({k: v.detach().cpu().contiguous() for k, v in flat.items()}, folder / "optimizer.safetensors")
-    if average is not None:
-        # A copy: safetensors refuses weights that share memory.
-        averaged = {k: v.detach().cpu().clone() for k, v in average.state_dict().items()}
-        save_file(averaged, folder / "average.safetensors")
-    write_json(folder / "state.json", {"step": step, "metrics": metrics})
-    for old in run_dir.glob("step_*"):
-        if old != folder:
-            shutil.rmtree(old)
-
-
-def _restore(run_dir: Path, model: nn.Module, optimizer: Any, average: AveragedModel | None) -> int:
-    """Load the newest complete checkpoint, if there is one; returns the number of finished steps."""
-    folder = _newest(run_dir)
-    if folder is None:
-        return 0
-    model.load_state_dict(load_file(folder / "model.safetensors"))
-    if average is not None:
-        average.load_state_dict(load_file(folder / "average.safetensors"))
-    state: dict[int, dict[str, Tensor]] = {}
-    for key, value in load_file(folder / "optimizer.safetensors").items():
-        index, name = key.split(".", 1)
-        state.setdefault(int(index), {})[name] = value
-    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
-    step = int(read_json(folder / "state.json")["step"])
-    log.info("%s: resumes at step %d", run_dir, step)
-    return step
-
-
-def _last_metrics(run_dir: Path) -> dict[str, float]:
-    folder = _newest(run_dir)
-    return dict(read_json(folder / "state.json")["metrics"]) if folder else {}
-
-
-def _tensorboard(run_dir: Path) -> Any:
+def _tensorboard(folder: Path, start: int) -> Any:
+    """Writer of events that follow step `start`."""
     try:
         from torch.utils.tensorboard import SummaryWriter  # heavy
     except ImportError:
         log.warning("TensorBoard is not installed (pip install 'nsdr[train]'); metrics.jsonl has the same numbers")
         return None
-    return SummaryWriter(str(run_dir))
+    return SummaryWriter(str(folder), purge_step=start + 1)

@@ -1,6 +1,7 @@
 """Training task of the paper's dynamics network on patches (`network: paper`)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -8,16 +9,24 @@ from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, PatchModel
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
-from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, pair_loss
+from nsdr.training.loop import LossTerm
+from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
 
 __all__ = ["PatchModelTask"]
 
 NOISE_PX_PER_WORLD = 50.0
 """Noise of boxes for a noise of one world unit in `DynamicsTraining.noise_world` (px per world unit)."""
-CANDIDATES_PER_EXAMPLE = 16
-"""Windows drawn per example of a batch, so that enough of them have the same number of objects."""
 STEPS_AROUND_COLLISION = 2
 """Near a collision, the present is at most this many steps of `stride_frames` before or after it."""
+
+
+class _Window(NamedTuple):
+    """What is drawn for one window: scene, present frame, noise (N, K, 4) in units of `BOX_SCALE` and mirroring (-1 or 1)."""
+
+    scene: Any
+    frame: Any
+    noise: Any
+    mirror: Any
 
 
 class PatchModelTask(TrackTask):
@@ -28,15 +37,25 @@ class PatchModelTask(TrackTask):
 
     def __init__(self, config: DynamicsTraining) -> None:
         torch.manual_seed(config.loop.seed)
-        self.network = PatchModel(config.patches)
-        super().__init__(config, self.network)
+        super().__init__(config, PatchModel(config.patches))
         self.margin = (config.patches.window - 1) * config.patches.stride_frames
         d = self.data
         self.boxes = patch_boxes(d.location_world, d.box_px, d.reliable, self.margin).astype(np.float32)
-        self.object_count = d.exists.sum(1)
 
-    def batch(self, size: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Windows of at most `size` scenes with N objects each; K = window + rollout_steps samples.
+    def draw(self, count: int, rng: np.random.Generator) -> list[_Window]:
+        """Windows of scenes that have the same number of objects, as that of a random window."""
+        c, steps = self.config.patches, self.config.rollout_steps
+        near = STEPS_AROUND_COLLISION * c.stride_frames
+        objects = int(self.object_count[self.draw_windows(1, rng, near, near)[0][0]])
+        scenes, frames = self.draw_windows(count, rng, near, near, objects)
+        frames = np.clip(frames, 0, LAST_FRAME - c.stride_frames * steps)
+        noise_px = self.config.noise_world * NOISE_PX_PER_WORLD
+        noise = rng.normal(size=(count, objects, c.window + steps, 4)) * noise_px / np.array(BOX_SCALE)
+        mirror = rng.choice([-1.0, 1.0], count)
+        return [_Window(*choices) for choices in zip(scenes, frames, noise, mirror, strict=True)]
+
+    def collate(self, examples: Sequence[_Window]) -> dict[str, Tensor]:
+        """Windows of B scenes with N objects each; K = window + rollout_steps samples.
 
         Returns:
             boxes: (B, N, K, 4) float32, noisy, in units of `BOX_SCALE`.
@@ -46,16 +65,11 @@ class PatchModelTask(TrackTask):
             until: (B, N, N) int64, frames from the present to the pair's collision, negative after it.
         """
         c, steps = self.config.patches, self.config.rollout_steps
-        near = STEPS_AROUND_COLLISION * c.stride_frames
-        scenes, frames = self.draw_windows(CANDIDATES_PER_EXAMPLE * size, rng, near, near)
-        n = self.object_count[scenes[0]]
-        alike = np.flatnonzero(self.object_count[scenes] == n)[:size]
-        scenes, frames = scenes[alike], np.clip(frames[alike], 0, LAST_FRAME - c.stride_frames * steps)
+        scenes, frames, noise, mirror = map(np.stack, zip(*examples, strict=True))
+        n = noise.shape[1]
         index = frames[:, None] + np.arange(-c.window + 1, steps + 1) * c.stride_frames
-        boxes = self.boxes[scenes[:, None], :n, index + self.margin].transpose(0, 2, 1, 3)
-        noise = self.config.noise_world * NOISE_PX_PER_WORLD / np.array(BOX_SCALE)
-        boxes += (rng.normal(size=boxes.shape) * noise).astype(np.float32)
-        boxes[..., 0] *= rng.choice([-1.0, 1.0], len(scenes))[:, None, None]
+        boxes = self.boxes[scenes[:, None], :n, index + self.margin].transpose(0, 2, 1, 3) + noise.astype(np.float32)
+        boxes[..., 0] *= mirror[:, None, None]
         reliable = self.data.reliable[scenes[:, None], :n, np.maximum(index, 0)].transpose(0, 2, 1)
         exists = self.data.exists[scenes] & self.data.present[scenes, :, frames]
         until = (self.data.collision_frame[scenes] - frames[:, None, None]).astype(np.int64)
@@ -67,24 +81,22 @@ class PatchModelTask(TrackTask):
             "until": torch.from_numpy(until[:, :n, :n]),
         }
 
-    def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Scalars: `motion`, the squared error of boxes (B, N, 4), and `collision`, the cross-entropy of pairs (B, N, N)."""
-        device = next(model.parameters()).device
-        windows = {k: v.to(device) for k, v in batch.items()}
-        exists = windows["exists"]
+    def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, LossTerm]:
+        """`motion`, the squared error of boxes (B, N, 4), and `collision`, the cross-entropy of pairs (B, N, N)."""
+        exists = batch["exists"]
         c = self.config.patches
-        window, motion, collision = windows["boxes"][:, :, : c.window], [], []
+        window, motion, collision = batch["boxes"][:, :, : c.window], [], []
         for step in range(self.config.rollout_steps):
-            following, logits = model(window, windows["static"], exists)
-            weight = (windows["reliable"][:, :, c.window + step] & exists).float()
-            error = ((following - windows["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
-            motion.append((error * weight).sum() / weight.sum().clamp(min=1))
+            following, logits = model(window, batch["static"], exists)
+            weight = (batch["reliable"][:, :, c.window + step] & exists).float()
+            error = ((following - batch["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
+            motion.append(LossTerm((error * weight).sum(), weight.sum()))
             for k in range(c.window):
-                until = windows["until"] + c.stride_frames * (k - step)
+                until = batch["until"] + c.stride_frames * (k - step)
                 collision.append(pair_loss(logits[..., k], (until >= 1) & (until <= c.stride_frames), exists))
             window = torch.cat([window[:, :, 1:], following[:, :, None].detach()], 2)
-        return {"motion": torch.stack(motion).mean(), "collision": torch.stack(collision).mean()}
+        return {"motion": joined(motion), "collision": joined(collision)}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(PatchPredictor(self.network.eval()))
+        return self.measure(PatchPredictor(cast(PatchModel, model)))

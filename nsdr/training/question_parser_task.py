@@ -4,6 +4,7 @@ import random
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 import torch
@@ -12,14 +13,12 @@ from torch.nn import functional as F
 
 from nsdr.clevrer.questions import iterate_questions
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import save_checkpoint
-from nsdr.io.configuration import described, resolved
 from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.grammar.templates import TEXT_KINDS, Pair, sample
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.parser import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
-from nsdr.training.loop import LoopConfig, Task, train
+from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 
 __all__ = ["QuestionParserTask", "QuestionParserTraining", "exact_share", "read_pairs", "train_question_parser"]
 
@@ -29,8 +28,8 @@ VOCABULARY_TEXTS = 4000
 """Texts of each kind drawn from the grammar to collect the words that the tokenizer knows."""
 VOCABULARY_SEED = 0
 """Seed of these texts: the vocabulary does not depend on the training's seed."""
-MAX_BATCH_SEED = 2**62
-"""Upper bound of the seed that a batch draws for the grammar's `random.Random`."""
+MAX_EXAMPLE_SEED = 2**62
+"""Upper bound of an example's seed."""
 _TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
@@ -79,8 +78,7 @@ class QuestionParserTask(Task):
             texts += [paraphrased(text, vocabulary_rng) for text in texts]
         self.tokenizer = Tokenizer.from_texts(texts)
         self.pool = self._pool()
-        self.networks = build_networks(len(self.tokenizer), config.model)
-        self.model: nn.Module = self.networks
+        self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
 
     def _pool(self) -> dict[str, list[Pair]] | None:
         """The training pairs of each kind; None where each batch is drawn from the grammar anew."""
@@ -101,43 +99,44 @@ class QuestionParserTask(Task):
             raise DataError(f"{config.questions}: holds no {' and no '.join(empty)} texts with programs")
         return pool
 
-    def _draw(self, kind: str, size: int, rng: random.Random) -> list[Pair]:
-        """Training pairs of a kind; some texts are paraphrased, and some are of another kind, with the program `OTHER`."""
-        pairs = []
-        for _ in range(size):
-            is_other = rng.random() < self.config.other
-            drawn_kind = rng.choice([k for k in TEXT_KINDS if k != kind]) if is_other else kind
-            text, program = sample(drawn_kind, rng) if self.pool is None else rng.choice(self.pool[drawn_kind])
-            if rng.random() < self.config.paraphrase:
-                text = paraphrased(text, rng)
-            pairs.append((text, [OTHER] if is_other else program))
-        return pairs
+    def _draw_pair(self, kind: str, rng: random.Random) -> Pair:
+        """A training pair of a kind, perhaps paraphrased, or a text of another kind with the program `OTHER`."""
+        is_other = rng.random() < self.config.other
+        drawn_kind = rng.choice([k for k in TEXT_KINDS if k != kind]) if is_other else kind
+        text, program = sample(drawn_kind, rng) if self.pool is None else rng.choice(self.pool[drawn_kind])
+        if rng.random() < self.config.paraphrase:
+            text = paraphrased(text, rng)
+        return text, [OTHER] if is_other else program
 
-    def batch(self, size: int, rng: np.random.Generator) -> dict[str, tuple[Tensor, Tensor]]:
+    def draw(self, count: int, rng: np.random.Generator) -> list[int]:
+        """The seed of each example."""
+        return [int(seed) for seed in rng.integers(MAX_EXAMPLE_SEED, size=count)]
+
+    def collate(self, examples: Sequence[int]) -> dict[str, tuple[Tensor, Tensor]]:
         """For each kind, words (B, T) and program tokens (B, S) with `<start>` and `<end>`, both int64 and padded."""
-        draw = random.Random(int(rng.integers(MAX_BATCH_SEED)))
+        draws = [random.Random(seed) for seed in examples]
         batch = {}
         for kind in TEXT_KINDS:
-            pairs = self._draw(kind, size, draw)
+            pairs = [self._draw_pair(kind, draw) for draw in draws]
             words = pad([self.tokenizer.encode(text) for text, _ in pairs])
             tokens = pad([[START, *(_TOKEN_INDEX[t] for t in program), END] for _, program in pairs])
             batch[kind] = (words, tokens)
         return batch
 
-    def losses(self, model: nn.Module, batch: Mapping[str, tuple[Tensor, Tensor]]) -> dict[str, Tensor]:
-        """For each kind, the mean cross-entropy of the tokens (B, S) that follow, a scalar; padding does not count."""
-        device = next(model.parameters()).device
+    def losses(self, model: nn.Module, batch: Mapping[str, tuple[Tensor, Tensor]]) -> dict[str, LossTerm]:
+        """For each kind, the cross-entropy of the tokens (B, S) that follow; padding does not count."""
+        networks = cast(nn.ModuleDict, model)
         losses = {}
         for kind, (words, tokens) in batch.items():
-            tokens = tokens.to(device)
-            logits = self.networks[kind](words.to(device), tokens[:, :-1])
-            losses[kind] = F.cross_entropy(logits.flatten(0, 1), tokens[:, 1:].flatten(), ignore_index=PAD)
+            logits, following = networks[kind](words, tokens[:, :-1]), tokens[:, 1:]
+            total = F.cross_entropy(logits.flatten(0, 1), following.flatten(), ignore_index=PAD, reduction="sum")
+            losses[kind] = LossTerm(total, (following != PAD).sum())
         return losses
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """For each kind, the share of exact programs on texts of the grammar and on the paraphrases that ship with it."""
         rng = random.Random("evaluation")
-        parser = QuestionParser(self.tokenizer, self.networks, constrained=True, unknown="ignore")
+        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model), constrained=True, unknown="ignore")
         scores = {}
         for kind in TEXT_KINDS:
             pairs = [sample(kind, rng) for _ in range(self.config.evaluation_texts)]
@@ -175,13 +174,5 @@ def read_pairs(path: str) -> dict[str, list[Pair]]:
 def train_question_parser(config: QuestionParserTraining) -> str:
     """Run one training, without the ablation; returns the folder of the finished checkpoint."""
     task = QuestionParserTask(config)
-    metrics = train(task, config.loop, config.run_dir, resolved(config))
-    output = config.output or f"{config.run_dir}/checkpoint"
-    details = {
-        "words": task.tokenizer.words,
-        "program_tokens": PROGRAM_TOKENS,
-        "metrics": metrics,
-        "training": described(config),
-    }
-    save_checkpoint(output, "question_parser", task.networks.state_dict(), config.model, details, half=True)
-    return output
+    details = {"words": task.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
+    return train_part("question_parser", task, config, config.model, details)

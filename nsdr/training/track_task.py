@@ -1,5 +1,6 @@
 """What the training tasks of both dynamics networks share: the configuration, the tracks and the collision loss."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,14 +16,16 @@ from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.dynamics.propnet.state_predictor import StatePredictor
+from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.training.loop import LoopConfig, Task
+from nsdr.training.loop import LoopConfig, LossTerm, Task
 from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "pair_loss"]
+__all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
 
 HELD_OUT_EVERY = 40
-"""Every n-th scene with tracks is kept out of training, for evaluation."""
+"""Real scenes whose index this number divides are kept out of training, for evaluation: the index alone decides, so that no
+training sees what another one, with other scenes or another `limit`, holds out."""
 NEAR_COLLISION_SHARE = 0.5
 """Share of each batch whose present is drawn close to a collision; the others are drawn uniformly."""
 FIRST_PRESENT_FRAME = 4
@@ -48,7 +51,7 @@ class DynamicsTraining:
         rollout_steps: number of consecutive predictions, each from the last ones, that a loss covers.
         noise_world: standard deviation of the noise added to observed positions (world units); for the network on patches,
             50 times this value is the noise added to boxes (px).
-        evaluation_scenes: maximum number of held-out scenes (every 40th real scene) to evaluate on.
+        evaluation_scenes: maximum number of held-out scenes (real scenes whose index 40 divides) to evaluate on.
         network: "state" (network on states) or "paper" (the paper's network on patches).
         model: the network on states.
         patches: the network on patches.
@@ -74,7 +77,7 @@ class DynamicsTraining:
 class TrackTask(Task):
     """Base of the dynamics tasks: a network, the tracks to train it on, and held-out scenes.
 
-    The tracks are kept in `run_dir/motion.npz`, so that a resumed run need not make them again.
+    The tracks are kept in `run_dir/motion.npz`, so that a resumed run on the same files need not make them again.
 
     Args:
         config: the training.
@@ -90,24 +93,36 @@ class TrackTask(Task):
         data = read_motion_dataset(
             config.proposals, config.truth, cache, config.limit or None, config.simulated or None
         )
-        held_out = (np.arange(len(data)) % HELD_OUT_EVERY == 0) & (data.scene != SIMULATED_SCENE)
+        held_out = (data.scene % HELD_OUT_EVERY == 0) & (data.scene != SIMULATED_SCENE)
+        if held_out.all() or not held_out.any():
+            message = f"expected scenes whose index {HELD_OUT_EVERY} divides, to evaluate on, and others to train on"
+            raise DataError(f"{config.proposals}: {message}; got {held_out.sum()} and {(~held_out).sum()}")
         self.data: MotionDataset = data.subset(~held_out)
         self.held_out: MotionDataset = data.subset(np.flatnonzero(held_out)[: config.evaluation_scenes])
+        self.object_count = self.data.exists.sum(1)
         n = self.data.collision_frame.shape[1]
-        self.collisions = np.argwhere(self.data.collision_frame * np.triu(np.ones((n, n), int), 1) > 0)
+        collisions = np.argwhere(self.data.collision_frame * np.triu(np.ones((n, n), int), 1) > 0)
+        self._pools = {0: (np.arange(len(self.data)), collisions)}
+        for count in np.unique(self.object_count).tolist():
+            alike = self.object_count == count
+            self._pools[count] = np.flatnonzero(alike), collisions[alike[collisions[:, 0]]]
 
     def draw_windows(
-        self, size: int, rng: np.random.Generator, frames_before: int, frames_after: int
+        self, size: int, rng: np.random.Generator, frames_before: int, frames_after: int, objects: int = 0
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Scene indices (size,) and present frames (size,) of random windows.
 
         In `NEAR_COLLISION_SHARE` of them, a collision is drawn and the present is at most `frames_before` frames before it or
-        `frames_after` frames after it, perhaps outside the video; in the others, scene and present are uniform.
+        `frames_after` frames after it, perhaps outside the video; in the others, scene and present are uniform. With
+        `objects`, only scenes with this number of objects are drawn.
         """
-        scenes = rng.integers(len(self.data), size=size)
+        pool, collisions = self._pools[objects]
+        scenes = pool[rng.integers(len(pool), size=size)]
         frames = rng.integers(FIRST_PRESENT_FRAME, LAST_FRAME, size=size)
+        if not len(collisions):
+            return scenes, frames
         near = rng.random(size) < NEAR_COLLISION_SHARE
-        picked = self.collisions[rng.integers(len(self.collisions), size=size)]
+        picked = collisions[rng.integers(len(collisions), size=size)]
         collision_frames = self.data.collision_frame[picked[:, 0], picked[:, 1], picked[:, 2]]
         shifted = collision_frames + rng.integers(-frames_before, frames_after + 1, size=size)
         return np.where(near, picked[:, 0], scenes), np.where(near, shifted, frames)
@@ -119,8 +134,8 @@ class TrackTask(Task):
         return scores | rollout_errors(predictor, [states for states, _ in scenes[:ROLLOUT_SCENES]])
 
 
-def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
-    """Binary cross-entropy of pairs, summed over the pairs of a scene and averaged over scenes.
+def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> LossTerm:
+    """Binary cross-entropy of pairs, summed over pairs, with the number of scenes.
 
     Args:
         logits: (B, N, N), symmetric; the entries above the diagonal count.
@@ -131,4 +146,10 @@ def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> Tensor:
     upper = torch.triu(torch.ones(n, n, dtype=torch.bool, device=logits.device), 1)
     valid = exists[:, :, None] & exists[:, None] & upper
     loss = F.binary_cross_entropy_with_logits(logits, target.float(), reduction="none")
-    return (loss * valid).sum() / len(logits)
+    return LossTerm((loss * valid).sum(), len(logits))
+
+
+def joined(terms: Sequence[LossTerm]) -> LossTerm:
+    """One term over the items of several."""
+    totals, counts = zip(*terms, strict=True)
+    return LossTerm(torch.stack(totals).sum(), sum(counts))

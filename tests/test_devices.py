@@ -1,0 +1,165 @@
+"""Every training and inference path on a second device (`tests.second_device`), with the results of the CPU."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from accelerate.utils import send_to_device
+
+from nsdr.clevrer.proposals import read_compact_proposals
+from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.state_model import StateModelConfig
+from nsdr.dynamics.propnet.state_predictor import StatePredictor
+from nsdr.errors import DataError
+from nsdr.frame_parser.model import FrameParserConfig
+from nsdr.frame_parser.parser import FrameParser
+from nsdr.question_parser.model import QuestionParserConfig
+from nsdr.question_parser.parser import QuestionParser
+from nsdr.tracking.tracker import track
+from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
+from nsdr.training.loop import LoopConfig, Task
+from nsdr.training.patch_dynamics import PatchModelTask
+from nsdr.training.question_parser_task import QuestionParserTask, QuestionParserTraining
+from nsdr.training.state_dynamics import StateModelTask
+from nsdr.training.track_task import DynamicsTraining
+from tests.conftest import draw_frame
+from tests.second_device import second_device
+
+SMALL_DETECTOR = FrameParserConfig(
+    widths=(16, 16, 16, 32), blocks=1, fpn_channels=16, box_features=32, mask_channels=16, mask_layers=1
+)
+
+
+def dynamics_training(tiny_motion: tuple[Path, Path], folder: Path, network: str) -> DynamicsTraining:
+    return DynamicsTraining(
+        proposals=str(tiny_motion[0]),
+        truth=str(tiny_motion[1]),
+        run_dir=str(folder),
+        network=network,
+        rollout_steps=2,
+        model=StateModelConfig(hidden=16),
+        patches=PatchModelConfig(hidden=16),
+    )
+
+
+def make_task(name: str, tiny_motion: tuple[Path, Path], tiny_frames: Path, folder: Path) -> Task:
+    if name == "state":
+        return StateModelTask(dynamics_training(tiny_motion, folder, name))
+    if name == "paper":
+        return PatchModelTask(dynamics_training(tiny_motion, folder, name))
+    if name == "question-parser":
+        small = QuestionParserConfig(embedding=8, hidden=16, max_tokens=10)
+        return QuestionParserTask(QuestionParserTraining(str(folder), evaluation_texts=3, model=small))
+    return FrameParserTask(
+        FrameParserTraining(str(tiny_frames), str(folder), evaluation_frames=1, model=SMALL_DETECTOR)
+    )
+
+
+@pytest.fixture(params=["state", "paper", "question-parser", "frame-parser"])
+def task(request, tiny_motion, tiny_frames, tmp_path) -> Task:
+    return make_task(request.param, tiny_motion, tiny_frames, tmp_path)
+
+
+def step(task: Task, device: Any) -> tuple[dict[str, float], dict[str, float]]:
+    """Losses of a step, and metrics after it."""
+    task.model.to(device)
+    optimizer = torch.optim.AdamW(task.model.parameters(), 1e-3)
+    task.model.train()
+    torch.manual_seed(0)
+    batch = send_to_device(task.collate(task.draw(2, np.random.default_rng(0))), device)
+    means = {name: term.total / term.items for name, term in task.losses(task.model, batch).items()}
+    torch.stack(list(means.values())).sum().backward()
+    optimizer.step()
+    metrics = task.evaluate(task.model)
+    task.images(task.model)
+    return {name: mean.item() for name, mean in means.items()}, metrics
+
+
+def test_training_and_evaluation_run_where_the_weights_are(task) -> None:
+    start = {name: value.clone() for name, value in task.model.state_dict().items()}
+    on_cpu = step(task, "cpu")
+    task.model.load_state_dict(start)
+    with second_device() as device:
+        on_second = step(task, device)
+    for ours, expected in zip(on_second, on_cpu, strict=True):
+        assert ours == pytest.approx(expected, rel=1e-4, abs=1e-6, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "checkpoint"), [(StatePredictor, "default"), (PatchPredictor, "dynamics_paper")], ids=["state", "paper"]
+)
+def test_dynamics_predictors_run_where_their_weights_are(kind, checkpoint, tiny_motion) -> None:
+    _, proposals = next(iter(read_compact_proposals(tiny_motion[0])))
+    tracks = track(proposals)
+    predictor = kind.from_pretrained(checkpoint, "cpu")
+    expected = predictor.predict(tracks)
+    with second_device() as device:
+        assert_same_motion(predictor.to(str(device)).predict(tracks), expected)
+
+
+def assert_same_motion(prediction: Any, expected: Any) -> None:
+    rollouts = [prediction.observed, *prediction.counterfactual.values()]
+    for ours, theirs in zip(rollouts, [expected.observed, *expected.counterfactual.values()], strict=True):
+        np.testing.assert_allclose(ours.location_world, theirs.location_world, atol=1e-4)
+        assert ours.collisions == theirs.collisions
+
+
+def test_the_question_parser_runs_where_its_weights_are() -> None:
+    parser = QuestionParser.from_pretrained(device="cpu")
+    with second_device() as device:
+        parser.to(str(device))
+        assert str(parser.parse("How many cubes enter the scene?")).endswith("count")
+
+
+def test_the_frame_parser_runs_where_its_weights_are() -> None:
+    image, _ = draw_frame([("red", "rubber", "cube", -1.0, -0.8), ("cyan", "metal", "sphere", 0.5, 0.6)])
+    parser = FrameParser.from_pretrained(device="cpu")
+    expected = parser.parse([image])
+    with second_device() as device:
+        found = parser.to(str(device)).parse([image])
+    assert found.attribute.tolist() == expected.attribute.tolist()
+    np.testing.assert_allclose(found.score, expected.score, atol=1e-3)
+
+
+MAKERS: list[Callable[..., Any]] = [FrameParser, QuestionParser, StatePredictor]
+
+
+@pytest.mark.parametrize("part", MAKERS)
+def test_a_device_that_is_not_there_is_refused(part) -> None:
+    with pytest.raises(DataError, match=r"device 'cuda:77' cannot be used \(.*\); expected auto, cpu, cuda or cuda:N"):
+        part.from_pretrained(device="cuda:77")
+
+
+@pytest.mark.parametrize("name", ["state", "paper", "question-parser"])
+def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, tiny_frames, tmp_path) -> None:
+    """With averaged weights, these are evaluated: the weights that the optimizer works on must not matter."""
+    import copy
+
+    task = make_task(name, tiny_motion, tiny_frames, tmp_path)
+    average = copy.deepcopy(task.model)
+    expected = task.evaluate(average)
+    for value in task.model.parameters():
+        value.data.fill_(float("nan"))
+    assert task.evaluate(average) == pytest.approx(expected, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"steps": 0}, "steps is 0; expected 1 or more"),
+        ({"batch_size": -1}, "batch_size is -1"),
+        ({"save_every": 0}, "save_every is 0"),
+        ({"learning_rate": float("nan")}, "learning_rate is nan"),
+        ({"ema": 1.0}, "ema is 1.0"),
+        ({"optimizer": "odd"}, "optimizer is 'odd'; expected adam or sgd"),
+        ({"schedule": "odd"}, "schedule is 'odd'"),
+        ({"precision": "int3"}, "precision is 'int3'"),
+    ],
+)
+def test_settings_of_the_loop_are_checked(option, message) -> None:
+    with pytest.raises(DataError, match=message):
+        LoopConfig(**option)
