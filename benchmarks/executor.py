@@ -14,7 +14,7 @@ from nsdr.clevrer.predictions import scene_from_predictions
 from nsdr.errors import ExecutionError
 from nsdr.question_parser.grammar.templates import sample
 from nsdr.symbolic import Executor, Program
-from nsdr.symbolic.official import official_world
+from nsdr.symbolic.official import OfficialExecutor
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 OBJECTS = 5
@@ -115,7 +115,7 @@ def main() -> None:
         )
     builders: tuple[tuple[str, Callable[[Any], Any]], ...] = (
         ("scenes, paper semantics", scene_from_predictions),
-        ("worlds, official semantics", lambda d: official_world(d).motion),
+        ("worlds, official semantics", OfficialExecutor),
     )
     for name, build in builders:
         speed = rate(lambda build=build: len([build(d) for d in documents]))  # type: ignore[misc]

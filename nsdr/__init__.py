@@ -7,14 +7,18 @@ question -> question parser -> program;  program + scene -> executor -> answer w
     >>> pipeline = nsdr.Pipeline.from_pretrained()
     >>> pipeline.answer("video.mp4", "How many collisions happen?").answer
 
-Names load their modules when first used, so `import nsdr` is quick.
+Names load their modules when first used, so `import nsdr` is quick. Import it before torch: it lets torch's idle threads
+sleep, which must be set before torch loads (see `nsdr.io.threads`).
 """
 
 from typing import TYPE_CHECKING
 
 from nsdr.io.lazy import lazy_exports
+from nsdr.io.threads import wait_passively
 
 __version__ = "0.2.0"
+
+wait_passively()
 
 if TYPE_CHECKING:
     from nsdr.clevrer.dataset import CLEVRER

@@ -124,7 +124,7 @@ class Pipeline:
         device: str = "auto",
         **options: Any,
     ) -> "Pipeline":
-        """Load the three parts from a checkpoint folder, its name, or a hub id (see `nsdr.io.checkpoint`).
+        """Load the three parts from a checkpoint folder, its name, or a hub address (see `nsdr.io.checkpoint`).
 
         Args:
             path_or_id: where the checkpoint is.

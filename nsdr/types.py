@@ -5,8 +5,7 @@ video -> `VideoProposals` -> `VideoTracks` -> `DynamicsPrediction` -> `Scene` ->
 Frames count from 0; the video shows frames below `n_frames`, later ones are unseen. Pixels are those of the 480x320
 image, (column, row); world units are CLEVRER's ground plane (x towards the camera, y to the right of the image).
 
-Arrays are stored as read-only views of the arrays passed in. Types with arrays are compared by value (NaN equals NaN)
-and are not hashable.
+Arrays are stored as read-only views of the arrays passed in.
 """
 
 from collections.abc import Mapping, Sequence
@@ -130,6 +129,7 @@ class VideoProposals(_ArrayHolder):
         area_px: (N,) int, number of mask pixels.
         box_xyxy_px: (N, 4) int, bounding box (left, top, right, bottom) of the mask, end exclusive.
         masks: N COCO run-length strings of the (320, 480) masks; None where only the numbers are known.
+        processed: (P,) int, ascending frames that the detector processed; None for all.
     """
 
     n_frames: int
@@ -140,6 +140,7 @@ class VideoProposals(_ArrayHolder):
     area_px: IntArray
     box_xyxy_px: IntArray
     masks: tuple[str, ...] | None = None
+    processed: IntArray | None = None
 
     def __post_init__(self) -> None:
         n = len(self.frame_index)
@@ -153,11 +154,12 @@ class VideoProposals(_ArrayHolder):
         _check(self.n_frames > 0, f"VideoProposals.n_frames: expected at least 1, got {self.n_frames}")
         if n:
             _check(bool((np.diff(self.frame_index) >= 0).all()), "VideoProposals: rows must be sorted by frame")
-            low, high = int(self.frame_index[0]), int(self.frame_index[-1])
-            inside = low >= 0 and high < self.n_frames
-            _check(inside, f"VideoProposals: frames {low}-{high} outside 0-{self.n_frames - 1}")
+            low, high, end = int(self.frame_index[0]), int(self.frame_index[-1]), self.n_frames - 1
+            _check(0 <= low <= high <= end, f"VideoProposals: frames {low}-{high} outside 0-{end}")
             known = (self.attribute >= 0) & (self.attribute < N_ATTRIBUTE_TRIPLES)
             _check(bool(known.all()), f"VideoProposals.attribute: expected 0-{N_ATTRIBUTE_TRIPLES - 1}")
+        if self.processed is not None:
+            _store_array(self, "processed", (None,), "i")
 
     def __len__(self) -> int:
         return len(self.frame_index)
@@ -238,12 +240,10 @@ class Rollout(_ArrayHolder):
     """Trajectories and collisions of all objects, either as observed and predicted or with one object removed.
 
     Attributes:
-        location_world: (n_objects, F, 2) float, ground-plane positions (x, y) (world units); NaN where an object is absent
-            or its position is not known.
+        location_world: (n_objects, F, 2) float, ground-plane positions (x, y) (world units); NaN where absent or unknown.
         visible: (n_objects, F) bool, whether the object is in the image.
         collisions: collision events in order of time.
-        unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: estimated probability that the pair collides after
-            the video; None where it is not known.
+        unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
         speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
     """
 

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from nsdr import Scene, load
+from nsdr import Scene, load, save
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
 
@@ -18,6 +18,13 @@ def test_answer_from_a_saved_scene(capsys) -> None:
     assert code == 0
     assert out.splitlines()[-1] == "4"
     assert "filter_collision(1, 2)" in out
+
+
+def test_answer_from_a_saved_npz(capsys, tmp_path) -> None:
+    save(load(Scene, TRUTH), tmp_path / "scene.npz")
+    assert run(capsys, "answer", tmp_path / "scene.npz", "-q", "How many collisions happen?")[:2] == (0, "4\n")
+    execute = ("execute", "--scene", tmp_path / "scene.npz", "--program", "objects count")
+    assert run(capsys, *execute)[:2] == (0, "6\n")
 
 
 def test_answer_of_a_choice_question_as_json(capsys) -> None:
@@ -123,6 +130,15 @@ def _truth(folder):
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
         (["nonsense"], "nonsense"),
+        (["answer", TRUTH, "-q", "How many collisions happen?", "--dynamics", "state"], "--dynamics would do nothing"),
+        (
+            ["answer", TRUTH, "-q", "Who?", "--set", "tracker.score=0.8", "--config", "x.yaml"],
+            "--config, --set would do",
+        ),
+        (["visualize", VIDEO, "-o", "x.mp4", "-q", "Who?"], "they need an output ending in .html"),
+        (["visualize", VIDEO, "-o", "x.html", "-c", "this"], "--choice does nothing without --question"),
+        (["visualize", VIDEO, "-o", "x.html", "--image", "plan"], "--image does nothing here"),
+        (["visualize", VIDEO, "-o", "x.png", "--removed", "1"], "--removed does nothing here; it needs --image plan"),
     ],
 )
 def test_errors_are_one_line_and_exit_code_2(capsys, arguments, message) -> None:

@@ -5,6 +5,7 @@ import json
 import threading
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,11 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.download import download
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.proposals import read_ground_truth
-from nsdr.clevrer.questions import read_questions, write_questions
+from nsdr.clevrer.questions import Choice, read_questions, without_answers, write_questions
 from nsdr.clevrer.schema import CHUNK_CHARACTERS, iterate_list
 from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
 from nsdr.cli.main import main
-from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
+from nsdr.evaluation import EvaluationConfig, evaluate, format_table, run_evaluation
 from nsdr.symbolic import Executor
 
 from .test_clevrer import square
@@ -119,7 +120,7 @@ def test_inventory_and_verify(root, capsys) -> None:
     assert rows["train", "videos"].missing[:4] == (0, 1, 2, 5)
     assert rows["train", "questions"].found == 1
     assert ("test", "annotations") not in rows
-    assert main(["data", "verify", str(root)]) == 0
+    assert main(["data", "verify", str(root)]) == 1
     out = capsys.readouterr().out
     assert "train       videos              2     10000  0, 1, 2, 5, 6, ..." in out
     assert "incomplete" in out
@@ -182,7 +183,25 @@ def server() -> Iterator[str]:
 
 
 def fetch(server: str, folder, **options):
-    return download(folder, "train", ["questions"], base_url=server, wait_s=0.0, progress=False, **options)
+    options = {"wait_s": 0.0, "progress": False, "trust_first_use": True, **options}
+    return download(folder, "train", ["questions"], base_url=server, **options)
+
+
+def test_plain_http_needs_a_checksum(server, tmp_path) -> None:
+    with pytest.raises(
+        DataError, match=r"train\.json: plain HTTP, and no checksum is known; use HTTPS or --trust-first"
+    ):
+        fetch(server, tmp_path, trust_first_use=False)
+    assert not list(tmp_path.iterdir())
+    (path,) = fetch(server, tmp_path)
+    path.unlink()
+    fetch(server, tmp_path, trust_first_use=False)  # its checksum is known now
+    path.unlink()
+    _Server.files["/questions/train.json"] = bytes(3000)
+    with pytest.raises(DataError, match=r"has SHA-256 [0-9a-f]{64}, expected [0-9a-f]{64}; it was changed"):
+        fetch(server, tmp_path)
+    assert not path.exists()
+    assert not list(path.parent.glob("*.part"))
 
 
 def test_download_resumes_after_broken_connections(server, tmp_path) -> None:
@@ -218,7 +237,7 @@ def test_a_complete_partial_file_is_kept_and_one_of_another_file_is_dropped(serv
 
 def test_download_errors(server, tmp_path) -> None:
     with pytest.raises(DataError, match="the server answers 404"):
-        download(tmp_path, "train", ["videos"], base_url=server, progress=False)
+        download(tmp_path, "train", ["videos"], base_url=server, progress=False, trust_first_use=True)
     with pytest.raises(DataError, match="split is 'dev'"):
         download(tmp_path, "dev")
     with pytest.raises(DataError, match="cannot download 'weights'"):
@@ -386,6 +405,46 @@ def test_failed_questions_count_as_wrong_and_are_listed(root, capsys) -> None:
     assert "missing key 'scene_index'" in report["results"][0]["error"]
     assert read_submission(root / "sub.json")[0]["questions"] == [{"question_id": 0, "answer": "error"}]
     assert "1 questions failed" in capsys.readouterr().out
+
+
+def test_failures_of_single_choices_are_counted(example_scene) -> None:
+    (scene,) = read_questions(QUESTIONS)
+    question = next(q for q in scene.questions if q.type == "predictive")
+    absent = Choice(9, "the yellow cube", ("objects", "yellow", "filter_color", "unique"), "wrong")
+    asked = replace(scene, questions=(replace(question, choices=(*question.choices, absent)),))
+    report = evaluate([(asked, Executor(example_scene))])
+    assert report["errors"] == 1
+    assert "error" not in report["results"][0]
+    assert "unique" in report["results"][0]["choices"][-1]["error"]
+    assert report["predictive"]["per_question"] == 1.0
+    assert "0 questions failed and count as wrong; choices of 1 failed and are judged wrong:" in format_table(report)
+
+
+def test_questions_without_answers_are_answered_and_not_scored(root, capsys) -> None:
+    file = root / "questions" / "train.json"
+    labelled = read_questions(file)
+    write_questions(root / "test.json", [without_answers(s) for s in labelled])
+    arguments = ["--questions", str(root / "test.json"), "--source", "annotations"]
+    arguments += ["--data", str(root / "annotations" / "train")]
+    assert main(["evaluate", *arguments, "-o", str(root / "out.json"), "--submission", str(root / "sub.json")]) == 0
+    out = capsys.readouterr().out
+    assert out == "1 questions have no answers in their file: they are answered, not scored\n"
+    report = json.loads((root / "out.json").read_text())
+    assert report["unlabelled"] == 1
+    assert report["descriptive"]["accuracy"] is None
+    assert "correct" not in report["results"][0]
+    assert read_submission(root / "sub.json")[0]["questions"][0]["answer"] == labelled[0].questions[0].answer
+    assert main(["evaluate", *arguments]) == 0
+    assert "nothing was written: --submission or --output" in capsys.readouterr().out
+    (example,) = read_questions(QUESTIONS)
+    choices = [q for q in example.questions if q.choices]
+    half = replace(
+        example, questions=(choices[0], *without_answers(replace(example, questions=(choices[1],))).questions)
+    )
+    report = evaluate([(half, DataError("no scene"))])
+    assert [("correct" in r, "correct" in r["choices"][0]) for r in report["results"]] == [(True, True), (False, False)]
+    assert (report["errors"], report["unlabelled"]) == (2, 1)
+    assert "1 questions have no answers in their file" in format_table(report)
 
 
 def test_question_types_are_selected_and_validated(root, example_scene) -> None:

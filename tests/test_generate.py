@@ -160,6 +160,11 @@ def test_impossible_configurations_are_rejected(values, message) -> None:
         SceneConfig(**values)
 
 
+def test_negative_seeds_are_rejected() -> None:
+    with pytest.raises(DataError, match="seed: expected 0 or more, got -1"):
+        simulate_scene(-1)  # `random` would take it for 1
+
+
 def test_a_configuration_without_scenes_raises(monkeypatch) -> None:
     monkeypatch.setattr("nsdr.generate.physics.scene.RESTARTS", 2)
     with pytest.raises(DataError, match="seed 1: no scene found in 2 attempts"):
@@ -224,7 +229,8 @@ def test_the_preview_looks_like_its_objects() -> None:
 def tiny(tmp_path_factory) -> DatasetConfig:
     scene = SceneConfig(objects={3: 1.0}, n_frames=40)
     render = RenderConfig(width=120, height=80)
-    config = DatasetConfig(str(tmp_path_factory.mktemp("set")), 3, 500300, scene=scene, render=render, workers=1)
+    folder = str(tmp_path_factory.mktemp("set"))
+    config = DatasetConfig(folder, 3, first_scene=500300, scene=scene, render=render, workers=1)
     generate_dataset(config)
     return config
 
@@ -248,9 +254,23 @@ def test_a_generated_data_set_verifies_clean_and_reads(tiny, capsys) -> None:
     assert not (Path(tiny.output) / "annotations" / "test").exists()
 
 
+def test_seeds_have_no_scene_in_common(tmp_path) -> None:
+    def made(name: str, seed: int) -> list[dict]:
+        scene = SceneConfig(objects={2: 1.0}, participants=2, n_frames=12)
+        config = DatasetConfig(str(tmp_path / name), 3, seed, splits={"train": 1}, renderer="none", masks=False)
+        root = generate_dataset(replace(config, questions=None, scene=scene, workers=1))
+        return [read_json(path) for path in sorted(root.rglob("truth_*.json"))]
+
+    first, second = made("first", 0), made("second", 1)
+    assert [t["seed"] for t in first + second] == [0, 1, 2, 1_000_000, 1_000_001, 1_000_002]
+    motions = [json.dumps(t["frames"]) for t in first + second]
+    assert len(set(motions)) == 6
+
+
 def test_the_manifest_and_statistics_describe_the_data_set(tiny) -> None:
     manifest = read_json(Path(tiny.output) / "manifest.json")
-    assert manifest["config"]["seed"] == 500300
+    assert (manifest["config"]["seed"], manifest["config"]["first_scene"]) == (0, 500300)
+    assert read_json(Files(tiny.output, "train", 1).truth)["seed"] == 500301
     assert manifest["splits"] == {"train": [0, 2], "validation": [10000, 10000], "test": [15000, 15001]}
     assert "pybullet" in manifest["versions"]
     assert "/" not in json.dumps(manifest["config"])
@@ -324,6 +344,8 @@ def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
         ({"renderer": "oil"}, "renderer is 'oil'; expected one of preview"),
         ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
         ({"videos": 0}, "videos: expected at least 1"),
+        ({"seed": -1}, "seed: expected 0 or more, got -1"),
+        ({"first_scene": 990000}, "first_scene: expected 0 to 980000, got 990000"),
     ):
         with pytest.raises(DataError, match=message):
             DatasetConfig(str(tmp_path), **values)

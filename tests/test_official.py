@@ -1,14 +1,28 @@
 """The quirks of the released executor, one row each, on a small prediction file."""
 
+import gzip
+import json
 from typing import Any
 
+import numpy as np
 import pytest
 
-from nsdr import DataError, ExecutionError, Executor, Scene
+from nsdr import (
+    DataError,
+    DynamicsPrediction,
+    Event,
+    ExecutionError,
+    Executor,
+    Rollout,
+    Scene,
+    SceneObject,
+    format_trace,
+)
+from nsdr.clevrer.example import TRUTH
 from nsdr.clevrer.predictions import check_predictions, predictions_document, read_predictions, scene_from_predictions
-from nsdr.clevrer.velocity_rule import velocity_collisions
+from nsdr.clevrer.velocity_rule import sampled_velocity, velocity_collisions
+from nsdr.cli.main import main
 from nsdr.io.files import write_json
-from nsdr.symbolic.official import official_world
 
 from .test_dynamics import SMALL, _Script, tracks
 
@@ -50,14 +64,32 @@ def document() -> dict[str, Any]:
 RED, BLUE, GREEN = (f"objects {c} filter_color unique" for c in ("red", "blue", "green"))
 
 ROWS = [
-    ("collisions are not deduplicated", "events objects filter_collision count", "2"),
-    ("collisions are in order of time", f"events {RED} filter_collision first filter_order get_frame", "frame 33"),
-    ("enter at the first sample with the object", f"events {BLUE} filter_in unique get_frame", "frame 10"),
-    ("leave at the first sample without it", f"events {BLUE} filter_out unique get_frame", "frame 60"),
+    ("collisions are not deduplicated, those of unknown objects count", "events objects filter_collision count", "3"),
+    ("start, end, an entrance, an exit and three collisions", "events count", "7"),
+    ("possible events are collisions", "all_events count", "3"),
+    ("they have no frame", "all_events first filter_order get_frame", "error"),
+    ("unseen entrances are listed", "unseen_events count", "2"),
+    ("an exit can be compared with unseen events", f"events {BLUE} filter_out unique unseen_events belong_to", "no"),
+    ("an entrance cannot if one entered", f"events {BLUE} filter_in unique unseen_events belong_to", "error"),
+    ("the first event is the start", "events first filter_order get_frame", "0"),
+    ("the start anywhere", "events objects filter_in filter_start get_frame", "error"),
+    (
+        "the start of events before another",
+        f"events events {BLUE} filter_in unique filter_before filter_start get_frame",
+        "0",
+    ),
+    ("start and end have no counterfactual", f"events {GREEN} get_counterfact count", "error"),
+    ("an unknown partner", f"events {RED} filter_collision last filter_order {RED} get_col_partner", "-1"),
+    ("has no color", f"events {RED} filter_collision last filter_order {RED} get_col_partner query_color", "error"),
+    ("an object is its number", GREEN, "2"),
+    ("objects and frames are numbers", f"objects {RED} filter_moving count", "0"),
+    ("collisions are in order of time", f"events {RED} filter_collision first filter_order get_frame", "33"),
+    ("enter at the first sample with the object", f"events {BLUE} filter_in unique get_frame", "10"),
+    ("leave at the first sample without it", f"events {BLUE} filter_out unique get_frame", "60"),
     ("unseen entrances never match", "events objects filter_in count", "1"),
     ("unseen entrances do not match among unseen events", "unseen_events objects filter_in exist", "no"),
     ("unseen collisions match", f"unseen_events {GREEN} filter_collision exist", "yes"),
-    ("the end is frame 125", "end get_frame", "frame 125"),
+    ("the end is frame 125", "end get_frame", "125"),
     ("at 125 the forward difference uses a predicted sample", "objects end get_frame filter_moving count", "1"),
     ("at 0 it moves at 0.05 per frame: at rest", "objects start get_frame filter_stationary count", "1"),
     ("null: movement after the video counts", "objects null filter_moving count", "2"),
@@ -70,6 +102,7 @@ ROWS = [
     ("a count of a frame", f"events {RED} filter_collision last filter_order get_frame count", "error"),
     ("motion at a frame with a sample", f"objects events {BLUE} filter_in unique get_frame filter_moving count", "1"),
     ("start is skipped, the end token stops", "<START> objects count <END> objects nonsense", "3"),
+    ("in small letters, too", "<start> objects count <end> objects", "3"),
     ("so does the null token", "objects count <NULL> exist", "3"),
     ("unknown tokens are values", "objects count nonsense", "nonsense"),
     ("unknown tokens fit no module", "objects nonsense filter_color count", "error"),
@@ -79,18 +112,64 @@ ROWS = [
     ("unique of several", "objects unique query_color", "error"),
     ("an empty filter_end is no event", "objects filter_end get_frame", "error"),
     ("a number where filter_before wants an event", "events objects count filter_before count", "error"),
-    ("direction", f"{BLUE} events {BLUE} filter_in unique get_frame query_direction", "up"),
+    ("direction", f"{BLUE} events {BLUE} filter_in unique get_frame query_direction", "right"),
+    ("row numbers grow downwards", f"{RED} start get_frame query_direction", "down"),
     ("no direction where it is absent", f"{GREEN} start get_frame query_direction", "error"),
     ("counterfactual collisions count at any frame", f"all_events {BLUE} get_counterfact count", "1"),
     ("pairs, not times", f"all_events {GREEN} get_counterfact count", "1"),
     ("the released executor's names", "objects events filter_end query_frame filter_resting count", "0"),
-    ("the released executor's shortcut", f"{GREEN} counterfact_events count", "1"),
+    ("the released executor's shortcut, not deduplicated", f"{GREEN} counterfact_events count", "2"),
 ]
 
 
 @pytest.mark.parametrize(("quirk", "program", "answer"), ROWS)
 def test_quirk(document: dict[str, Any], quirk: str, program: str, answer: str) -> None:
     assert Executor(document, "official").answer(program).answer == answer, quirk
+
+
+def test_failures_are_the_answer_error(document: dict[str, Any]) -> None:
+    executor = Executor(document, "official")
+    assert executor.run("objects unique") == "error"
+    assert executor.run("count") == "error"
+    assert executor.run("Count(Objects") == "error"
+    assert executor.run_batch(["objects count", "", "objects objects unique", "objects exist"]) == [
+        3,
+        "error",
+        "error",
+        True,
+    ]
+    assert executor.answer("Count(Objects").answer == "error"
+    question = "<START> unseen_events belong_to <END>"
+    choices = [("text", choice) for choice in ("Count(", "", "objects boggle", f"<START> {GREEN} <NULL>", RED)]
+    judged = executor.judge(question, choices)
+    assert [c.answer for c in judged.choices] == ["error", "error", "error", "correct", "correct"]
+    assert judged.choices[3].program == ("objects", "green", "filter_color", "unique", "unseen_events", "belong_to")
+    assert [c.answer for c in executor.judge("Belong_to(", choices).choices] == ["error"] * 5
+
+
+def test_objects_that_enter_at_one_sample_keep_the_order_of_the_file() -> None:
+    rows = [{"x": 10.0, "y": 10.0, **o} for o in (C, A, B)]
+    shown = [[], rows, rows[1:], []]
+    trajectory = [{"frame_index": 5 * s, "objects": listed} for s, listed in enumerate(shown)]
+    objects = [{"id": i, **o} for i, o in enumerate((A, B, C))]
+    prediction = {"what_if": -1, "trajectory": trajectory, "collisions": []}
+    executor = Executor({"objects": objects, "predictions": [prediction]}, "official")
+    entered = "events objects filter_in {} filter_order get_object query_color"
+    assert [executor.run(entered.format(order)) for order in ("first", "second", "last")] == ["green", "red", "blue"]
+    left = "events objects filter_out {} filter_order get_object query_color"
+    assert [executor.run(left.format(order)) for order in ("first", "second", "last")] == ["green", "red", "blue"]
+
+
+def test_the_trace_of_an_answer(document: dict[str, Any]) -> None:
+    answer = Executor(document, "official").answer(f"events {BLUE} filter_in unique get_frame")
+    lines = format_trace(answer.trace).splitlines()
+    assert lines[0].split(maxsplit=2)[2].startswith("start (frame 0); blue rubber sphere in (frame 10); ")
+    assert "red metal cube and unknown object collision (frame 50)" not in lines[0]
+    assert "unknown object and red metal cube collision (frame 50)" in lines[0]
+    assert lines[-2:] == [
+        "  7  unique(6)                  blue rubber sphere in (frame 10)",
+        "  8  get_frame(7)               10",
+    ]
 
 
 def test_taking_part_is_not_being_responsible(document: dict[str, Any]) -> None:
@@ -109,20 +188,39 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
         Executor(small_scene, "official")
     with pytest.raises(ExecutionError, match="the paper semantics runs on a Scene, got a dict"):
         Executor(document, "paper")
+    with pytest.raises(ExecutionError, match="collisions 'velocity' need the official semantics"):
+        Executor(small_scene, collisions="velocity")
     with pytest.raises(DataError, match="not a prediction file"):
-        official_world({"objects": []})
+        Executor({"objects": []}, "official")
     with pytest.raises(DataError, match="expected predicted or velocity"):
-        official_world(document, "guessed")
+        Executor(document, "official", "guessed")
 
 
 def test_collisions_from_velocities() -> None:
-    # 0 moves to the right and reverses at frame 20 next to 1, which is at rest; 2 is far away.
-    reversing = {t: (50.0, 10.0 + t if t <= 20 else 50.0 - t) for t in range(0, 50, 5)}
+    # 0 moves to the right and stops at frame 20 next to 1, which is at rest; 2 is far away.
+    stopping = {t: (50.0, 10.0 + min(t, 20)) for t in range(0, 50, 5)}
     resting = dict.fromkeys(range(0, 50, 5), (50.0, 40.0))
     far = dict.fromkeys(range(0, 50, 5), (90.0, 140.0))
-    (event,) = velocity_collisions([reversing, resting, far])
-    assert (event.objects, event.frame) == ((0, 1), 20)
-    assert velocity_collisions([reversing, far]) == []
+    assert sampled_velocity(stopping, 0, 5) == (0.0, 1.0)
+    assert sampled_velocity(stopping, 20, 5) == (0.0, 0.5)
+    assert sampled_velocity({5: (1.0, 1.0)}, 5, 5) == (0.0, 0.0)
+    # The velocity is 1, 0.5, 0 at 15, 20, 25: its changes at 20 and 25 are equal, so neither is a maximum.
+    assert velocity_collisions([stopping, resting, far], 5) == []
+    # It stops a little after 20: the change at 25 is the larger one.
+    later = stopping | dict.fromkeys(range(25, 50, 5), (50.0, 31.0))
+    (event,) = velocity_collisions([later, resting, far], 5)
+    assert (event.objects, event.frame) == ((0, 1), 25)
+    assert velocity_collisions([later, far], 5) == []
+
+
+def test_the_last_samples_change_is_compared_too() -> None:
+    # It reverses at the last but one sample. The change there is 1.4 after steps of 2 and 1.8, 1.3 after 1.8 and 2; that at
+    # the last sample, whose velocity is that of the last step alone, is 1.3 and 1.4.
+    larger = {0: (50.0, 10.0), 5: (50.0, 20.0), 10: (50.0, 29.0), 15: (50.0, 25.0)}
+    smaller = larger | {5: (50.0, 19.0)}
+    resting = dict.fromkeys(larger, (50.0, 35.0))
+    assert velocity_collisions([larger, resting], 5) == [Event("collision", 10, (0, 1))]
+    assert velocity_collisions([smaller, resting], 5) == []
 
 
 def test_ne_replaces_the_predicted_collisions(document: dict[str, Any]) -> None:
@@ -149,10 +247,83 @@ def test_our_predictions_are_written_as_a_prediction_file(tmp_path) -> None:
     write_json(tmp_path / "sim_00000.json", written)
     back = read_predictions(tmp_path / "sim_00000.json")
     assert [p["what_if"] for p in back["predictions"]] == [-1, 0, 1, 2]
-    assert [s["frame_index"] for s in back["predictions"][0]["trajectory"]] == list(range(0, 180, 5))
+    for p in back["predictions"]:
+        assert [s["frame_index"] for s in p["trajectory"]] == list(range(0, 190, 5))
+        assert all(c["frame"] % 5 == 0 for c in p["collisions"])
     hits = [e.objects for e in prediction.observed.collisions if e.frame < 128]
     scene = scene_from_predictions(back)
     assert [e.objects for e in scene.events if e.kind == "collision"] == hits
+
+
+def test_written_samples_continue_to_the_last_released_one() -> None:
+    frames = np.arange(180)
+    location = np.stack([np.stack([0 * frames, 0.01 * frames - 1], 1), np.stack([0.02 * frames, 0 * frames], 1)])
+    visible = np.ones((2, 180), bool)
+    visible[1, 100:] = False
+    hits = tuple(Event("collision", frame, (0, 1)) for frame in (12, 13, 126, 127, 128, 178))
+    objects = (SceneObject(0, "red", "metal", "cube"), SceneObject(1, "blue", "rubber", "sphere"))
+    written = predictions_document(DynamicsPrediction(objects, 128, Rollout(location, visible, hits)))
+    (prediction,) = written["predictions"]
+    assert [c["frame"] for c in prediction["collisions"]] == [10, 15, 125, 125, 130, 180]
+    assert len(prediction["trajectory"]) == 38
+    shown = [{o["color"]: o["y"] for o in s["objects"]} for s in prediction["trajectory"]]
+    assert [list(s) for s in shown[19:21]] == [["red", "blue"], ["red"]]
+    columns = [s["red"] for s in shown]
+    np.testing.assert_allclose(np.diff(columns), columns[1] - columns[0])  # to the right at one depth: constant speed
+    # A collision stays on its side of the end of a video whose length is no multiple of 5 frames.
+    other = DynamicsPrediction(objects, 130, Rollout(location, visible, (hits[0], *(
+        Event("collision", frame, (0, 1)) for frame in (129, 130)))))  # fmt: skip
+    assert [c["frame"] for c in predictions_document(other)["predictions"][0]["collisions"]] == [10, 125, 130]
+
+
+def test_execute_with_the_official_semantics(document: dict[str, Any], tmp_path, capsys) -> None:
+    write_json(tmp_path / "sim.json", document)
+    (tmp_path / "sim.json.gz").write_bytes(gzip.compress((tmp_path / "sim.json").read_bytes()))
+    for name in ("sim.json", "sim.json.gz"):
+        command = ["execute", "--semantics", "official", "--scene", str(tmp_path / name), "--program"]
+        assert main([*command, "<START> events objects filter_collision count <END>"]) == 0
+        assert main([*command, "objects unique"]) == 0
+        assert main([*command, "events objects filter_collision count", "--collisions", "velocity"]) == 0
+        assert capsys.readouterr().out.split() == ["3", "error", "0"]
+    assert main(["execute", "--scene", str(TRUTH), "--program", "objects count", "--collisions", "velocity"]) == 2
+    assert "need the official semantics" in capsys.readouterr().err
+
+
+def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], tmp_path, capsys) -> None:
+    write_json(tmp_path / "sim_00007.json", document)
+    descriptive = [("How many objects are there?", "3"), ("How many collisions happen?", "3")]
+    questions: list[dict[str, Any]] = [
+        {
+            "question_id": i,
+            "question": text,
+            "question_type": "descriptive",
+            "question_subtype": "count",
+            "answer": answer,
+        }
+        for i, (text, answer) in enumerate(descriptive)
+    ]
+    choices = [{"choice_id": i, "choice": "text", "answer": "correct"} for i in range(2)]
+    row = {"question_id": 2, "question": "What will happen next?", "question_type": "predictive", "choices": choices}
+    scene = {"scene_index": 7, "video_filename": "video_00007.mp4", "questions": [*questions, row]}
+    write_json(tmp_path / "questions.json", [scene])
+    programs = (["<START>", "objects", "count", "<END>"], ["boggle", "count"])
+    write_json(tmp_path / "oe.json", {"7": {"questions": [{"program": p} for p in programs]}})
+    judged = [{"program": p.split()} for p in (GREEN, "objects objects unique")]
+    write_json(tmp_path / "mc.json", {"7": {"questions": [
+        {"question_program": ["unseen_events", "belong_to", "<NULL>"], "choices": judged}]}})  # fmt: skip
+    command = ["evaluate", "--questions", str(tmp_path / "questions.json"), "--source", "predictions", "--data"]
+    command += [str(tmp_path), "--semantics", "official", "-o", str(tmp_path / "out.json"), "--programs"]
+    assert main([*command, f"{tmp_path}/oe.json,{tmp_path}/mc.json"]) == 0
+    results = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert [r.get("answer") for r in results] == ["3", "error", None]
+    assert [r["correct"] for r in results] == [True, False, False]
+    assert [c["answer"] for c in results[2]["choices"]] == ["correct", "error"]
+    capsys.readouterr()
+    write_json(tmp_path / "oe.json", {"7": {"questions": [{"program": programs[0]}]}})
+    assert main([*command, f"{tmp_path}/oe.json"]) == 2
+    assert "oe.json: 7.questions: 1 rows for the scene's 2 descriptive questions" in capsys.readouterr().err
+    assert main([*command, "golden"]) == 2
+    assert "programs is 'golden'; expected parsed, gold, or JSON files" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -61,15 +61,40 @@ def test_a_missing_checkpoint_says_where_it_was_looked_for(tmp_path, monkeypatch
         find_checkpoint("none")
 
 
-def test_a_hub_that_cannot_be_reached_is_one_clear_error(monkeypatch) -> None:
+def test_only_a_hub_address_with_a_revision_is_downloaded(monkeypatch) -> None:
     import huggingface_hub
 
-    def unreachable(*_, **__):
+    asked = []
+
+    def unreachable(*args, **options):
+        asked.append((args, options["revision"]))
         raise OSError("no network")
 
     monkeypatch.setattr(huggingface_hub, "snapshot_download", unreachable)
-    with pytest.raises(CheckpointError, match=r"no checkpoint 'someone/something'.*no network"):
+    with pytest.raises(CheckpointError, match=r"no checkpoint 'someone/something' \(looked in"):
         find_checkpoint("someone/something")
+    for address in ("hf://someone/something", "hf://someone/something@main", "hf:someone"):
+        with pytest.raises(CheckpointError, match=r"expected hf://USER/NAME@REVISION"):
+            find_checkpoint(address)
+    assert not asked
+    with pytest.raises(
+        CheckpointError, match=r"hf://someone/something@0+: cannot be loaded from the hub \(no network\)"
+    ):
+        find_checkpoint("hf://someone/something@" + 40 * "0")
+    assert asked == [(("someone/something",), 40 * "0")]
+
+
+def test_weights_that_no_training_makes_are_refused(tmp_path) -> None:
+    import torch
+
+    for value, reason in (
+        (torch.tensor([1.0, float("nan")]), "not all finite"),
+        (torch.zeros(2, 2), "all zero"),
+        (torch.ones(2, dtype=torch.int8), r"torch\.int8, expected one of torch\.float16"),
+    ):
+        save_checkpoint(tmp_path, "question_parser", {"a": value}, QuestionParserConfig(), {})
+        with pytest.raises(CheckpointError, match=rf"question_parser\.safetensors: a: {reason}"):
+            load_checkpoint(tmp_path, "question_parser")
 
 
 def test_missing_and_corrupt_files_are_named(tmp_path) -> None:
@@ -118,7 +143,7 @@ def test_every_public_name_says_what_it_does_and_of_what_shape() -> None:
             continue
         hints = {k: str(v) for k, v in getattr(value, "__annotations__", {}).items()}
         arrays = [k for k, v in hints.items() if re.search("Array|Tensor", v) and not re.search("Callable|Mapping", v)]
-        if arrays and not re.search(r"\([\w.][\w .+*/-]*,[^)]*\)", text):
+        if arrays and not re.search(r"\([\w.][\w .+*/-]*,[^)]*\)|\bscalar", text):
             missing.append(f"{name}: no shape of {', '.join(arrays)}")
     assert not missing, "\n".join(missing)
 

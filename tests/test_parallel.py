@@ -1,18 +1,18 @@
 """Task engines: failures, lost workers, a Ray cluster of two nodes."""
 
 import os
+import signal
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 
 import pytest
 
 from nsdr import DataError
-from nsdr.io import tasks as parallel
+from nsdr.io import tasks
 from nsdr.io.tasks import run_tasks
 
 
@@ -31,8 +31,23 @@ def die_once(folder: str, number: int) -> int:
     return number
 
 
+def kill_at_three(number: int) -> int:
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.4)  # others run when it dies
+    return number
+
+
 def die(number: int) -> int:
-    os._exit(1)
+    os._exit(5)
+
+
+def unsendable(number: int) -> object:
+    return threading.Lock()
+
+
+def openmp_threads(number: int) -> str:
+    return os.environ["OMP_NUM_THREADS"]
 
 
 def wait_for(folder: str, number: int) -> int:
@@ -60,23 +75,58 @@ def test_a_lost_workers_tasks_are_done_again(tmp_path) -> None:
     assert sorted(o.result for o in outcomes) == [0, 1, 2, 3, 4]
 
 
-def test_a_pool_that_breaks_while_tasks_are_handed_out_loses_none(monkeypatch) -> None:
-    class Breaking(parallel.ProcessPoolExecutor):
-        broken = False
-
-        def submit(self, *arguments):
-            if not Breaking.broken:
-                Breaking.broken = True
-                raise BrokenProcessPool
-            return super().submit(*arguments)
-
-    monkeypatch.setattr(parallel, "ProcessPoolExecutor", Breaking)
-    assert sorted(o.result for o in run_tasks(abs, range(3), workers=2)) == [0, 1, 2]
+def test_a_task_that_kills_its_worker_fails_alone() -> None:
+    outcomes = {o.item: o for o in run_tasks(kill_at_three, range(1, 9), workers=2)}
+    assert [i for i, o in outcomes.items() if o.error] == [3]
+    assert sorted(o.result for o in outcomes.values() if not o.error) == [1, 2, 4, 5, 6, 7, 8]
+    assert "its worker process died twice, the second time alone (killed by SIGKILL); it may need" in outcomes[3].error
 
 
-def test_a_task_that_kills_every_worker_fails() -> None:
+def test_tasks_that_kill_every_worker_fail() -> None:
     outcomes = list(run_tasks(die, range(2), workers=2))
-    assert [o.error for o in outcomes] == ["its worker process died 3 times"] * 2
+    assert [o.error for o in outcomes] == ["its worker process died twice, the second time alone (exit code 5)"] * 2
+
+
+def test_a_worker_killed_between_two_tasks_loses_none(monkeypatch) -> None:
+    send = tasks._Worker.send
+    killed = []
+
+    def kill_first(worker, item) -> None:
+        if not killed:
+            killed.append(item)
+            worker.process.kill()
+            worker.process.join()
+        send(worker, item)
+
+    monkeypatch.setattr(tasks._Worker, "send", kill_first)
+    assert sorted(o.result for o in run_tasks(abs, range(3), workers=2)) == [0, 1, 2]
+    assert killed
+
+
+def test_a_result_that_cannot_be_sent_is_a_failure() -> None:
+    outcomes = list(run_tasks(unsendable, range(2), workers=2))
+    assert all("its result cannot be sent: TypeError" in o.error for o in outcomes)
+
+
+def test_workers_that_cannot_start_are_told(tmp_path) -> None:
+    program = tmp_path / "unguarded.py"
+    program.write_text("from nsdr.io.tasks import run_tasks\nlist(run_tasks(abs, range(2), workers=2))\n")
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True, timeout=60)
+    assert "DataError: a worker process ended before its first task (exit code 1); call it below" in done.stderr
+
+
+@pytest.mark.parametrize(("own", "expected"), [(None, "4"), ("2", "2"), ("64", "4")])
+def test_workers_share_the_cores(monkeypatch, own, expected) -> None:
+    monkeypatch.setattr(tasks, "available_cores", lambda: 9)
+    if own is None:
+        monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    else:
+        monkeypatch.setenv("OMP_NUM_THREADS", own)
+    found = []
+    for outcome in run_tasks(openmp_threads, range(3), workers=2):
+        found.append(outcome.result)
+        assert os.environ.get("OMP_NUM_THREADS") == own  # only the workers' environment differs
+    assert found == [expected] * 3
 
 
 def running(pid: int) -> bool:

@@ -4,11 +4,12 @@ import json
 
 import pytest
 
-from nsdr import DataError, Executor, PipelineConfig, Scene, load
+from nsdr import DataError, Executor, PipelineConfig, Scene, load, save
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.cli.main import main
-from nsdr.evaluation import parse_videos, predict_dynamics
+from nsdr.evaluation import EvaluationConfig, parse_videos, predict_dynamics
+from nsdr.io.files import write_json
 from nsdr.io.video import write_video
 
 
@@ -42,6 +43,14 @@ def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_pat
     assert summary.skipped == ("video_00002.mp4",)
     assert summary.failed == {}
     assert (output / "scene_00002.json").read_bytes() == before
+
+
+def test_videos_of_one_number_are_named(videos, tmp_path) -> None:
+    for folder in ("a", "b"):
+        (videos / folder).mkdir()
+        (videos / folder / "clip.mp4").touch()
+    with pytest.raises(DataError, match=r"a/clip\.mp4 and .*b/clip\.mp4: both are number clip; rename one"):
+        parse_videos(videos, tmp_path / "out")
 
 
 def test_a_folder_without_videos_is_an_error(tmp_path) -> None:
@@ -121,6 +130,42 @@ def test_what_a_split_cannot_be_evaluated_from_is_said(tmp_path, capsys) -> None
     (tmp_path / "questions" / "validation.json").write_text("[]")
     assert main(["evaluate", "--source", "truth", "--root", str(tmp_path)]) == 2
     assert "source truth cannot be read from a split of --root" in capsys.readouterr().err
+    official = ["--source", "predictions", "--root", str(tmp_path), "--semantics", "official"]
+    assert main(["evaluate", *official]) == 2
+    assert "source predictions cannot be read from a split of --root" in capsys.readouterr().err
+
+
+def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, small_scene, capsys) -> None:
+    """The same questions as a split of `--root` and as `--questions` with `--data`."""
+    question = {
+        "question_id": 0,
+        "question": "How many collisions happen?",
+        "question_type": "descriptive",
+        "answer": "2",
+    }
+    questions = tmp_path / "questions" / "validation.json"
+    rows = [
+        {"scene_index": i, "video_filename": f"video_{i}.mp4", "questions": [question]} for i in range(10000, 10006)
+    ]
+    write_json(questions, rows)
+    for i in range(10000, 10006):
+        save(small_scene, tmp_path / f"scene_{i}.json")
+    for given in (
+        ["--source", "videos", "--root", str(tmp_path)],
+        ["--source", "scenes", "--questions", str(questions), "--data", str(tmp_path)],
+    ):
+        options = ["--exclude", "[10001]", "--every", "2", "--limit", "2", "-o", str(tmp_path / "out.json")]
+        assert main(["evaluate", *given, *options]) == 0
+        report = json.loads((tmp_path / "out.json").read_text())
+        assert [r["scene_index"] for r in report["results"]] == [10000, 10003]
+    config = EvaluationConfig(questions="q.json", data="videos", source="videos", stride=4)
+    assert (
+        config.pipeline().stride
+        == EvaluationConfig(root=str(tmp_path), source="videos", stride=4).pipeline().stride
+        == 4
+    )
+    assert main(["evaluate", *given, "--truth_source", "scenes", "--truth", str(tmp_path)]) == 2
+    assert "source scenes needs no pipeline: --truth_source would do nothing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -133,9 +178,15 @@ def test_what_a_split_cannot_be_evaluated_from_is_said(tmp_path, capsys) -> None
         (["--source", "truth", "--truth", "x"], "truth_source and truth go together"),
         (["--source", "truth", "--every", "0"], "expected at least 1"),
         (["--source", "truth", "--set", "tracker.score"], "expected key=value"),
+        (["--source", "truth", "--split", "train"], "split train is of --root and does nothing without it"),
+        (["--source", "predictions", "--semantics", "official", "--dynamics", "state"], "--dynamics would do nothing"),
+        (
+            ["--source", "predictions", "--semantics", "official", "--truth_source", "truth", "--truth", "x"],
+            "--truth_source would do nothing",
+        ),
     ],
 )
 def test_options_that_would_do_nothing_are_refused(options, message, capsys, tmp_path) -> None:
-    (tmp_path / "q.json").write_text('[{"scene_index": 0, "video_filename": "video_00000.mp4", "questions": []}]')
+    (tmp_path / "q.json").write_text("[]")
     assert main(["evaluate", "--questions", str(tmp_path / "q.json"), "--data", str(tmp_path), *options]) in (0, 2)
     assert message in capsys.readouterr().err

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import jsonargparse
 import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, DynamicsPrediction, Event, StatePredictor
+from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, StatePredictor
 from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics import collision_search
 from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
@@ -15,8 +17,9 @@ from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
-from nsdr.dynamics.registry import BackendConfig, load_backend
+from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents, velocity_collisions
+from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout, SceneObject, VideoTracks
 from nsdr.world.camera import ground_from_pixels
 from nsdr.world.vocabulary import SHAPES
@@ -140,6 +143,26 @@ def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> 
     assert fit.cost < 0.2
 
 
+def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
+    """A rejected trial may cost a little less than what is chosen."""
+    three = bodies(("sphere", -1.5, 0.05, 0.0, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
+    motion = run(three)
+    states = seen(motion, three.shape)
+    real, fits = collision_search.fit_trajectories, []
+
+    def fitted(states, collisions, *options):
+        touching = replace(motion, contact=np.full((2, 2), 40 if collisions else NO_CONTACT))
+        cost = 0.9 if collisions else 1.0  # cheaper with a collision, but by less than `min_gain`
+        fits.append(replace(real(states, collisions, *options), motion=touching, cost=cost))
+        return fits[-1]
+
+    monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
+    found, fit = search_collisions(states, [(Event("collision", 40, (0, 1)), 0.3)])
+    assert found == []
+    assert fit is fits[0]
+    assert len(fits) == 2
+
+
 @pytest.fixture
 def observer() -> StatePredictor:
     torch.manual_seed(0)
@@ -154,7 +177,7 @@ def paper() -> PatchPredictor:
 
 @pytest.mark.parametrize("name", ["physics", "no shortcut", "paper", "velocity", "velocity of the paper"])
 def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: PatchPredictor) -> None:
-    physics = PhysicsPredictor(observer, PhysicsConfig(runs=3, shortcut=name != "no shortcut"))
+    physics = PhysicsPredictor(observer, PhysicsConfig(runs=3), shortcut=name != "no shortcut")
     backend = {
         "paper": paper,
         "velocity": VelocityEvents(physics),
@@ -177,7 +200,7 @@ def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: 
 
 def test_physics_predicts_a_meeting_after_the_video(observer: StatePredictor) -> None:
     start = bodies(("sphere", -3.6, 0.0, 1.0, 0.0), ("sphere", 0.5, 0.0, 0.0, 0.0), ("sphere", 0.0, -1.5, 0.0, 0.0))
-    rollout = PhysicsPredictor(observer, PhysicsConfig(runs=10, horizon_frame=179)).continue_motion(
+    rollout = PhysicsPredictor(observer, PhysicsConfig(runs=10), horizon_frame=179).continue_motion(
         seen(run(start), start.shape)
     )
     assert [e.objects for e in rollout.collisions] == [(0, 1)]
@@ -270,8 +293,6 @@ def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
 
 
 def test_backends_are_found_by_name_or_file(tmp_path) -> None:
-    from nsdr.io.checkpoint import find_checkpoint
-
     folder = find_checkpoint()
     assert isinstance(load_backend(folder), PhysicsPredictor)
     assert isinstance(load_backend(folder, "state"), StatePredictor)
@@ -282,9 +303,67 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     assert isinstance(backend.backend, StatePredictor)
     assert (backend.backend.shortcut, backend.backend.horizon_frame) == (False, 150)
     assert load_backend(folder, "configs/dynamics/physics.yaml").config == PhysicsConfig()  # type: ignore[attr-defined]
+    file.write_text("backend: physics\nhorizon_frame: 150\nshortcut: false\nphysics: {runs: 7}\n")
+    physics = load_backend(folder, file)
+    assert isinstance(physics, PhysicsPredictor)
+    assert (physics.horizon_frame, physics.shortcut, physics.config.runs) == (150, False, 7)
     with pytest.raises(DataError, match="'magic': expected physics, state, paper"):
         load_backend(folder, "magic")
     with pytest.raises(DataError, match="expected predicted or velocity"):
         load_backend(folder, BackendConfig(collisions="none"))
     with pytest.raises(DataError, match="expected one of paper, tuned"):
         VelocityEvents(load_backend(folder, "state"), VelocityConfig("mine"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("physics: {horizon_frame: 150}", "horizon_frame"),
+        ("physics: {shortcut: false}", "shortcut"),
+        ("physics: {smoothing: {min_frames: 5}}", "smoothing"),
+        ("backend: state\nphysics: {runs: 5}", "physics do nothing with dynamics 'state'"),
+        ("backend: paper\nshortcut: false", "shortcut: false does nothing with dynamics 'paper'"),
+        ("velocity: {rule: paper}", "velocity do nothing without collisions: velocity"),
+    ],
+)
+def test_settings_that_would_do_nothing_are_refused(tmp_path, text: str, message: str) -> None:
+    (tmp_path / "mine.yaml").write_text(text)
+    with pytest.raises((DataError, jsonargparse.ArgumentError), match=message):
+        backend_settings(tmp_path / "mine.yaml")
+
+
+def test_the_papers_backend_takes_the_checkpoint_it_is_given(paper: PatchPredictor, tmp_path) -> None:
+    paper.save_pretrained(tmp_path)
+    config = BackendConfig("paper")
+    assert load_backend(tmp_path, config).config == paper.config  # type: ignore[attr-defined]
+    assert checkpoint_folders(tmp_path, config) == [tmp_path]
+    default = find_checkpoint()
+    assert load_backend(default, config).config.hidden == 512  # type: ignore[attr-defined]
+    assert checkpoint_folders(default, config) == [default, find_checkpoint("dynamics_paper")]
+
+
+def test_checkpoints_of_another_network_are_named(observer: StatePredictor, paper: PatchPredictor, tmp_path) -> None:
+    observer.save_pretrained(tmp_path / "state")
+    paper.save_pretrained(tmp_path / "paper")
+    with pytest.raises(
+        CheckpointError, match=r"state/dynamics\.json: expected a network of PatchModelConfig.*side_steps"
+    ):
+        load_backend(tmp_path / "state", "paper")
+    with pytest.raises(
+        CheckpointError, match=r"paper/dynamics\.json: expected a network of StateModelConfig.*patch_cells"
+    ):
+        load_backend(tmp_path / "paper")
+    description = tmp_path / "state" / "dynamics.json"
+    for old, new, reason in (
+        ('"hidden": 16', '"hidden": 8', "size mismatch"),
+        ('"hidden": 8', '"hidden": "x"', "hidden"),
+    ):
+        description.write_text(description.read_text().replace(old, new))
+        with pytest.raises(CheckpointError, match=rf"dynamics\.json: not a network of StateModelConfig \(.*{reason}"):
+            StatePredictor.from_checkpoint(tmp_path / "state")
+
+
+def test_too_short_a_past_is_refused() -> None:
+    assert StateModel(StateModelConfig(hidden=4, past_steps=4)).config.past_steps == 4
+    with pytest.raises(DataError, match="past_steps is 3; expected 4 or more"):
+        StateModelConfig(past_steps=3)

@@ -37,6 +37,16 @@ def test_names_of_the_released_executor_are_parsed() -> None:
     assert Program.parse(source).tokens == ("objects", "end", "get_frame", "filter_stationary", "count")
 
 
+@pytest.mark.parametrize("end", ["<END>", "<NULL>", "<end> count"])
+def test_the_released_start_and_end_tokens_are_skipped(end: str) -> None:
+    program = Program.parse("objects count")
+    assert Program.parse(f"<START> objects count {end}") == program
+    assert Program.parse(["<START>", "objects", "count", *end.split()]) == program
+    assert Program.parse(f"<START> Count(Objects) {end.split()[0]}") == program
+    with pytest.raises(ProgramError, match="the program is empty"):
+        Program.parse(["<START>", *end.split()])
+
+
 def test_a_program_that_judges_a_choice_prints_and_parses_back() -> None:
     program = Program.parse("unseen_events belong_to")
     assert program.needs_choice
@@ -130,21 +140,11 @@ def test_parsing_and_printing_are_inverse(tokens: list[str]) -> None:
 @given(st.sampled_from([Kind.NUMBER, Kind.BOOLEAN, Kind.OBJECT, Kind.EVENT]).flatmap(lambda k: programs(k)))
 @settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 def test_pickling_and_copying_keep_a_program(tokens: list[str]) -> None:
-    for program in (Program.parse(tokens), Program.parse_official(tokens)):
-        for twin in (pickle.loads(pickle.dumps(program)), copy.copy(program), copy.deepcopy(program)):
-            assert twin == program
-            assert hash(twin) == hash(program)
-            assert twin.result == program.result
-            assert twin.official == program.official
-
-
-@pytest.mark.parametrize("source", ["<START> objects objects count <END> exist", "objects count nonsense"])
-def test_official_programs_can_be_pickled(source: str) -> None:
-    program = Program.parse_official(source.split())
-    twin = pickle.loads(pickle.dumps(program))
-    assert (twin, twin.steps) == (program, program.steps)
-    with pytest.raises(ProgramError):
-        Program.parse(program.tokens)
+    program = Program.parse(tokens)
+    for twin in (pickle.loads(pickle.dumps(program)), copy.copy(program), copy.deepcopy(program)):
+        assert twin == program
+        assert hash(twin) == hash(program)
+        assert twin.result == program.result
 
 
 def test_questions_that_judge_a_choice_can_be_pickled() -> None:

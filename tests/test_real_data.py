@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nsdr.clevrer.annotations import check_ground_truth, read_annotation
+from nsdr.clevrer.predictions import read_predictions
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.questions import read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
@@ -44,6 +45,23 @@ def test_true_scenes_answer_all_questions_without_motion(shared) -> None:
     still = [r for r in rows if not MOTION & set(programs[r["scene_index"], r["question_id"]] or ())]
     assert len(still) == 571
     assert all(r["correct"] for r in still)
+
+
+@pytest.mark.parametrize(("mode", "collisions"), [("normal", "predicted"), ("ne", "velocity")])
+def test_the_official_semantics_answers_as_the_released_executor(shared, mode: str, collisions: str) -> None:
+    folder = shared / "official_executor"
+    rows = json.loads(gzip.decompress((folder / "answers.json.gz").read_bytes()))
+    documents = {i: read_predictions(folder / f"sim_{i:05d}.json.gz") for i in {row["scene_index"] for row in rows}}
+    executors = {i: Executor(document, "official", collisions) for i, document in documents.items()}
+    assert (len(rows), len(executors)) == (3724, 40)
+    wrong = []
+    for row in rows:
+        expected = "error" if row[mode] == "CRASH" else row[mode]
+        for spelling in ("program", "released_names"):
+            answer = executors[row["scene_index"]].answer(row[spelling]).answer
+            if answer != expected:
+                wrong.append((row["scene_index"], " ".join(row[spelling]), expected, answer))
+    assert not wrong, (len(wrong), wrong[:3])
 
 
 def test_the_question_parser_is_exact_on_real_questions(shared) -> None:

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
         read_annotation,
         write_annotation,
     )
+    from nsdr.clevrer.compact_files import write_compact_files
     from nsdr.clevrer.dataset import CLEVRER, KINDS, SPLITS, Inventory, Split
+    from nsdr.clevrer.parsed_programs import with_parsed_programs
     from nsdr.clevrer.predictions import (
         SAMPLE_FRAMES,
         check_predictions,
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
         scene_from_predictions,
     )
     from nsdr.clevrer.proposals import (
+        compact_rows,
         mask_numbers,
         parse_proposals,
         proposals_document,
@@ -50,7 +53,7 @@ if TYPE_CHECKING:
         speed_world_per_s,
     )
     from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
-    from nsdr.clevrer.truth_blocks import read_truth
+    from nsdr.clevrer.truth_blocks import read_truth, truth_block, write_truth
 
 _HOME = {
     "nsdr.clevrer.annotations": [
@@ -60,7 +63,9 @@ _HOME = {
         "read_annotation",
         "write_annotation",
     ],
+    "nsdr.clevrer.compact_files": ["write_compact_files"],
     "nsdr.clevrer.dataset": ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"],
+    "nsdr.clevrer.parsed_programs": ["with_parsed_programs"],
     "nsdr.clevrer.predictions": [
         "SAMPLE_FRAMES",
         "check_predictions",
@@ -69,6 +74,7 @@ _HOME = {
         "scene_from_predictions",
     ],
     "nsdr.clevrer.proposals": [
+        "compact_rows",
         "mask_numbers",
         "parse_proposals",
         "proposals_document",
@@ -96,7 +102,7 @@ _HOME = {
         "speed_world_per_s",
     ],
     "nsdr.clevrer.submissions": ["read_submission", "submission_document", "write_submission"],
-    "nsdr.clevrer.truth_blocks": ["read_truth"],
+    "nsdr.clevrer.truth_blocks": ["read_truth", "truth_block", "write_truth"],
 }
 
 __all__ = [
@@ -116,6 +122,7 @@ __all__ = [
     "check_ground_truth",
     "check_predictions",
     "collisions_in_view",
+    "compact_rows",
     "download",
     "enter_exit_events",
     "iterate_questions",
@@ -138,10 +145,14 @@ __all__ = [
     "scene_from_truth",
     "speed_world_per_s",
     "submission_document",
+    "truth_block",
+    "with_parsed_programs",
     "without_answers",
     "write_annotation",
+    "write_compact_files",
     "write_questions",
     "write_submission",
+    "write_truth",
 ]
 
 __getattr__, __dir__ = lazy_exports(__name__, _HOME, __all__)

@@ -204,6 +204,11 @@ class Split:
         entry = self._entry("proposals", index)
         return parse_proposals(entry.read(), str(entry))
 
+    def entries(self, kind: str) -> dict[int, "Entry"]:
+        """The files of a kind ("videos", "annotations" or "proposals") that are there, by video index."""
+        names = {i: self._name(kind, i) for i in self.indices}
+        return {i: self._files[kind][name] for i, name in names.items() if name is not None}
+
     def inventory(self) -> list[Inventory]:
         """How complete each kind of files is."""
         rows = []

@@ -2,10 +2,11 @@
 
 `objects` is a list of `{id, color, material, shape}`. `predictions[0]` has `what_if: -1`; each further prediction has
 `what_if: k`, the id of the removed object. A prediction has `trajectory: [{frame_index, objects: [{x, y, color, material,
-shape}]}]`, sampled every 5th frame, with x the row (0-100) and y the column (0-150) of the grid, and
-`collisions: [{frame, objects: [attributes, attributes]}]`.
+shape}]}]`, sampled every 5th frame, 12 samples beyond the video (185 for 128 frames), with x the row (0-100) and y the column
+(0-150) of the grid, and `collisions: [{frame, objects: [attributes, attributes]}]` with the frames of samples.
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,15 @@ from nsdr.clevrer.schema import get, scene_object
 from nsdr.errors import DataError
 from nsdr.io.files import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
-from nsdr.world.camera import grid_from_pixels, ground_from_pixels, on_ground, pixels_from_grid, pixels_from_world
+from nsdr.world.camera import (
+    HEIGHT_PX,
+    WIDTH_PX,
+    grid_from_pixels,
+    ground_from_pixels,
+    on_ground,
+    pixels_from_grid,
+    pixels_from_world,
+)
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -25,6 +34,8 @@ __all__ = ["SAMPLE_FRAMES", "check_predictions", "predictions_document", "read_p
 
 SAMPLE_FRAMES = 5
 """Frames from one sample of a trajectory to the next."""
+PREDICTED_SAMPLES = 12
+"""Samples of the released files after the video."""
 NOTHING_REMOVED = -1
 """`what_if` of the prediction in which no object is removed."""
 SAMPLED_MOVING_SPEED_WORLD_PER_S = 5 * MOVING_SPEED_WORLD_PER_S
@@ -36,7 +47,7 @@ Triple = tuple[str, str, str]
 
 
 def read_predictions(path: str | Path) -> dict[str, Any]:
-    """Read and check a prediction file.
+    """Read and check a prediction file, plain or gzipped.
 
     Raises:
         DataError: names the file, the location in the file and what was expected there.
@@ -65,11 +76,13 @@ def check_predictions(document: Any) -> None:
             expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {len(objects) - 1}"
             raise DataError(f"{where}.what_if: expected {expected}, got {what_if}")
         for s, sample in enumerate(get(prediction, "trajectory", list, where)):
+            get(sample, "frame_index", int, f"{where}.trajectory[{s}]")
             for i, o in enumerate(get(sample, "objects", list, f"{where}.trajectory[{s}]")):
                 object_where = f"{where}.trajectory[{s}].objects[{i}]"
                 scene_object(o, i, object_where)
                 get(o, "x", (int, float), object_where), get(o, "y", (int, float), object_where)
         for c, collision in enumerate(get(prediction, "collisions", list, where)):
+            get(collision, "frame", int, f"{where}.collisions[{c}]")
             pair = get(collision, "objects", list, f"{where}.collisions[{c}]")
             if len(pair) != 2:
                 raise DataError(f"{where}.collisions[{c}].objects: expected 2 objects, got {len(pair)}")
@@ -140,22 +153,48 @@ def _first_collisions(rows: list[Mapping[str, Any]], ids: Mapping[Triple, int]) 
 
 
 def predictions_document(prediction: DynamicsPrediction) -> dict[str, Any]:
-    """The content of a prediction file, which the released executor can read, from a dynamics prediction."""
+    """The content of a prediction file, which the released executor can read, from a dynamics prediction.
+
+    Samples after the end of a rollout continue its last step at constant velocity, as far as the image reaches. Collisions
+    take the nearest sample on their side of the video's end.
+    """
     words = [{"color": o.color, "material": o.material, "shape": o.shape} for o in prediction.objects]
+    n_frames = prediction.n_frames
 
     def rows(rollout: Rollout, what_if: int) -> dict[str, Any]:
-        world = rollout.location_world[:, ::SAMPLE_FRAMES]
-        grid = grid_from_pixels(pixels_from_world(on_ground(world)))
-        trajectory = []
-        for s in range(world.shape[1]):
-            shown = [
-                i for i in range(len(words)) if rollout.visible[i, s * SAMPLE_FRAMES] and np.isfinite(grid[i, s]).all()
-            ]
-            listed = [{"x": float(grid[i, s, 0]), "y": float(grid[i, s, 1]), **words[i]} for i in shown]
-            trajectory.append({"frame_index": s * SAMPLE_FRAMES, "objects": listed})
-        collisions = [{"frame": e.frame, "objects": [words[i] for i in e.objects]} for e in rollout.collisions]
+        n_rollout = rollout.visible.shape[1]
+        n_samples = max(math.ceil(n_frames / SAMPLE_FRAMES) + PREDICTED_SAMPLES, math.ceil(n_rollout / SAMPLE_FRAMES))
+        frames = np.arange(n_samples) * SAMPLE_FRAMES
+        held = np.minimum(frames, n_rollout - 1)
+        last_step = rollout.location_world[:, -1:] - rollout.location_world[:, -2:][:, :1]
+        world = rollout.location_world[:, held] + last_step * (frames - held)[:, None]
+        pixels = pixels_from_world(on_ground(world))
+        grid = grid_from_pixels(pixels)
+        inside = ((pixels >= 0) & (pixels <= (WIDTH_PX, HEIGHT_PX))).all(-1) | (frames == held)
+        shown = rollout.visible[:, held] & inside & np.isfinite(grid).all(-1)
+        trajectory = [
+            {
+                "frame_index": int(frame),
+                "objects": [
+                    {"x": float(grid[i, s, 0]), "y": float(grid[i, s, 1]), **words[i]}
+                    for i in np.flatnonzero(shown[:, s])
+                ],
+            }
+            for s, frame in enumerate(frames)
+        ]
+        collisions = [
+            {"frame": _sample_frame(e.frame, n_frames), "objects": [words[i] for i in e.objects]}
+            for e in rollout.collisions
+        ]
         return {"what_if": what_if, "trajectory": trajectory, "collisions": collisions}
 
     others = [rows(rollout, removed) for removed, rollout in sorted(prediction.counterfactual.items())]
     objects = [{"id": o.id, **w} for o, w in zip(prediction.objects, words, strict=True)]
     return {"objects": objects, "predictions": [rows(prediction.observed, NOTHING_REMOVED), *others]}
+
+
+def _sample_frame(frame: int, n_frames: int) -> int:
+    """Frame of the sample nearest to a frame, among those of the video or among those after it."""
+    nearest = round(frame / SAMPLE_FRAMES) * SAMPLE_FRAMES
+    first_unseen = math.ceil(n_frames / SAMPLE_FRAMES) * SAMPLE_FRAMES
+    return min(nearest, first_unseen - SAMPLE_FRAMES) if frame < n_frames else max(nearest, first_unseen)

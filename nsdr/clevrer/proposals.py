@@ -19,6 +19,7 @@ from nsdr.world.timeline import VIDEO_FRAMES
 from nsdr.world.vocabulary import attribute_index, attributes_of
 
 __all__ = [
+    "compact_rows",
     "mask_numbers",
     "parse_proposals",
     "proposals_document",
@@ -58,11 +59,25 @@ def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
     Raises:
         DataError: there is no such block, or it is malformed; names the file and the location in the file.
     """
-    content = parse_json(_bytes(path), str(path))
-    block = get(content, "ground_truth", dict, str(path))
-    check_ground_truth(block, f"{path}: ground_truth")
+    data = _bytes(path)
+    content = parse_json(data, str(path))
     indices = _frame_indices(get(content, "frames", list, str(path)), str(path))
-    return block, max(indices, default=-1) + 1
+    return parse_ground_truth(data, str(path)), max(indices, default=-1) + 1
+
+
+def parse_ground_truth(data: bytes, name: str) -> dict[str, Any]:
+    """Parse and check the `ground_truth` block in the bytes of a file of `processed_proposals`.
+
+    Args:
+        data: JSON, plain or gzipped.
+        name: name of the file, for error messages.
+
+    Raises:
+        DataError: there is no such block, or it is malformed; names `name` and the location in the file.
+    """
+    block = get(parse_json(data, name), "ground_truth", dict, name)
+    check_ground_truth(block, f"{name}: ground_truth")
+    return block
 
 
 def _bytes(path: str | Path) -> bytes:
@@ -98,7 +113,8 @@ def parse_proposals(data: bytes, name: str) -> VideoProposals:
                 raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {size}")
             score = float(get(o, "score", (float, int), where))
             rows.append((f, attribute_index(detected.color, detected.material, detected.shape), score, counts))
-    return proposals_from_rows(max(indices, default=-1) + 1, rows)
+    n_frames = max(get(content, "n_frames", int, name) if "n_frames" in content else 0, max(indices, default=-1) + 1)
+    return proposals_from_rows(n_frames, rows, indices)
 
 
 def _frame_indices(frames: Sequence[Any], name: str) -> list[int]:
@@ -109,12 +125,15 @@ def _frame_indices(frames: Sequence[Any], name: str) -> list[int]:
     return indices
 
 
-def proposals_from_rows(n_frames: int, rows: Sequence[tuple[int, int, float, str]]) -> VideoProposals:
+def proposals_from_rows(
+    n_frames: int, rows: Sequence[tuple[int, int, float, str]], processed: Sequence[int] | None = None
+) -> VideoProposals:
     """Make proposals from rows; rows with empty masks are dropped.
 
     Args:
         n_frames: number of frames of the video.
         rows: (frame, attribute index, score, COCO run-length string), in any order.
+        processed: ascending frames that were processed; None for all.
     """
     kept, centroids, areas, boxes = [], [], [], []
     for row in sorted(rows, key=lambda r: r[0]):
@@ -133,6 +152,7 @@ def proposals_from_rows(n_frames: int, rows: Sequence[tuple[int, int, float, str
         np.array(areas, np.int64),
         np.array(boxes, np.int64).reshape(-1, 4),
         tuple(r[3] for r in kept),
+        None if processed is None or len(processed) == n_frames else np.array(processed, np.int64),
     )
 
 
@@ -155,12 +175,15 @@ def mask_numbers(mask: NDArray[np.uint8]) -> tuple[tuple[float, float], int, tup
 def proposals_document(proposals: VideoProposals, video_index: int, video_filename: str) -> dict[str, Any]:
     """The official JSON document of a video's proposals; inverse of `read_proposals`.
 
+    It lists the processed frames. Where the last frame is not one of them, `n_frames` is added to the official keys.
+
     Raises:
         DataError: the proposals have no masks.
     """
     if proposals.masks is None:
         raise DataError("the proposals have no masks, which the official format needs")
-    frames: list[dict[str, Any]] = [{"frame_index": f, "objects": []} for f in range(proposals.n_frames)]
+    indices = range(proposals.n_frames) if proposals.processed is None else proposals.processed.tolist()
+    frames: dict[int, dict[str, Any]] = {f: {"frame_index": f, "objects": []} for f in indices}
     for i, mask in enumerate(proposals.masks):
         frame = int(proposals.frame_index[i])
         color, material, shape = attributes_of(int(proposals.attribute[i]))
@@ -175,7 +198,31 @@ def proposals_document(proposals: VideoProposals, video_index: int, video_filena
                 "frame_index": frame,
             }
         )
-    return {"video_index": video_index, "video_filename": video_filename, "frames": frames}
+    document = {"video_index": video_index, "video_filename": video_filename, "frames": list(frames.values())}
+    return document if proposals.n_frames - 1 in frames else document | {"n_frames": proposals.n_frames}
+
+
+def compact_rows(video: int, proposals: VideoProposals) -> dict[str, NDArray[Any]]:
+    """The arrays of a compact file for one video; inverse of `read_compact_proposals`, but for masks and rounding.
+
+    Args:
+        video: index of the video.
+        proposals: its N detections.
+
+    Returns:
+        The `COMPACT_ARRAYS` by name: (N,) integers, `box` (N, 4).
+    """
+    centroid = np.rint((proposals.centroid_px - PIXEL_CENTRE_PX) * COMPACT_CENTROID_STEPS_PER_PX)
+    return {
+        "video": np.full(len(proposals), video, np.uint32),
+        "frame": proposals.frame_index.astype(np.uint16),
+        "attr": proposals.attribute.astype(np.uint8),
+        "score": np.rint(proposals.score * COMPACT_SCORE_STEPS).astype(np.uint8),
+        "cx64": centroid[:, 0].astype(np.uint16),
+        "cy64": centroid[:, 1].astype(np.uint16),
+        "area": proposals.area_px.astype(np.uint32),
+        "box": proposals.box_xyxy_px.astype(np.uint16),
+    }
 
 
 def read_compact_proposals(
@@ -188,7 +235,7 @@ def read_compact_proposals(
 
     Args:
         path: the NPZ file.
-        n_frames: number of frames by video index, for videos that do not have 128.
+        n_frames: number of frames by video index; others have 128, or more if rows show more.
 
     Yields:
         (video index, proposals without masks).
@@ -205,11 +252,12 @@ def read_compact_proposals(
     for start, stop in zip(starts, [*starts[1:], len(a["video"])], strict=True):
         rows = slice(int(start), int(stop))
         video = int(a["video"][start])
+        frame = a["frame"][rows].astype(np.int64)
         yield (
             video,
             VideoProposals(
-                (n_frames or {}).get(video, VIDEO_FRAMES),
-                a["frame"][rows].astype(np.int64),
+                (n_frames or {}).get(video, max(VIDEO_FRAMES, int(frame.max()) + 1)),
+                frame,
                 a["attr"][rows].astype(np.int64),
                 a["score"][rows] / COMPACT_SCORE_STEPS,
                 np.stack([a["cx64"][rows], a["cy64"][rows]], 1) / COMPACT_CENTROID_STEPS_PER_PX + PIXEL_CENTRE_PX,

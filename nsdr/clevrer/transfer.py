@@ -1,5 +1,6 @@
 """Resumable fetching of one file over HTTP."""
 
+import hashlib
 import time
 import urllib.error
 import urllib.request
@@ -9,6 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from nsdr.errors import DataError
+from nsdr.io.files import sync
 
 __all__ = ["fetch"]
 
@@ -18,7 +20,7 @@ TIMEOUT_S = 60.0
 """Time without an answer after which a connection counts as broken (s)."""
 
 
-def fetch(url: str, target: str | Path, retries: int, wait_s: float, progress: bool) -> None:
+def fetch(url: str, target: str | Path, retries: int, wait_s: float, progress: bool, sha256: str | None = None) -> str:
     """Fetch `url` to `target`; `target.part` holds an incomplete file, and a later call continues it.
 
     Args:
@@ -27,9 +29,14 @@ def fetch(url: str, target: str | Path, retries: int, wait_s: float, progress: b
         retries: number of retries in a row that may fail without any progress.
         wait_s: pause before the first retry (s); it doubles with each further one.
         progress: whether to show a progress bar.
+        sha256: the checksum that the file must have; None for any.
+
+    Returns:
+        The file's SHA-256.
 
     Raises:
-        DataError: the server does not have the file, or the connection keeps breaking.
+        DataError: the server does not have the file, the connection keeps breaking, or the file has another checksum; such a
+            file is deleted.
     """
     target = Path(target)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -52,7 +59,14 @@ def fetch(url: str, target: str | Path, retries: int, wait_s: float, progress: b
         if failures > retries:
             raise DataError(f"{url}: failed {failures} times in a row ({reason}); run the command again to continue")
         time.sleep(wait_s * 2 ** (failures - 1))
+    with open(part, "rb") as file:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    if found != (sha256 or found):
+        part.unlink()
+        raise DataError(f"{url}: has SHA-256 {found}, expected {sha256}; it was changed on the way or at its source")
+    sync(part)
     part.replace(target)
+    return found
 
 
 class _Incomplete(Exception):

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.cli.common import load_scene, make_pipeline
+from nsdr.errors import DataError
 from nsdr.types import Answer
 
 __all__ = ["answer", "demo", "execute", "parse_question"]
@@ -13,8 +14,12 @@ __all__ = ["answer", "demo", "execute", "parse_question"]
 
 def answer(options: Any) -> int:
     """`nsdr answer`: a question about a video or a saved scene."""
+    is_scene = Path(options.video).suffix in (".json", ".npz")
+    given = [f"--{name}" for name in ("dynamics", "config", "set") if getattr(options, name)]
+    if is_scene and given:
+        raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
     pipeline = make_pipeline(options)
-    source: Any = load_scene(options.video) if Path(options.video).suffix in (".json", ".npz") else options.video
+    source: Any = load_scene(options.video) if is_scene else options.video
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
         print(json.dumps(asdict(found)))
@@ -39,10 +44,9 @@ def _print_answer(found: Answer, trace: bool) -> None:
 def parse_question(options: Any) -> int:
     """`nsdr parse-question`: the program of a text."""
     from nsdr.errors import QuestionError
-    from nsdr.io.checkpoint import find_checkpoint
     from nsdr.question_parser.parser import QuestionParser
 
-    parser = QuestionParser.from_checkpoint(find_checkpoint(options.checkpoint))
+    parser = QuestionParser.from_pretrained(options.checkpoint, options.device)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
     for kind in kinds:
         try:
@@ -56,10 +60,13 @@ def parse_question(options: Any) -> int:
 
 
 def execute(options: Any) -> int:
-    """`nsdr execute`: a program on a saved scene."""
+    """`nsdr execute`: a program on a saved scene, or with the official semantics on a prediction file."""
+    from nsdr.clevrer.predictions import read_predictions
     from nsdr.symbolic import Executor
 
-    _print_answer(Executor(load_scene(options.scene)).answer(options.program), options.trace)
+    scene: Any = read_predictions(options.scene) if options.semantics == "official" else load_scene(options.scene)
+    executor = Executor(scene, options.semantics, options.collisions)
+    _print_answer(executor.answer(options.program), options.trace)
     return 0
 
 
@@ -67,4 +74,4 @@ def demo(options: Any) -> int:
     """`nsdr demo`: questions about the clip that ships with the package."""
     from nsdr.cli.demo import run_demo
 
-    return run_demo(options.checkpoint, options.output)
+    return run_demo(options.checkpoint, options.output, options.device)

@@ -1,4 +1,4 @@
-"""`nsdr data`: CLEVRER's files, and training frames from videos."""
+"""`nsdr data`: CLEVRER's files, and training data made from them."""
 
 from typing import Any
 
@@ -7,19 +7,32 @@ from nsdr.errors import DataError
 __all__ = ["data"]
 
 SHOWN_MISSING = 5
+TAKES: dict[str, dict[str, Any]] = {
+    "verify": {},
+    "download": {"split": None, "what": ["videos", "annotations", "questions"], "trust_first_use": False},
+    "frames": {"proposals": None, "output": None, "every": 8},
+    "motion": {"output": None, "split": "train", "engine": "processes", "workers": 0},
+}
+"""The options of each action, and their defaults; None for those that must be given."""
 
 
 def data(options: Any) -> int:
-    """`nsdr data verify|download|frames`."""
-    return {"verify": _verify, "download": _download, "frames": _frames}[options.action](options)
+    """`nsdr data verify|download|frames|motion`."""
+    action, takes = options.action, TAKES[options.action]
+    for name in sorted({name for values in TAKES.values() for name in values}):
+        if getattr(options, name) is None:
+            setattr(options, name, takes.get(name))
+            if name in takes and takes[name] is None:
+                raise DataError(f"nsdr data {action}: --{name.replace('_', '-')} is missing")
+        elif name not in takes:
+            raise DataError(f"nsdr data {action}: --{name.replace('_', '-')} does nothing here")
+    return {"verify": _verify, "download": _download, "frames": _frames, "motion": _motion}[action](options)
 
 
 def _download(options: Any) -> int:
     from nsdr.clevrer.download import download
 
-    if options.split is None:
-        raise DataError("nsdr data download: --split is missing; expected train, validation or test")
-    for path in download(options.root, options.split, options.what):
+    for path in download(options.root, options.split, options.what, trust_first_use=options.trust_first_use):
         print(path)
     return 0
 
@@ -27,10 +40,16 @@ def _download(options: Any) -> int:
 def _frames(options: Any) -> int:
     from nsdr.frame_parser.training_frames import write_frames
 
-    if options.proposals is None or options.output is None:
-        raise DataError("nsdr data frames: --proposals or --output is missing")
     count = write_frames(options.root, options.proposals, options.output, options.every)
     print(f"{options.output}: {count} frames")
+    return 0
+
+
+def _motion(options: Any) -> int:
+    from nsdr.clevrer.compact_files import PROPOSALS_FILE, TRUTH_FILE, write_compact_files
+
+    count = write_compact_files(options.root, options.output, options.split, options.engine, options.workers)
+    print(f"{options.output}: {PROPOSALS_FILE} and {TRUTH_FILE} of {count} videos")
     return 0
 
 
@@ -45,4 +64,4 @@ def _verify(options: Any) -> int:
         first += ", ..." if len(row.missing) > SHOWN_MISSING else ""
         print(f"{row.split:<12}{row.kind:<14}{row.found:>7}{row.expected:>10}  {first}")
     print("complete" if complete else "incomplete: `nsdr data download` fetches videos, annotations and questions")
-    return 0
+    return 0 if complete else 1

@@ -12,11 +12,11 @@ from nsdr.types import Answer
 __all__ = ["run_demo"]
 
 
-def run_demo(checkpoint: str | Path = "default", image: str | Path = "nsdr_demo.png") -> int:
+def run_demo(checkpoint: str | Path = "default", image: str | Path = "nsdr_demo.png", device: str = "auto") -> int:
     """Perceive the clip, answer its questions from pixels, compare with the truth, write an annotated image."""
     from nsdr.visualize import write_annotated_image
 
-    pipeline = Pipeline.from_pretrained(checkpoint)
+    pipeline = Pipeline.from_pretrained(checkpoint, device=device)
     print(f"Watching {VIDEO.name} ...")
     perception = pipeline.perceive(VIDEO)
     scene = perception.scene

@@ -15,6 +15,8 @@ def evaluate(options: Any) -> int:
     names = {f.name for f in fields(EvaluationConfig)}
     report = run_evaluation(EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names}))
     print(format_table(report))
+    if report["unlabelled"] and not (options.output or options.submission):
+        print("nothing was written: --submission or --output names a file for the answers")
     if options.output:
         write_json(options.output, report, indent=1)
     if options.submission:
@@ -26,5 +28,5 @@ def experiment(options: Any) -> int:
     """`nsdr experiment`: measure all rows of a table."""
     from nsdr.evaluation import run_experiment
 
-    print(run_experiment(options.file, options.output).read_text())
+    print(run_experiment(options.file, options.output, options.device).read_text())
     return 0

@@ -31,7 +31,8 @@ class SceneOptions:
 
     Attributes:
         output: JSON file to write.
-        seed: of the scene.
+        seed: number of the scene, as `seed` in its truth file: the n-th scene of `nsdr generate dataset --seed s` has
+            1,000,000 s + n.
         scene: what scenes look like.
     """
 

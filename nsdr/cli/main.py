@@ -80,13 +80,15 @@ class _Commands:
         Args:
             name: of the command.
             summary: one line of help.
-            checkpoint: takes `--checkpoint`.
+            checkpoint: takes `--checkpoint` and `--device`.
             pipeline: takes the settings of a pipeline.
             work: works on many files.
         """
         sub = jsonargparse.ArgumentParser(description=summary, exit_on_error=False)
         if checkpoint:
-            sub.add_argument("--checkpoint", default="default", help="folder, name or hub id of the weights")
+            where = "folder, name or hub address (hf://USER/NAME@COMMIT) of the weights"
+            sub.add_argument("--checkpoint", default="default", help=where)
+            sub.add_argument("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
         if pipeline:
             sub.add_argument(
                 "--dynamics", default="", help="backend (physics, state, paper, or an installed one) or YAML file"
@@ -97,8 +99,6 @@ class _Commands:
             sub.add_argument(
                 "--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable"
             )
-        if pipeline and not work:
-            sub.add_argument("--device", default="auto", help="auto, cpu, cuda or cuda:N")
         if work:
             sub.add_argument("--workers", type=int, default=0, help="number of processes; 0 for one per CPU core")
             sub.add_argument("--engine", default="processes", choices=ENGINES, help="where to work")
@@ -142,12 +142,23 @@ def _ask_options(commands: _Commands) -> None:
     parse_question.add_argument("--tree", action="store_true", help="print it as the paper writes it")
 
     execute = commands.add("execute", "run a program on a saved scene", checkpoint=False)
-    execute.add_argument("--scene", required=True, help="scene file written by parse-video")
+    execute.add_argument("--scene", required=True, help="scene saved by parse-video; official: prediction file")
     execute.add_argument("--program", required=True, help="postfix tokens, or a tree as in the paper")
+    _semantics_options(execute)
     execute.add_argument("--trace", action="store_true", help="print every executed step")
 
     demo = commands.add("demo", "answer questions about the clip that ships with the package")
     demo.add_argument("-o", "--output", default="nsdr_demo.png", help="annotated image to write")
+
+
+def _semantics_options(parser: Any) -> None:
+    parser.add_argument("--semantics", default="paper", choices=["paper", "official"], help="of the executor")
+    parser.add_argument(
+        "--collisions",
+        default="predicted",
+        choices=["predicted", "velocity"],
+        help="official semantics: velocity is NE",
+    )
 
 
 def _perceive_options(commands: _Commands) -> None:
@@ -185,7 +196,9 @@ def _perceive_options(commands: _Commands) -> None:
 
 
 def _evaluate_options(commands: _Commands) -> None:
-    add = commands.add("evaluate", "score answers to a question file; resumable", pipeline=True, work=True).add_argument
+    evaluate = commands.add("evaluate", "score answers to a question file; resumable", pipeline=True, work=True)
+    _semantics_options(evaluate)
+    add = evaluate.add_argument
     add("--questions", default="", help="question file in CLEVRER's format")
     add(
         "--source", required=True, help="what scenes are made from: videos, proposals, tracks, … or an installed source"
@@ -193,7 +206,7 @@ def _evaluate_options(commands: _Commands) -> None:
     add("--data", default="", help="folder of these files (or one compact file)")
     add("--root", default="", help="folder in the official layout, in place of --questions and --data")
     add("--split", default="validation", choices=SPLITS, help="of --root")
-    add("--programs", default="parsed", choices=["parsed", "gold"], help="whose programs run")
+    add("--programs", default="parsed", help="parsed, gold, or the released parser's JSON files, separated by commas")
     add(
         "--types",
         nargs="+",
@@ -204,13 +217,6 @@ def _evaluate_options(commands: _Commands) -> None:
     add("--every", type=int, default=1, help="answer every n-th scene")
     add("--limit", type=int, default=0, help="answer the first n scenes; 0 for all")
     add("--stride", type=int, default=1, help="videos: process every n-th frame")
-    add("--semantics", default="paper", choices=["paper", "official"], help="of the executor")
-    add(
-        "--collisions",
-        default="predicted",
-        choices=["predicted", "velocity"],
-        help="official semantics: velocity is NE",
-    )
     add("--truth_source", default="", help="source of scenes whose observed collisions replace the detected ones")
     add("--truth", default="", help="folder or file of --truth_source")
     add("--cache", default="runs/scenes", help="folder that keeps scenes for the next run")
@@ -219,19 +225,24 @@ def _evaluate_options(commands: _Commands) -> None:
 
     experiment = commands.add("experiment", "measure all rows of a table; resumable", checkpoint=False)
     experiment.add_argument("file", help="configs/experiments/….yaml")
+    experiment.add_argument("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
     experiment.add_argument("-o", "--output", default="results", help="folder for NAME.json and NAME.md")
 
 
 def _data_options(commands: _Commands) -> None:
-    summary = "check or download CLEVRER's official files, or make training frames from videos"
+    summary = "check or download CLEVRER's official files, or make training data of them or of generated ones"
     add = commands.add("data", summary, checkpoint=False).add_argument
-    add("action", choices=["verify", "download", "frames"], help="what to do")
+    add("action", choices=list(data.TAKES), help="what to do")
     add("root", help="the data set's folder; for frames: the videos' folder")
     add("--proposals", default=None, help="frames: folder of the videos' mask proposals")
-    add("-o", "--output", default=None, help="frames: folder to write")
-    add("--every", type=int, default=8, help="frames: take every n-th frame")
-    add("--split", default=None, choices=SPLITS, help="which to download")
-    add("--what", nargs="+", default=["videos", "annotations", "questions"], help="videos, annotations, questions")
+    add("-o", "--output", default=None, help="frames, motion: folder to write")
+    add("--every", type=int, default=None, help="frames: take every n-th frame (default: 8)")
+    add("--split", default=None, choices=SPLITS, help="download, motion (default: train): which videos")
+    add("--what", nargs="+", default=None, help="download: videos, annotations, questions (default: all)")
+    trust = "download: accept files over plain HTTP that have no checksum in the folder's checksums.json yet"
+    add("--trust-first-use", action="store_true", default=None, help=trust)
+    add("--workers", type=int, default=None, help="motion: number of processes; 0 (default) for one per CPU core")
+    add("--engine", default=None, choices=ENGINES, help="motion: where to work (default: processes)")
 
 
 def _version() -> str:

@@ -45,7 +45,7 @@ def parse_videos(options: Any) -> int:
 
     o = options
     settings = pipeline_settings(o.config, o.dynamics, o.set, o.stride)
-    return _report(o.output, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers))
+    return _report(o.output, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device))
 
 
 def predict_dynamics(options: Any) -> int:
@@ -55,7 +55,7 @@ def predict_dynamics(options: Any) -> int:
 
     o = options
     settings = pipeline_settings(o.config, o.dynamics, o.set)
-    return _report(o.output, run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers))
+    return _report(o.output, run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers, o.device))
 
 
 def _report(output: str, summary: Any) -> int:
@@ -78,6 +78,14 @@ def visualize(options: Any) -> int:
     kind = Path(options.output).suffix
     if kind not in (".mp4", ".png", ".html"):
         raise DataError(f"{options.output}: expected a name ending in .mp4, .png or .html")
+    if (options.question or options.choice) and kind != ".html":
+        raise DataError("--question and --choice do nothing here; they need an output ending in .html")
+    if options.choice and not options.question:
+        raise DataError("--choice does nothing without --question")
+    if options.image != "strobe" and kind != ".png":
+        raise DataError("--image does nothing here; it needs an output ending in .png")
+    if options.removed is not None and options.image != "plan":
+        raise DataError("--removed does nothing here; it needs --image plan")
     pipeline = make_pipeline(options)
     p = pipeline.perceive(options.video)
     if options.removed is not None and options.removed not in p.dynamics.counterfactual:

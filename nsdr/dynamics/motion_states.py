@@ -1,5 +1,6 @@
 """Tracks as dense arrays: a position for every object and frame, with what is known of its reliability."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,15 +11,22 @@ from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
 from nsdr.types import SceneObject, VideoTracks
 from nsdr.world.vocabulary import MATERIALS, SHAPES
 
-__all__ = ["MeasurementConfig", "MotionStates", "extrapolate", "object_features", "states_from_tracks"]
+__all__ = [
+    "MeasurementConfig",
+    "MotionStates",
+    "detections_in",
+    "extrapolate",
+    "object_features",
+    "states_from_tracks",
+]
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
-LINE_SAMPLES = 8
-"""Samples at a track's ends whose straight line is continued where the object was not detected."""
-MIN_LINE_SAMPLES = 3
-"""Reliable samples near a track's end that suffice for that line; otherwise all samples count."""
+LINE_FRAMES = 8
+"""Frames at a track's ends whose straight line is continued where the object was not detected."""
+MIN_LINE_FRAMES = 3
+"""Frames of reliable detections near a track's end that suffice for that line; otherwise all detections count."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,21 @@ class MotionStates:
     present: BoolArray
     box_px: FloatArray
 
+    @property
+    def spacing_frames(self) -> float:
+        """Frames from one processed frame of the video to the next, as its detections show (median)."""
+        return _spacing_frames(self.detected)
+
+
+def detections_in(frames: int, spacing_frames: float) -> int:
+    """Number of detections that reach over as many frames, 2 or more: `frames` itself where every frame was processed."""
+    return 1 + math.ceil((frames - 1) / spacing_frames)
+
+
+def _spacing_frames(detected: BoolArray) -> float:
+    frames = np.flatnonzero(detected.any(0))
+    return float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
+
 
 def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None = None) -> MotionStates:
     """Dense states of all tracks of a video; `visibility` decides which positions are reliable."""
@@ -77,7 +100,7 @@ def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None =
         if n
         else np.zeros((0, frames), bool)
     )
-    reliable = detected & ~hidden
+    reliable, spacing = detected & ~hidden, _spacing_frames(detected)
     every, centred = np.arange(frames), np.zeros((n, frames, 4))
     for i, t in enumerate(video.tracks):
         seen, sides = t.frame_index, t.box_xyxy_px.astype(float)
@@ -85,7 +108,7 @@ def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None =
             location[i, :, axis] = np.interp(every, seen, t.location_world[:, axis])
         centre_and_size = np.concatenate([(sides[:, :2] + sides[:, 2:]) / 2, sides[:, 2:] - sides[:, :2]], 1)
         centred[i] = np.stack([np.interp(every, seen, column) for column in centre_and_size.T], 1)
-        first, last = _line_samples(seen, reliable[i, seen])
+        first, last = _line_samples(seen, reliable[i, seen], spacing)
         before, after = every < seen[0], every > seen[-1]
         location[i, before] = _line(seen[first], t.location_world[first], every[before])
         location[i, after] = _line(seen[last], t.location_world[last], every[after])
@@ -94,7 +117,7 @@ def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None =
 
 def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:
     """Positions (..., F, 2) continued in straight lines by a number of frames on both sides: (..., F + 2 frames, 2)."""
-    reach = min(LINE_SAMPLES, location_world.shape[-2] - 1)
+    reach = min(LINE_FRAMES, location_world.shape[-2] - 1)
     if reach < 1:
         return np.repeat(location_world, 2 * frames + 1, axis=-2)
     ahead = np.arange(1, frames + 1)[:, None] / reach
@@ -104,13 +127,13 @@ def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:
     return np.concatenate([before, location_world, after], axis=-2)
 
 
-def _line_samples(seen: IntArray, is_reliable: BoolArray) -> tuple[IntArray, IntArray]:
+def _line_samples(seen: IntArray, is_reliable: BoolArray, spacing: float) -> tuple[IntArray, IntArray]:
     """Indices of the samples at a track's start and end that its lines go through; reliable ones where they are near."""
     reliable, every = np.flatnonzero(is_reliable), np.arange(len(seen))
-    k, near = MIN_LINE_SAMPLES, 2 * LINE_SAMPLES
+    k, count, near = detections_in(MIN_LINE_FRAMES, spacing), detections_in(LINE_FRAMES, spacing), 2 * LINE_FRAMES
     at_start = len(reliable) >= k and seen[reliable[k - 1]] - seen[0] <= near
     at_end = len(reliable) >= k and seen[-1] - seen[reliable[-k]] <= near
-    return (reliable if at_start else every)[:LINE_SAMPLES], (reliable if at_end else every)[-LINE_SAMPLES:]
+    return (reliable if at_start else every)[:count], (reliable if at_end else every)[-count:]
 
 
 def _line(frame_index: IntArray, location_world: FloatArray, wanted: IntArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """The dynamics backends by name, and their settings in one dataclass (`configs/dynamics/physics.yaml`)."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -72,15 +72,7 @@ def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
 
     detector = StatePredictor.from_checkpoint(folder)
-    fit = replace(config.physics.search.fit, measurement=config.smoothing.measurement)
-    settings = replace(
-        config.physics,
-        shortcut=config.shortcut,
-        horizon_frame=config.horizon_frame,
-        smoothing=config.smoothing,
-        search=replace(config.physics.search, fit=fit),
-    )
-    return PhysicsPredictor(detector, settings)
+    return PhysicsPredictor(detector, config.physics, config.shortcut, config.horizon_frame, config.smoothing)
 
 
 def _state(folder: Path, config: BackendConfig) -> DynamicsBackend:
@@ -94,19 +86,25 @@ def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
     from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 
     options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
-    return PatchPredictor.from_checkpoint(find_checkpoint(PATCH_CHECKPOINT), **options)
+    return PatchPredictor.from_checkpoint(_patch_folder(folder), **options)
+
+
+def _patch_folder(folder: Path) -> Path:
+    """The checkpoint of the paper's network: the given one, or the shipped `dynamics_paper` in place of `default`."""
+    return find_checkpoint(PATCH_CHECKPOINT) if folder.resolve() == find_checkpoint().resolve() else folder
 
 
 def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> DynamicsBackend:
     """A dynamics backend with its weights.
 
     Args:
-        folder: the checkpoint with `dynamics.safetensors`; "paper" has one of its own, `checkpoints/dynamics_paper`.
+        folder: the checkpoint with `dynamics.safetensors`; for "paper" and the folder of `default`, the shipped
+            `dynamics_paper` is read instead.
         settings: a backend's name, a YAML file of a `BackendConfig`, or one.
 
     Raises:
-        DataError: an unknown backend or kind of collisions.
-        CheckpointError: weights are missing or corrupt.
+        DataError: an unknown backend or kind of collisions, or settings that would do nothing.
+        CheckpointError: weights are missing or corrupt, or of another backend's network.
     """
     config = backend_settings(settings)
     backend = BACKENDS[config.backend](folder, config)
@@ -125,9 +123,15 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
         raise DataError(f"dynamics {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
     if config.collisions not in COLLISIONS:
         raise DataError(f"collisions is {config.collisions!r}; expected {' or '.join(COLLISIONS)}")
+    if config.backend == "paper" and not config.shortcut:
+        raise DataError("shortcut: false does nothing with dynamics 'paper', which has no shortcut")
+    if config.backend in ("state", "paper") and config.physics != PhysicsConfig():
+        raise DataError(f"settings of physics do nothing with dynamics {config.backend!r}; leave them out")
+    if config.collisions != "velocity" and config.velocity != VelocityConfig():
+        raise DataError("settings of velocity do nothing without collisions: velocity; add it, or leave them out")
     return config
 
 
 def checkpoint_folders(folder: Path, config: BackendConfig) -> list[Path]:
     """Folders whose weights a pipeline with this backend uses."""
-    return [folder, find_checkpoint(PATCH_CHECKPOINT)] if config.backend == "paper" else [folder]
+    return [*dict.fromkeys([folder, _patch_folder(folder)])] if config.backend == "paper" else [folder]

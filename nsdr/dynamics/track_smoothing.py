@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
+from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
@@ -36,7 +36,7 @@ class SmoothingConfig:
     """How stretches of tracks are fitted. Set on left-out scenes of `train`.
 
     Attributes:
-        min_frames: stretches with fewer detections get no speed (frames).
+        min_frames: stretches whose detections reach over less than this get no speed (frames).
         max_residual_world: stretches whose median residual is larger hide a collision and are not fitted (world units).
         measurement: how far measured positions are trusted.
     """
@@ -111,7 +111,7 @@ def _stretch(
     shape = states.objects[i].shape
     last = end if end == states.present.shape[1] else end - c.measurement.collision_margin_frames
     detected = np.flatnonzero(states.detected[i, start:last]) + start
-    if len(detected) < c.min_frames:
+    if len(detected) < detections_in(c.min_frames, states.spacing_frames):
         return None
     positions = states.location_world[i, detected]
     weight = np.where(states.reliable[i, detected], 1.0, c.measurement.unreliable_weight)

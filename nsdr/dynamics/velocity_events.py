@@ -109,7 +109,8 @@ def _in_image(rollout: Rollout, config: VelocityConfig) -> list[Event]:
     grid = grid_from_pixels(pixels_from_world(np.concatenate([rollout.location_world, height], -1)))
     shown = rollout.visible & np.isfinite(grid).all(-1)
     samples = range(0, frames, config.stride_frames)
-    return grid_collisions([{t: (grid[i, t, 0], grid[i, t, 1]) for t in samples if shown[i, t]} for i in range(n)])
+    paths = [{t: (grid[i, t, 0], grid[i, t, 1]) for t in samples if shown[i, t]} for i in range(n)]
+    return grid_collisions(paths, config.stride_frames)
 
 
 def _on_ground(rollout: Rollout, config: VelocityConfig) -> list[Event]:

@@ -12,13 +12,14 @@ from nsdr.dynamics.registry import checkpoint_folders
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.device import resolve_device
 from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.runner import Job, Summary, run_jobs
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 
-__all__ = ["parse_videos", "predict_dynamics", "video_number"]
+__all__ = ["parse_videos", "predict_dynamics", "video_number", "worker_pipeline"]
 
 FORMATS = ("predictions", "scenes")
 
@@ -30,6 +31,7 @@ def parse_videos(
     settings: PipelineConfig | None = None,
     engine: str = "processes",
     workers: int = 0,
+    device: str = "auto",
 ) -> Summary:
     """Write `scene_N.json` and `proposal_N.json` for every video of a folder.
 
@@ -42,6 +44,7 @@ def parse_videos(
         settings: of perception; None for the defaults.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
+        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Raises:
         DataError: the folder holds no videos, or two that would be written to the same file.
@@ -52,7 +55,8 @@ def parse_videos(
     found = _by_number({str(p.relative_to(videos)): p for p in paths})
     settings = settings or PipelineConfig()
     jobs = _jobs(found, Path(output), "scene", checkpoint, settings, "videos")
-    return run_jobs(partial(_parse_video, checkpoint, settings), jobs, output, engine, workers)
+    function = partial(_parse_video, checkpoint, settings, str(resolve_device(device)))
+    return run_jobs(function, jobs, output, engine, workers)
 
 
 def predict_dynamics(
@@ -63,6 +67,7 @@ def predict_dynamics(
     settings: PipelineConfig | None = None,
     engine: str = "processes",
     workers: int = 0,
+    device: str = "auto",
 ) -> Summary:
     """Write the motion and collisions of every proposal file: observed, after the video, and with each object removed.
 
@@ -75,6 +80,7 @@ def predict_dynamics(
         settings: of perception; None for the defaults.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
+        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Raises:
         DataError: an unknown form, no proposals, or two files that would be written to the same one.
@@ -93,7 +99,8 @@ def predict_dynamics(
     settings = settings or PipelineConfig()
     stem = "sim" if form == "predictions" else "scene"
     jobs = _jobs(found, Path(output), stem, checkpoint, settings, form)
-    return run_jobs(partial(_predict, checkpoint, settings, form), jobs, output, engine, workers)
+    function = partial(_predict, checkpoint, settings, str(resolve_device(device)), form)
+    return run_jobs(function, jobs, output, engine, workers)
 
 
 def video_number(path: Path) -> str:
@@ -128,12 +135,13 @@ def _jobs(
 
 
 @lru_cache(maxsize=1)
-def _pipeline(checkpoint: str, settings: PipelineConfig) -> Pipeline:
-    return Pipeline.from_pretrained(checkpoint, config=settings)
+def worker_pipeline(checkpoint: str, settings: PipelineConfig, device: str) -> Pipeline:
+    """The pipeline of a worker process, loaded once."""
+    return Pipeline.from_pretrained(checkpoint, config=settings, device=device)
 
 
-def _parse_video(checkpoint: str, settings: PipelineConfig, video: Path, path: Path) -> None:
-    perception = _pipeline(checkpoint, settings).perceive(video)
+def _parse_video(checkpoint: str, settings: PipelineConfig, device: str, video: Path, path: Path) -> None:
+    perception = worker_pipeline(checkpoint, settings, device).perceive(video)
     digits = "".join(c for c in video.stem if c.isdigit())
     assert perception.proposals is not None
     document = proposals_document(perception.proposals, int(digits or 0), video.name)
@@ -141,9 +149,11 @@ def _parse_video(checkpoint: str, settings: PipelineConfig, video: Path, path: P
     storage.save(perception.scene, path)  # last: it marks the video as done
 
 
-def _predict(checkpoint: str, settings: PipelineConfig, form: str, source: Path | VideoProposals, path: Path) -> None:
+def _predict(
+    checkpoint: str, settings: PipelineConfig, device: str, form: str, source: Path | VideoProposals, path: Path
+) -> None:
     proposals = read_proposals(source) if isinstance(source, Path) else source
-    perception = _pipeline(checkpoint, settings).perceive(proposals=proposals)
+    perception = worker_pipeline(checkpoint, settings, device).perceive(proposals=proposals)
     if form == "scenes":
         storage.save(perception.scene, path)
     else:

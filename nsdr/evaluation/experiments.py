@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -92,12 +92,13 @@ def _row(values: dict[str, Any]) -> ExperimentRow:
     return ExperimentRow(name, EvaluationConfig(**values), baseline)
 
 
-def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
+def run_experiment(path: str | Path, output: str | Path = "results", device: str = "auto") -> Path:
     """Measure every row that is not there yet, and write the table.
 
     Args:
         path: experiment file.
         output: folder for NAME.json and NAME.md.
+        device: where networks run, as of `Pipeline.from_pretrained`; rows of all devices count as the same.
 
     Returns:
         The Markdown file.
@@ -113,7 +114,7 @@ def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
         value = row.fingerprint()
         kept = known.get(row.name)
         if kept is None or kept.get("fingerprint") != value:
-            kept = {"settings": row.settings(), "fingerprint": value, **_measured(row)}
+            kept = {"settings": row.settings(), "fingerprint": value, **_measured(row, device)}
         done.append(kept)
         write_json(file, {"title": title, "command": f"nsdr experiment {path}", "rows": done}, indent=1)
     table = file.with_suffix(".md")
@@ -121,11 +122,15 @@ def run_experiment(path: str | Path, output: str | Path = "results") -> Path:
     return table
 
 
-def _measured(row: ExperimentRow) -> dict[str, Any]:
+def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     if row.evaluation is None:
         return {"table": _published(row.published)}
     start = time.time()
-    report = _baseline(row.evaluation, row.baseline) if row.baseline else run_evaluation(row.evaluation)
+    report = (
+        _baseline(row.evaluation, row.baseline)
+        if row.baseline
+        else run_evaluation(replace(row.evaluation, device=device))
+    )
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},
         "failed_questions": report["errors"],

@@ -13,17 +13,19 @@ from typing import Any
 from tqdm import tqdm
 
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.predictions import read_predictions
+from nsdr.clevrer.parsed_programs import with_parsed_programs
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import checkpoint_folders
 from nsdr.errors import DataError, NsdrError
+from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.score import Parse, evaluate
-from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, find_file
+from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.device import resolve_device
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.runner import Job, run_jobs
-from nsdr.pipeline import Pipeline, PipelineConfig, pipeline_settings
+from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
@@ -40,7 +42,8 @@ class EvaluationConfig:
         root: data set in the official layout (see `nsdr.clevrer.CLEVRER`), in place of `questions` and `data`.
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
-        programs: "parsed", or "gold" for those of the question file.
+        programs: "parsed", "gold" for those of the question file, or the released parser's files (`parsed_programs/*.json`),
+            separated by commas.
         types: question types to answer.
         exclude: scene indices to leave out.
         every: answer every n-th scene of those with such questions.
@@ -57,6 +60,7 @@ class EvaluationConfig:
         cache: folder that keeps scenes for the next run.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
+        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
     """
 
     questions: str = ""
@@ -81,18 +85,20 @@ class EvaluationConfig:
     cache: str = "runs/scenes"
     engine: str = "processes"
     workers: int = 0
+    device: str = "auto"
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.types) - set(QUESTION_TYPES))
         if unknown:
             raise DataError(f"unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
         for name, allowed in (
-            ("programs", ("parsed", "gold")),
             ("semantics", ("paper", "official")),
             ("collisions", ("predicted", "velocity")),
         ):
             if getattr(self, name) not in allowed:
                 raise DataError(f"{name} is {getattr(self, name)!r}; expected {' or '.join(allowed)}")
+        if self.programs not in ("parsed", "gold") and not all(".json" in f for f in self.programs.split(",")):
+            raise DataError(f"programs is {self.programs!r}; expected parsed, gold, or JSON files separated by commas")
         if bool(self.root) == bool(self.questions or self.data):
             raise DataError("give --questions and --data, or --root for a whole split")
         if not self.root and not (self.questions and self.data):
@@ -111,6 +117,14 @@ class EvaluationConfig:
             raise DataError("every and stride: expected at least 1; limit and workers: expected at least 0")
         if bool(self.truth_source) != bool(self.truth):
             raise DataError("truth_source and truth go together; give both or none")
+        if self.split != "validation" and not self.root:
+            raise DataError(f"split {self.split} is of --root and does nothing without it")
+        if self.semantics == "official" and self.root:
+            raise DataError("source predictions cannot be read from a split of --root; give --questions and --data")
+
+    def program_files(self) -> list[str]:
+        """Files of parsed programs that `programs` names."""
+        return [] if self.programs in ("parsed", "gold") else self.programs.split(",")
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of perception."""
@@ -129,6 +143,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     settings = config.pipeline()
     questions, data = _questions(config)
     if config.semantics == "official":
+        _check_no_pipeline_options(config)
         return evaluate(_official(questions, Path(config.data), config.collisions), _parser(config), config.types)
     wanted = {s.scene_index for s in questions}
     source = SOURCES[config.source](data, wanted)
@@ -152,19 +167,28 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
             continue
         scenes[s.scene_index] = job.output
         jobs.append(job)
-    if (config.dynamics or config.config or config.set) and any(isinstance(s, Scene) for s in scenes.values()):
-        raise DataError(f"source {config.source} needs no pipeline: --dynamics, --config and --set would do nothing")
+    if any(isinstance(s, Scene) for s in scenes.values()):
+        _check_no_pipeline_options(config)
     if jobs:
-        function = partial(_perceive, config.checkpoint, settings)
+        function = partial(_perceive, config.checkpoint, settings, str(resolve_device(config.device)))
         summary = run_jobs(function, jobs, jobs[0].output.parent, config.engine, config.workers, "scene")
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
     return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), _parser(config), config.types)
 
 
+def _check_no_pipeline_options(config: EvaluationConfig) -> None:
+    """Sources that give scenes leave nothing to do for a pipeline and its options."""
+    given = [f"--{name}" for name in ("dynamics", "config", "set", "truth_source") if getattr(config, name)]
+    if config.programs != "parsed" and config.checkpoint != "default":
+        given.append("--checkpoint")
+    if given:
+        raise DataError(f"source {config.source} needs no pipeline: {', '.join(given)} would do nothing; leave it out")
+
+
 def evaluation_fingerprint(config: EvaluationConfig) -> str:
     """Of everything a report depends on; folders count by the names, sizes and times of their files."""
     inputs: list[Any] = []
-    for name in (config.questions, config.data, config.truth, config.root):
+    for name in (config.questions, config.data, config.truth, config.root, *config.program_files()):
         path = Path(name)
         if name and path.is_dir():
             files = sorted(p for p in path.rglob("*") if p.is_file())
@@ -172,20 +196,11 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
         elif name:
             inputs.append(path)
     values = asdict(config)
-    for name in (
-        "questions",
-        "data",
-        "truth",
-        "root",
-        "cache",
-        "engine",
-        "workers",
-        "config",
-        "set",
-        "dynamics",
-        "stride",
+    for unneeded in (
+        *("questions", "data", "truth", "root", "cache", "engine", "workers", "device"),
+        *("config", "set", "dynamics", "stride"),
     ):
-        values.pop(name)
+        values.pop(unneeded)
     settings = config.pipeline()
     weights = checkpoint_folders(find_checkpoint(config.checkpoint), settings.dynamics)
     return fingerprint(inputs=inputs, config={**values, "pipeline": asdict(settings)}, weights=weights)
@@ -200,7 +215,9 @@ def _questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
         listed, data = read_questions(config.questions), Path(config.data)
     listed = [s for s in listed if s.scene_index not in set(config.exclude)]
     listed = [s for s in listed if any(q.type in config.types for q in s.questions)]
-    return listed[:: config.every][: config.limit or None], data
+    listed = listed[:: config.every][: config.limit or None]
+    files = config.program_files()
+    return (with_parsed_programs(listed, files) if files else listed), data
 
 
 def _job(
@@ -220,15 +237,15 @@ def _settings_fingerprint(checkpoint: str, settings: PipelineConfig, source: str
 
 
 def _perceive(
-    checkpoint: str, settings: PipelineConfig, item: tuple[Mapping[str, Any], Scene | None], output: Path
+    checkpoint: str,
+    settings: PipelineConfig,
+    device: str,
+    item: tuple[Mapping[str, Any], Scene | None],
+    output: Path,
 ) -> None:
     given, true_scene = item
-    storage.save(_pipeline(checkpoint, settings).perceive(**given, true_scene=true_scene).scene, output)
-
-
-@lru_cache(maxsize=1)
-def _pipeline(checkpoint: str, settings: PipelineConfig) -> Pipeline:
-    return Pipeline.from_pretrained(checkpoint, config=settings)
+    perception = worker_pipeline(checkpoint, settings, device).perceive(**given, true_scene=true_scene)
+    storage.save(perception.scene, output)
 
 
 def _true_scene(source: SceneSource, s: SceneQuestions) -> Scene:
@@ -249,15 +266,14 @@ def _official(
 ) -> Iterator[tuple[SceneQuestions, Executor | NsdrError]]:
     for s in tqdm(questions, desc="scenes", unit="scene"):
         try:
-            document = read_predictions(find_file(folder, ("sim_{:05d}.json",), s.scene_index))
-            yield s, Executor(document, "official", collisions)
+            yield s, Executor(prediction_file(folder, s.scene_index), "official", collisions)
         except NsdrError as e:
             yield s, e
 
 
 def _parser(config: EvaluationConfig) -> Parse | None:
-    if config.programs == "gold":
+    if config.programs != "parsed":
         return None
     from nsdr.question_parser.parser import QuestionParser
 
-    return QuestionParser.from_checkpoint(find_checkpoint(config.checkpoint)).parse
+    return QuestionParser.from_pretrained(config.checkpoint, config.device).parse

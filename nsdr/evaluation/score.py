@@ -8,6 +8,7 @@ from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuesti
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.intervals import wilson_interval
 from nsdr.symbolic import Executor, Program
+from nsdr.symbolic.program import ProgramSource
 
 __all__ = ["Parse", "evaluate", "format_table"]
 
@@ -28,8 +29,10 @@ def evaluate(
         types: question types to answer.
 
     Returns:
-        The table by question type as fractions 0-1, and under `results` every question with its answers. What fails
-        is counted wrong and carries its `error`.
+        The table by question type as fractions 0-1, and under `results` every question with its answers. What fails carries
+        its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number
+        of questions with either. Questions without answers in their file are answered, not scored: their results have no
+        `correct`, and `unlabelled` is their number.
     """
     results = []
     for questions, executor in scenes:
@@ -48,18 +51,40 @@ def evaluate(
                     result["choices"] = [
                         {"choice_id": c.id, "answer": "wrong", "correct": False} for c in question.choices
                     ]
-            results.append(result)
-    return {**_table(results), "errors": sum("error" in r for r in results), "results": results}
+            results.append(result if _labelled(question) else _unscored(result))
+    counts = {"errors": sum(bool(_errors(r)) for r in results), "unlabelled": sum("correct" not in r for r in results)}
+    return {**_table(results), **counts, "results": results}
+
+
+def _labelled(question: Question) -> bool:
+    """Whether the file says what is right; the test split's does not."""
+    labels = [c.answer for c in question.choices] or [question.answer]
+    return None not in labels
+
+
+def _unscored(result: dict[str, Any]) -> dict[str, Any]:
+    """The result without `correct`."""
+    unscored = {k: v for k, v in result.items() if k != "correct"}
+    if "choices" in unscored:
+        unscored["choices"] = [{k: v for k, v in c.items() if k != "correct"} for c in unscored["choices"]]
+    return unscored
+
+
+def _errors(result: dict[str, Any]) -> list[str]:
+    """What failed: the question, or some of its choices."""
+    return [r["error"] for r in (result, *result.get("choices", ())) if "error" in r]
 
 
 def _answered(executor: Executor, question: Question, parse: Parse | None) -> dict[str, Any]:
     if question.type == "descriptive":
-        program = parse(question.text, "descriptive") if parse else _gold(question.program)
+        program: ProgramSource = parse(question.text, "descriptive") if parse else _gold(executor, question.program)
         answer = executor.answer(program).answer
         return {"answer": answer, "correct": answer == question.answer}
-    program = parse(question.text, "multiple_choice") if parse else _gold(question.program)
+    program = parse(question.text, "multiple_choice") if parse else _gold(executor, question.program)
     try:
-        programs = [(c.text, parse(c.text, "choice") if parse else _gold(c.program)) for c in question.choices]
+        programs = [
+            (c.text, parse(c.text, "choice") if parse else _gold(executor, c.program)) for c in question.choices
+        ]
         answers: list[Any] = [c.answer for c in executor.judge(program, programs).choices]
     except (ExecutionError, QuestionError):
         answers = [_judged_alone(executor, program, choice, parse) for choice in question.choices]
@@ -74,24 +99,24 @@ def _answered(executor: Executor, question: Question, parse: Parse | None) -> di
     return {"choices": choices, "correct": all(c["correct"] for c in choices)}
 
 
-def _judged_alone(executor: Executor, program: Program, choice: Choice, parse: Parse | None) -> str | NsdrError:
+def _judged_alone(executor: Executor, program: ProgramSource, choice: Choice, parse: Parse | None) -> str | NsdrError:
     try:
-        choice_program = parse(choice.text, "choice") if parse else _gold(choice.program)
+        choice_program = parse(choice.text, "choice") if parse else _gold(executor, choice.program)
         return executor.judge(program, [(choice.text, choice_program)]).choices[0].answer
     except (ExecutionError, QuestionError) as e:
         return e
 
 
-def _gold(program: tuple[str, ...] | None) -> Program:
+def _gold(executor: Executor, program: tuple[str, ...] | None) -> ProgramSource:
     if program is None:
         raise QuestionError("the question file has no programs; use parsed ones")
-    return Program.parse(program)
+    return program if executor.semantics == "official" else Program.parse(program)
 
 
 def _table(results: list[dict[str, Any]]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for kind in QUESTION_TYPES:
-        rows = [r for r in results if r["question_type"] == kind]
+        rows = [r for r in results if r["question_type"] == kind and "correct" in r]
         if kind == "descriptive":
             subtypes = {}
             for name in sorted({str(r["question_subtype"]) for r in rows}):
@@ -118,6 +143,10 @@ def format_table(report: dict[str, Any]) -> str:
         low, high = wilson_interval(value, n)
         return f"{100 * value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
 
+    results, unlabelled = report["results"], report["unlabelled"]
+    missing = f"{unlabelled} questions have no answers in their file: they are answered, not scored"
+    if results and unlabelled == len(results):
+        return "\n".join([missing, *_failures(report)])
     lines = [f"{'':<22}{'per option':>22}{'per question':>22}{'questions':>11}"]
     for kind in QUESTION_TYPES:
         row = report[kind]
@@ -128,11 +157,18 @@ def format_table(report: dict[str, Any]) -> str:
         else:
             option, question = cell(row["per_option"], row["n_options"]), cell(row["per_question"], row["n_questions"])
             lines.append(f"{kind:<22}{option:>22}{question:>22}{row['n_questions']:>11}")
-    if report["errors"]:
-        lines.append(f"{report['errors']} questions failed and count as wrong:")
-        reasons = Counter(_reason(r["error"]) for r in report["results"] if "error" in r)
-        lines += [f"  {count:>5}  {reason}" for reason, count in reasons.most_common(5)]
-    return "\n".join(lines)
+    return "\n".join([*lines, *([missing] if unlabelled else []), *_failures(report)])
+
+
+def _failures(report: dict[str, Any]) -> list[str]:
+    if not report["errors"]:
+        return []
+    whole = sum("error" in r for r in report["results"])
+    reasons = Counter(_reason(e) for r in report["results"] for e in _errors(r))
+    return [
+        f"{whole} questions failed and count as wrong; choices of {report['errors'] - whole} failed and are judged wrong:",
+        *(f"  {count:>5}  {reason}" for reason, count in reasons.most_common(5)),
+    ]
 
 
 def _reason(error: str) -> str:

@@ -18,7 +18,7 @@ from nsdr.io.registry import Registry
 from nsdr.tracking.truth_tracks import tracks_from_annotation
 from nsdr.types import Scene
 
-__all__ = ["SOURCES", "Data", "PerceptionInput", "SceneSource", "SourceFactory", "find_file"]
+__all__ = ["SOURCES", "Data", "PerceptionInput", "SceneSource", "SourceFactory", "find_file", "prediction_file"]
 
 PerceptionInput = Mapping[str, Any]
 """Arguments of `Pipeline.perceive`: `video`, `proposals` or `tracks`."""
@@ -111,9 +111,14 @@ def _annotations(data: Data, _: Set[int]) -> SceneSource:
     return lambda s: scene_from_annotation(annotation(s))
 
 
+def prediction_file(folder: Path, scene_index: int) -> dict[str, Any]:
+    """The prediction file of a scene, plain or gzipped; raises `DataError` as `find_file` and `read_predictions`."""
+    return read_predictions(find_file(folder, ("sim_{:05d}.json", "sim_{:05d}.json.gz"), scene_index))
+
+
 def _predictions(data: Data, _: Set[int]) -> SceneSource:
     folder = _folder(data, "predictions")
-    return lambda s: scene_from_predictions(read_predictions(find_file(folder, ("sim_{:05d}.json",), s.scene_index)))
+    return lambda s: scene_from_predictions(prediction_file(folder, s.scene_index))
 
 
 def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
@@ -157,7 +162,7 @@ SOURCES: Registry[SourceFactory] = Registry(
 - videos: `video_N.mp4`, perceived by the pipeline
 - proposals: `proposal_N.json` or `sim_N.json` (also gzipped), or a compact NPZ; tracked and perceived
 - tracks: the motion of `annotation_N.json` as if it had been tracked
-- predictions: `sim_N.json` of a dynamics predictor
+- predictions: `sim_N.json` of a dynamics predictor (also gzipped)
 - annotations: `annotation_N.json`, true observed events
 - ground-truth: the truth block of `processed_proposals/sim_N.json`, or a gzipped list of blocks
 - truth: `truth_N.json` of generated scenes, everything true

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,8 +19,9 @@ from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.dataset import image_tensor
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import load_network
 from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.threads import limit_threads
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
@@ -35,7 +36,8 @@ class FrameParser(PretrainedPart):
     Args:
         model: a trained network of `build_frame_parser`.
         batch_size: frames per forward pass.
-        stride: process every n-th frame and the last one; the tracker bridges the others.
+        stride: process every n-th frame of 25 per second and the last one; the tracker bridges the others. Frames that a
+            slower video shows again are never processed twice.
 
     Raises:
         DataError: `batch_size` or `stride` is less than 1.
@@ -54,13 +56,9 @@ class FrameParser(PretrainedPart):
         """The frame parser of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
 
         Raises:
-            CheckpointError: `frame_parser.safetensors` or `frame_parser.json` is missing or corrupt.
+            CheckpointError: `frame_parser.safetensors` or `frame_parser.json` is missing or corrupt, or of another network.
         """
-        state, details = load_checkpoint(folder, "frame_parser")
-        config: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in details["config"].items()}
-        model = build_frame_parser(FrameParserConfig(**config))
-        model.load_state_dict(state)
-        return cls(model, **options)
+        return cls(load_network(folder, "frame_parser", FrameParserConfig, build_frame_parser), **options)
 
     @property
     def network(self) -> nn.Module:
@@ -72,32 +70,41 @@ class FrameParser(PretrainedPart):
             raise CheckpointError(f"expected a network of build_frame_parser, got {type(self.model).__name__}")
         return self.model.config, {}
 
+    @limit_threads()
     @torch.no_grad()
     def parse(self, frames: Iterable[NDArray[np.uint8]], progress: bool = False) -> VideoProposals:
         """Proposals of a video.
 
         Args:
-            frames: images (320, 480, 3) uint8 RGB, or an array (F, 320, 480, 3) of them.
+            frames: images (320, 480, 3) uint8 RGB, or an array (F, 320, 480, 3) of them. An image that is the same object as
+                the one before it, as `nsdr.io.video.read_frames` repeats those of slow videos, shows nothing new.
             progress: show a progress bar.
 
         Returns:
             Detections with a score above 0.5, with masks; the tracker applies its own threshold.
+
+        Raises:
+            DataError: no frames, or a frame of another shape or dtype.
         """
         rows: list[tuple[int, int, float, str]] = []
-        count = 0
+        processed: list[int] = []
+        counter = count()
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
         # A thread decodes the next batch of frames while the network processes the present one.
         with ThreadPoolExecutor(1) as pool:
-            batches = _batches(frames, self.batch_size, self.stride)
+            batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride)
             upcoming = pool.submit(next, batches, None)
             while (batch := upcoming.result()) is not None:
                 upcoming = pool.submit(next, batches, None)
                 for (index, _), detection in zip(batch, self._detections([frame for _, frame in batch]), strict=True):
                     rows += [(index, *found) for found in _found(detection)]
-                    bar.update(index + 1 - count)
-                    count = index + 1
+                    processed.append(index)
+                    bar.update(index + 1 - bar.n)
         bar.close()
-        return proposals_from_rows(count, rows)
+        n_frames = next(counter)
+        if not n_frames:
+            raise DataError("no frames to parse")
+        return proposals_from_rows(n_frames, rows, processed)
 
     def _detections(self, frames: list[NDArray[np.uint8]]) -> list[dict[str, Any]]:
         """The network's stages one by one, without its post-processing, which pastes masks differently (see `_pasted`)."""
@@ -111,22 +118,33 @@ class FrameParser(PretrainedPart):
 
 
 def _batches(
-    frames: Iterable[NDArray[np.uint8]], size: int, stride: int
+    frames: Iterable[tuple[NDArray[np.uint8], int]], size: int, stride: int
 ) -> Iterator[list[tuple[int, NDArray[np.uint8]]]]:
-    """Batches of (frame index, frame): every `stride`-th frame and the last one."""
+    """Batches of (frame index, frame): every `stride`-th frame and the last one, of those that are not repeated."""
 
     def chosen() -> Iterator[tuple[int, NDArray[np.uint8]]]:
-        last = None
-        for index, frame in enumerate(frames):
+        last, following = None, 0
+        for frame, index in frames:
+            if last is not None and frame is last[1]:
+                continue
+            _check_frame(frame, index)
             last = (index, frame)
-            if index % stride == 0:
+            if index >= following:
+                following = index + stride
                 yield last
-        if last is not None and last[0] % stride:
+        if last is not None and last[0] + stride != following:
             yield last
 
     iterator = chosen()
     while batch := list(islice(iterator, size)):
         yield batch
+
+
+def _check_frame(frame: Any, index: int) -> None:
+    shape = (HEIGHT_PX, WIDTH_PX, 3)
+    if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.shape != shape:
+        got = f"{frame.shape} {frame.dtype}" if isinstance(frame, np.ndarray) else type(frame).__name__
+        raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
 
 
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:

@@ -40,6 +40,8 @@ __all__ = ["DatasetConfig", "Files", "generate_dataset", "make_video"]
 RENDERERS = ("preview", "blender", "none")
 VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
 """Packages whose versions the manifest records."""
+SCENES_PER_SEED = 1_000_000
+"""Scene `n` of seed `s` is simulated from the number `s * SCENES_PER_SEED + n`, which `truth_N.json` keeps as `seed`."""
 VIDEOS_PER_FOLDER = 1000
 """Videos in each sub-folder, as in the release."""
 log = logging.getLogger(__name__)
@@ -52,7 +54,8 @@ class DatasetConfig:
     Attributes:
         output: folder of the data set; an interrupted generation resumes there.
         videos: number of videos over all splits.
-        seed: seed of the scenes; a scene's own seed is this plus its video's index.
+        seed: which scenes; data sets with different seeds have no scene in common.
+        first_scene: number of the scene that video 0 shows; video `i` shows scene `first_scene + i` of the seed.
         splits: share of the videos in train, validation and test (normalised before use).
         renderer: "preview" (fast), "blender", or "none" for data sets without videos.
         masks: whether to write exact masks as mask proposals (about 0.3 MB per video).
@@ -67,6 +70,7 @@ class DatasetConfig:
     output: str
     videos: int = 100
     seed: int = 0
+    first_scene: int = 0
     splits: Mapping[str, float] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
     renderer: str = "preview"
     masks: bool = True
@@ -83,6 +87,15 @@ class DatasetConfig:
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
         if self.videos < 1:
             raise DataError(f"videos: expected at least 1, got {self.videos}")
+        if self.seed < 0:
+            raise DataError(f"seed: expected 0 or more, got {self.seed}")
+        last = SCENES_PER_SEED - SPLITS["test"].stop
+        if not 0 <= self.first_scene <= last:
+            raise DataError(f"first_scene: expected 0 to {last}, got {self.first_scene}; `seed` gives further scenes")
+
+    def scene_seed(self, index: int) -> int:
+        """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
+        return self.seed * SCENES_PER_SEED + self.first_scene + index
 
     def indices(self) -> dict[str, range]:
         """Video indices of each split: the first ones of the release's ranges."""
@@ -224,7 +237,7 @@ def _task(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
 
 def make_video(config: DatasetConfig, split: str, index: int) -> None:
     """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
-    scene = simulate_scene(config.seed + index, config.scene)
+    scene = simulate_scene(config.scene_seed(index), config.scene)
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)
     # Masks and visibility refer to the release's image size, whatever the video's size is.

@@ -1,31 +1,43 @@
 """Checkpoints: a folder with one safetensors file and one JSON file for each part. Nothing is ever unpickled."""
 
 import os
+import re
 import sys
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from nsdr.errors import CheckpointError
 from nsdr.io.files import atomic_path, read_json, write_json
+from nsdr.io.limits import check_limit
 
-__all__ = ["find_checkpoint", "load_checkpoint", "save_checkpoint"]
+if TYPE_CHECKING:
+    from torch import nn
+
+__all__ = ["find_checkpoint", "load_checkpoint", "load_network", "save_checkpoint"]
+
+Config = TypeVar("Config")
+Network = TypeVar("Network", bound="nn.Module")
 
 PARTS = ("frame_parser", "dynamics", "question_parser")
+DTYPES = ("torch.float16", "torch.float32", "torch.int64")
+"""Types of stored weights; the integers count batches."""
 
 
 def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     """The folder of a checkpoint.
 
     Looked for in this order: `path_or_id` as a path; below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of
-    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts `default`; as a repository
-    id of the Hugging Face hub (`user/name`).
+    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts `default`. Only
+    `hf://USER/NAME@REVISION`, with a commit's whole hash, is loaded from the Hugging Face hub.
 
     Raises:
         CheckpointError: found nowhere; says where it was looked for.
     """
     name = str(path_or_id)
+    if name.startswith("hf:"):
+        return _from_hub(name)
     roots = [Path(os.environ["NSDR_CHECKPOINTS"])] if os.environ.get("NSDR_CHECKPOINTS") else []
     roots.append(Path(__file__).resolve().parents[2] / "checkpoints")
     roots.append(Path(sys.prefix) / "share" / "nsdr" / "checkpoints")
@@ -34,16 +46,21 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
             return folder
     looked = ", ".join([name, *(str(root / name) for root in roots)])
     remedy = "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has `default`"
-    if name.count("/") != 1 or name.startswith((".", "/")):
-        raise CheckpointError(f"no checkpoint {name!r} (looked in {looked}); {remedy}")
+    raise CheckpointError(f"no checkpoint {name!r} (looked in {looked}); {remedy}")
+
+
+def _from_hub(address: str) -> Path:
+    match = re.fullmatch(r"hf://([\w.-]+/[\w.-]+)@([0-9a-f]{40})", address)
+    if not match:
+        raise CheckpointError(f"{address}: expected hf://USER/NAME@REVISION, where REVISION is a commit's 40 digits")
     from huggingface_hub import snapshot_download
     from huggingface_hub.errors import HfHubHTTPError, HFValidationError, LocalEntryNotFoundError
 
+    files = [f"{part}.{suffix}" for part in PARTS for suffix in ("safetensors", "json")]
     try:
-        return Path(snapshot_download(name, allow_patterns=["*.safetensors", "*.json", "*.md"]))
+        return Path(snapshot_download(match[1], revision=match[2], allow_patterns=files))
     except (HfHubHTTPError, HFValidationError, LocalEntryNotFoundError, OSError) as e:
-        first_line = str(e).splitlines()[0]
-        raise CheckpointError(f"no checkpoint {name!r} in {looked} nor on the hub ({first_line}); {remedy}") from e
+        raise CheckpointError(f"{address}: cannot be loaded from the hub ({str(e).splitlines()[0]})") from e
 
 
 def save_checkpoint(
@@ -90,7 +107,50 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
     if not weights.is_file():
         raise CheckpointError(f"{weights}: no such file; restore it, or train the part (`nsdr train`)")
     try:
+        check_limit(weights.stat().st_size, "weights_bytes", str(weights))
         state = load_file(weights)
     except (SafetensorError, OSError) as e:
         raise CheckpointError(f"{weights}: corrupt ({e}); restore it, or train the part (`nsdr train`)") from e
+    for name, value in state.items():
+        _check_weights(value, f"{weights}: {name}")
     return {k: v.float() if v.dtype == torch.float16 else v for k, v in state.items()}, details
+
+
+def _check_weights(value: Any, where: str) -> None:
+    remedy = "restore the file, or train the part (`nsdr train`)"
+    if str(value.dtype) not in DTYPES:
+        raise CheckpointError(f"{where}: {value.dtype}, expected one of {', '.join(DTYPES)}; {remedy}")
+    if not bool(value.isfinite().all()):
+        raise CheckpointError(f"{where}: not all finite; {remedy}")
+    if value.dim() > 1 and not bool(value.any()):
+        raise CheckpointError(f"{where}: all zero; {remedy}")
+
+
+def load_network(folder: str | Path, part: str, kind: type[Config], build: Callable[[Config], Network]) -> Network:
+    """The network of one part, with its weights.
+
+    Args:
+        folder: of the checkpoint.
+        part: name of its files.
+        kind: dataclass of the network's settings.
+        build: makes a network from them.
+
+    Raises:
+        CheckpointError: a file is missing or corrupt, or holds another kind of network; names the file.
+    """
+    state, details = load_checkpoint(folder, part)
+    where, known = Path(folder) / f"{part}.json", [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    config: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in details["config"].items()}
+    unknown = sorted(set(config) - set(known))
+    if unknown:
+        raise CheckpointError(
+            f"{where}: expected a network of {kind.__name__} ({', '.join(known)}), found one of other settings "
+            f"({', '.join(unknown)}); give a checkpoint of that kind"
+        )
+    try:
+        network = build(kind(**config))
+        network.load_state_dict(state)
+    except (TypeError, ValueError, RuntimeError) as e:
+        reason = " ".join(str(e).split())[:200]
+        raise CheckpointError(f"{where}: not a network of {kind.__name__} ({reason}); restore the files") from e
+    return network

@@ -1,8 +1,10 @@
 """Reading JSON with clear errors, and writing files atomically."""
 
+import errno
 import gzip
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,10 +13,24 @@ from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["atomic_path", "parse_json", "read_json", "sync", "write_json"]
+__all__ = ["atomic_path", "parse_json", "read_json", "remove_partial_files", "sync", "write_json"]
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
+PARTIAL = ".partial"
+"""Part of the name of unfinished files, which begins with a dot."""
+UNWRITABLE = (
+    errno.EEXIST,
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOTDIR,
+    errno.ENAMETOOLONG,
+)
+"""System errors that are the target's."""
 FILE_MODE = 0o644
 """Permissions of written files; `tempfile.mkstemp` alone would make them readable by the owner only."""
 
@@ -63,19 +79,48 @@ def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
+    """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error.
+
+    What is no regular file, such as `/dev/null` or a pipe, is written to and never replaced; of a link, the file that it points
+    to is replaced.
+
+    Raises:
+        DataError: `path` is a folder, or cannot be written: no permission, no space left.
+    """
+    path = Path(os.path.realpath(path))
+    special = path.exists() and not path.is_file()
+    if path.is_dir():
+        raise DataError(f"{path}: is a folder; expected a file")
+    temporary: Path | None = None
     try:
+        if not special:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        folder = None if special else path.parent
+        handle, name = tempfile.mkstemp(dir=folder, prefix=f".{path.stem}-", suffix=f"{PARTIAL}{path.suffix}")
+        os.close(handle)
+        temporary = Path(name)
         yield temporary
-        sync(temporary)
-        temporary.chmod(FILE_MODE)
-        os.replace(temporary, path)
+        if special:
+            with temporary.open("rb") as source, path.open("wb") as target:
+                shutil.copyfileobj(source, target)
+        else:
+            sync(temporary)
+            temporary.chmod(FILE_MODE)
+            os.replace(temporary, path)
+            sync(path.parent)
+    except OSError as e:
+        if e.errno in UNWRITABLE:
+            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+        raise
     finally:
-        temporary.unlink(missing_ok=True)
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def remove_partial_files(folder: Path) -> None:
+    """Delete what killed processes left in a folder; call it where no other process writes to it."""
+    for path in folder.rglob(f".*-*{PARTIAL}*"):
+        path.unlink(missing_ok=True)
 
 
 def sync(*paths: Path) -> None:

@@ -49,7 +49,7 @@ class PretrainedPart(ABC):
         """The part with the weights of a checkpoint.
 
         Args:
-            path_or_id: a folder, the name of a shipped checkpoint or a repository id of the Hugging Face hub (see
+            path_or_id: a folder, the name of a shipped checkpoint or an address on the Hugging Face hub (see
                 `nsdr.io.checkpoint.find_checkpoint`); "" for the shipped weights.
             device: as of `to`.
             options: arguments of the constructor.

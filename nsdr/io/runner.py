@@ -10,7 +10,8 @@ from typing import Any, Generic, TypeVar
 
 from tqdm import tqdm
 
-from nsdr.io.files import write_json
+from nsdr.io.files import remove_partial_files, write_json
+from nsdr.io.lock import locked
 from nsdr.io.tasks import run_tasks
 
 __all__ = ["Job", "Summary", "run_jobs"]
@@ -76,9 +77,16 @@ def run_jobs(
         unit: what a job is called in the progress bar.
 
     Raises:
-        DataError: an unknown engine.
+        DataError: an unknown engine, or another process works in the folder.
     """
-    folder = Path(folder)
+    with locked(folder):
+        remove_partial_files(Path(folder))
+        return _run_jobs(function, jobs, Path(folder), engine, workers, unit)
+
+
+def _run_jobs(
+    function: Callable[[Item, Path], Any], jobs: Sequence[Job[Item]], folder: Path, engine: str, workers: int, unit: str
+) -> Summary:
     known = dict(_ledger(folder))
     keys = {job.output: str(job.output.relative_to(folder)) for job in jobs}
     skipped = [job for job in jobs if job.output.exists() and known.get(keys[job.output]) == job.fingerprint]
@@ -86,7 +94,6 @@ def run_jobs(
     left = [job for job in jobs if job.output not in kept]
     done: list[str] = []
     failed: dict[str, str] = {}
-    folder.mkdir(parents=True, exist_ok=True)
     outcomes = run_tasks(partial(_do, function), left, engine, workers)
     bar = tqdm(outcomes, total=len(jobs), initial=len(skipped), unit=unit, desc=f"{unit}s")
     with open(folder / LEDGER, "a", encoding="utf-8") as ledger:

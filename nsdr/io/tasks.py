@@ -3,23 +3,25 @@
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
+from signal import SIG_IGN, SIGINT, Signals, signal
 from threading import Thread
 from typing import Any, Generic, TypeVar
 
 from nsdr.errors import DataError
+from nsdr.io.threads import available_cores, child_threads
 
 __all__ = ["ENGINES", "Outcome", "run_in_order", "run_tasks"]
 
 ENGINES = ("processes", "ray")
-ATTEMPTS = 3
-"""Number of lost workers after which a task counts as failed."""
-IN_FLIGHT_PER_WORKER = 2
-"""Tasks handed out per worker, so that none waits for the next one."""
+RAY_RETRIES = 3
+"""Times that Ray does the task of a lost worker again."""
+RAY_TASKS_PER_CORE = 2
+"""Tasks handed to Ray per core, so that none waits for the next one."""
 
 Item = TypeVar("Item")
 log = logging.getLogger(__name__)
@@ -39,15 +41,18 @@ def run_tasks(
 ) -> Iterator[Outcome[Item]]:
     """Do `function(item)` for all items; outcomes come as they end, in any order. One failure does not stop the rest.
 
+    A task whose process died is done again at the end, with no other task beside it; it fails if its process dies again.
+
     Args:
         function: importable (or a `functools.partial` of such a function), as it travels to other processes.
         items: picklable.
         engine: "processes" of this machine, or "ray": the cluster that `RAY_ADDRESS` names or this program is connected
             to, or else this machine.
-        workers: processes; 0 is one a CPU core, 1 with "processes" works in this process. Ray takes what it has.
+        workers: processes, which share the available CPU cores; 0 is one per core, 1 with "processes" works in this process.
+            Ray takes what it has.
 
     Raises:
-        DataError: an unknown engine, or Ray is not installed.
+        DataError: an unknown engine, Ray is not installed, or a worker process cannot start.
     """
     if engine not in ENGINES:
         raise DataError(f"engine is {engine!r}; expected one of {', '.join(ENGINES)}")
@@ -57,7 +62,7 @@ def run_tasks(
         for item in items:
             yield _attempt(function, item)
     else:
-        yield from _with_processes(function, items, workers or os.cpu_count() or 1)
+        yield from _with_processes(function, items, workers or available_cores())
 
 
 def run_in_order(
@@ -91,12 +96,127 @@ def _attempt(function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
         return Outcome(item, error=f"{type(e).__name__}: {e}")
 
 
-def _prepare_worker() -> None:
-    """Workers share the cores, so libraries get one thread each; workers end with this program."""
+def _with_processes(function: Callable[[Item], Any], items: Sequence[Item], workers: int) -> Iterator[Outcome[Item]]:
+    """All tasks side by side; then those whose process died once more, each with nothing beside it."""
+    died: list[Item] = []
+    for item, ended in _in_processes(function, items, workers):
+        if isinstance(ended, _Death):
+            log.warning("a worker process died (%s); its task is done again, alone", ended.how)
+            died.append(item)
+        else:
+            yield ended
+    for item in died:
+        for _, ended in _in_processes(function, [item], 1):
+            yield ended.outcome(item) if isinstance(ended, _Death) else ended
+
+
+def _in_processes(
+    function: Callable[[Item], Any], items: Sequence[Item], workers: int
+) -> "Iterator[tuple[Item, Outcome[Item] | _Death]]":
+    """What became of each task. A process has one task at a time, so none but its own can kill it."""
+    pending = list(items)[::-1]
+    workers = min(workers, len(items))
+    threads = max(available_cores() // workers, 1)
+    running: dict[_Worker, Item] = {}
+    starting = [_Worker(function, threads) for _ in range(workers)]
+    try:
+        while pending or running:
+            ended: list[tuple[Item, Outcome[Item] | _Death]] = []
+            for worker in _ready([*starting, *running]):
+                message = worker.receive()
+                if worker in starting:
+                    starting.remove(worker)
+                    if isinstance(message, _Death):
+                        raise DataError(
+                            f"a worker process ended before its first task ({message.how}); "
+                            'call it below `if __name__ == "__main__":`, or with fewer workers'
+                        )
+                else:
+                    item = running.pop(worker)
+                    ended.append((item, message if isinstance(message, _Death) else Outcome(item, *message)))
+                if not pending:
+                    worker.end()
+                elif isinstance(message, _Death):
+                    starting.append(_Worker(function, threads))
+                else:
+                    running[worker] = pending.pop()
+                    worker.send(running[worker])
+            yield from ended
+    finally:
+        for worker in (*starting, *running):
+            worker.process.terminate()
+            worker.end()
+
+
+@dataclass(frozen=True)
+class _Death:
+    """A worker process that ended without a result; `how` names its signal or exit code."""
+
+    how: str
+
+    def outcome(self, item: Item) -> Outcome[Item]:
+        memory = "; it may need more memory than there is" if "SIGKILL" in self.how else ""
+        return Outcome(item, error=f"its worker process died twice, the second time alone ({self.how}){memory}")
+
+
+class _Worker:
+    """A process that does one task at a time.
+
+    Args:
+        function: that does a task.
+        threads: that its libraries use at most.
+    """
+
+    def __init__(self, function: Callable[[Any], Any], threads: int) -> None:
+        context = get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs, function, threads), daemon=True)
+        with child_threads(threads):
+            self.process.start()
+        theirs.close()
+
+    def send(self, item: Any) -> None:
+        """Begin a task; a process that has died meanwhile is found by `receive`."""
+        with suppress(BrokenPipeError, ConnectionResetError):
+            self.connection.send(item)
+
+    def receive(self) -> Any:
+        """None once it has started, then (result, error) of each task; `_Death` if the process ended instead."""
+        with suppress(EOFError, OSError):
+            if self.connection.poll():
+                return self.connection.recv()
+        self.process.join()
+        code = self.process.exitcode or 0
+        return _Death(f"killed by {Signals(-code).name}" if code < 0 else f"exit code {code}")
+
+    def end(self) -> None:
+        """A process without a task ends when it is no longer connected."""
+        self.connection.close()
+
+
+def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
+    """Wait for messages or deaths of workers."""
+    of_handle: dict[Any, _Worker] = {}
+    for worker in workers:
+        of_handle |= {worker.connection: worker, worker.process.sentinel: worker}
+    return list(dict.fromkeys(of_handle[handle] for handle in wait(list(of_handle))))
+
+
+def _serve(connection: Any, function: Callable[[Any], Any], threads: int) -> None:
+    """The program of a worker process."""
     import cv2
 
-    cv2.setNumThreads(1)
+    signal(SIGINT, SIG_IGN)  # Ctrl-C is for the program that started it
+    cv2.setNumThreads(threads)
     Thread(target=_end_with_parent, daemon=True).start()
+    connection.send(None)
+    with suppress(EOFError):
+        while True:
+            outcome = _attempt(function, connection.recv())
+            try:
+                connection.send((outcome.result, outcome.error))
+            except Exception as e:
+                connection.send((None, f"its result cannot be sent: {type(e).__name__}: {e}"))
 
 
 def _end_with_parent() -> None:
@@ -107,40 +227,6 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _with_processes(function: Callable[[Item], Any], items: Sequence[Item], workers: int) -> Iterator[Outcome[Item]]:
-    pending = list(enumerate(items))[::-1]
-    losses = [0] * len(items)
-    while pending:
-        before = os.environ.get("OMP_NUM_THREADS")
-        os.environ["OMP_NUM_THREADS"] = "1"  # for the children
-        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_prepare_worker)
-        running: dict[Future[Outcome[Item]], int] = {}
-        try:
-            while pending or running:
-                while pending and len(running) < workers * IN_FLIGHT_PER_WORKER:
-                    number, item = pending[-1]
-                    running[pool.submit(_attempt, function, item)] = number
-                    pending.pop()  # only now: a broken pool takes nothing more
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    outcome = future.result()
-                    del running[future]
-                    yield outcome
-        except BrokenProcessPool:
-            # A worker died (killed, out of memory): any of the running tasks may have been its own.
-            for number in running.values():
-                losses[number] += 1
-                if losses[number] < ATTEMPTS:
-                    pending.append((number, items[number]))
-                else:
-                    yield Outcome(items[number], error=f"its worker process died {ATTEMPTS} times")
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-            if before is None:
-                del os.environ["OMP_NUM_THREADS"]
-            else:
-                os.environ["OMP_NUM_THREADS"] = before
-
-
 def _with_ray(function: Callable[[Item], Any], items: Sequence[Item]) -> Iterator[Outcome[Item]]:
     try:
         import ray
@@ -148,8 +234,8 @@ def _with_ray(function: Callable[[Item], Any], items: Sequence[Item]) -> Iterato
         raise DataError("engine: ray needs Ray: pip install 'nsdr[ray]'") from e
     if not ray.is_initialized():
         ray.init(log_to_driver=False)
-    remote: Any = ray.remote(num_cpus=1, max_retries=ATTEMPTS)(_attempt)
-    most = IN_FLIGHT_PER_WORKER * max(int(ray.cluster_resources().get("CPU", 1)), 1)
+    remote: Any = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_attempt)
+    most = RAY_TASKS_PER_CORE * max(int(ray.cluster_resources().get("CPU", 1)), 1)
     pending = list(items)[::-1]
     running: dict[Any, Item] = {}
     while pending or running:
@@ -162,4 +248,4 @@ def _with_ray(function: Callable[[Item], Any], items: Sequence[Item]) -> Iterato
             try:
                 yield ray.get(reference)
             except ray.exceptions.RayError as e:
-                yield Outcome(item, error=f"{type(e).__name__}: its worker was lost {ATTEMPTS + 1} times")
+                yield Outcome(item, error=f"{type(e).__name__}: its worker was lost {RAY_RETRIES + 1} times")

@@ -18,12 +18,16 @@ from nsdr.world.timeline import FPS, VIDEO_FRAMES
 
 __all__ = ["read_frames", "read_video", "write_video"]
 
+RATE_TOLERANCE = 0.1
+"""Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
+
 
 def read_video(path: str | Path) -> NDArray[np.uint8]:
     """All frames of a video as (F, 320, 480, 3) uint8 RGB, at 25 frames a second.
 
     Another image size is scaled to fit, the rest filled with the mean colour, so that shapes keep their aspect;
-    another frame rate is resampled. Both warn, and so does a video shorter than CLEVRER's 128 frames.
+    another frame rate is resampled: of a fast video the nearest frame in time is taken, the frames of a slow one are repeated
+    (the same array). Both warn, and so does a video shorter than CLEVRER's 128 frames.
 
     Raises:
         VideoError: no such file, not a video, or no frames.
@@ -48,7 +52,7 @@ def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
                 f"{path}: not a video that OpenCV can read; convert it to H.264 mp4, for example with ffmpeg"
             )
         rate = float(capture.get(cv2.CAP_PROP_FPS)) or float(FPS)
-        if abs(rate - FPS) > 0.1:
+        if abs(rate - FPS) > RATE_TOLERANCE:
             warnings.warn(f"{path}: {rate:g} frames per second, resampled to {FPS}", stacklevel=2)
         count = 0
         for frame in _at_rate(_decoded(capture), rate):
@@ -78,13 +82,15 @@ def _decoded(capture: cv2.VideoCapture) -> Iterator[NDArray[np.uint8]]:
 
 
 def _at_rate(frames: Iterator[NDArray[np.uint8]], rate: float) -> Iterator[NDArray[np.uint8]]:
-    """The frame on show at every 25th of a second."""
-    if abs(rate - FPS) <= 0.1:
+    """Frames at every 25th of a second: the nearest in time of a fast video; each frame of a slow one until the next."""
+    if abs(rate - FPS) <= RATE_TOLERANCE:
         yield from frames
         return
     shown = 0
     for index, frame in enumerate(frames):
-        while int(shown * rate / FPS) <= index:
+        nearest = index == round(shown * rate / FPS)
+        until = shown + nearest if rate > FPS else round((index + 1) * FPS / rate)
+        while shown < until:
             yield frame
             shown += 1
 

@@ -10,6 +10,7 @@ from torch import nn
 from nsdr.errors import CheckpointError, ProgramError, QuestionError
 from nsdr.io.checkpoint import load_checkpoint
 from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.threads import limit_threads
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer
@@ -117,6 +118,7 @@ class QuestionParser(PretrainedPart):
         found = self.candidates(texts, kind)
         return [self._program(t, tokens, kind, p) for t, (tokens, p) in zip(texts, found, strict=True)]
 
+    @limit_threads(1)
     def candidates(self, texts: Sequence[str], kind: str = "descriptive") -> list[tuple[list[str], float]]:
         """The most probable tokens of many texts with their probability (0-1), whether or not they form a program.
 

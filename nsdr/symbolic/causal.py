@@ -1,13 +1,17 @@
 """The causal graph of observed events (paper, section 3.3)."""
 
 from collections.abc import Sequence
-
-from nsdr.types import Event
+from typing import Protocol
 
 __all__ = ["ancestor_sets", "direct_causes"]
 
 
-def direct_causes(events: Sequence[Event]) -> list[list[int]]:
+class _HasObjects(Protocol):
+    @property
+    def objects(self) -> tuple[int, ...]: ...
+
+
+def direct_causes(events: Sequence[_HasObjects]) -> list[list[int]]:
     """Indices of the direct causes of each event.
 
     The direct causes of an event are, for each of its objects, the latest earlier event of that object.
@@ -23,7 +27,7 @@ def direct_causes(events: Sequence[Event]) -> list[list[int]]:
     return causes
 
 
-def ancestor_sets(events: Sequence[Event]) -> dict[int, int]:
+def ancestor_sets(events: Sequence[_HasObjects]) -> dict[int, int]:
     """Direct and indirect causes of each event.
 
     Args:

@@ -6,8 +6,8 @@ from typing import Any
 
 from nsdr.errors import ExecutionError, ProgramError
 from nsdr.symbolic.modules import Kind
-from nsdr.symbolic.official import official_world
-from nsdr.symbolic.program import ANSWER_KINDS, Node, Program
+from nsdr.symbolic.official import OfficialExecutor
+from nsdr.symbolic.program import ANSWER_KINDS, Node, Program, ProgramSource
 from nsdr.symbolic.world import World, world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
@@ -18,8 +18,6 @@ PREDICTIVE = ("unseen_events", "belong_to")
 CHOICE_STEP = -1 - len(PREDICTIVE)
 """Index, from the end, of the step that gives the choice of a predictive question."""
 
-ProgramSource = str | Sequence[str] | Program
-
 
 class Executor:
     """Executes programs on one scene.
@@ -27,12 +25,12 @@ class Executor:
     Args:
         scene: the scene; for the official semantics, the content of a prediction file.
         semantics: "paper" follows the paper and CLEVRER's own answers; "official" reproduces the answers of the released
-            executor on its prediction files, including its quirks (`nsdr.symbolic.official`), and answers "error" instead
-            of raising an exception.
+            executor on its prediction files, including its quirks: all methods return what those of
+            `nsdr.symbolic.official.OfficialExecutor` do, and never raise an exception on a program.
         collisions: "predicted"; with the official semantics also "velocity", the variant NE.
 
     Raises:
-        ExecutionError: unknown semantics, or semantics that do not fit the type of the scene.
+        ExecutionError: unknown semantics, or semantics that do not fit the type of the scene or the kind of collisions.
     """
 
     def __init__(
@@ -44,8 +42,14 @@ class Executor:
         if isinstance(scene, Scene) == (semantics == "official"):
             expected = "the content of a prediction file" if semantics == "official" else "a Scene"
             raise ExecutionError(f"the {semantics} semantics runs on {expected}, got a {type(scene).__name__}")
-        self.world = world_of(scene) if isinstance(scene, Scene) else official_world(scene, collisions)
-        self.unseen_scores = scene.unseen_scores if isinstance(scene, Scene) else None
+        self._official: OfficialExecutor | None = None
+        if not isinstance(scene, Scene):
+            self._official = OfficialExecutor(scene, collisions)
+            return
+        if collisions != "predicted":
+            raise ExecutionError(f"collisions {collisions!r} need the official semantics")
+        self.world = world_of(scene)
+        self.unseen_scores = scene.unseen_scores
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -57,6 +61,8 @@ class Executor:
             ProgramError: the program is not well-formed.
             ExecutionError: it does not fit the scene; names step, module and inputs.
         """
+        if self._official is not None:
+            return self._official.run(program)
         parsed = _complete(Program.parse(program))
         try:
             value = _evaluate(parsed.root, self.world, {})
@@ -73,6 +79,8 @@ class Executor:
         Raises:
             ProgramError: a program is not well-formed.
         """
+        if self._official is not None:
+            return self._official.run_batch(programs)
         shared: dict[Node, Any] = {}
         world = self.world
         results: list[Any] = []
@@ -106,8 +114,8 @@ class Executor:
             ProgramError: the program is not well-formed, or does not give an answer.
             ExecutionError: it does not fit the scene; names step, module and inputs.
         """
-        if self.semantics == "official":
-            return self._official_answer(program, question)
+        if self._official is not None:
+            return self._official.answer(program, question)
         parsed = _complete(Program.parse(program))
         if not parsed.answers:
             raise ProgramError(
@@ -115,19 +123,6 @@ class Executor:
             )
         values = self._values(parsed)
         return Answer(question, parsed.tokens, _word(values[-1]), self._trace(parsed, values))
-
-    def _official_answer(self, source: ProgramSource, question: str) -> Answer:
-        if isinstance(source, Program):
-            source = source.tokens
-        tokens = tuple(source.split() if isinstance(source, str) else source)
-        try:
-            program = Program.parse_official(tokens)
-            values = self._values(_complete(program))
-            trace = self._trace(program, values)
-        except (ProgramError, ExecutionError):
-            return Answer(question, tokens, "error")
-        is_word = program.answers or program.result in (Kind.ORDER, Kind.UNKNOWN)
-        return Answer(question, tokens, _word(values[-1]) if is_word else trace[-1].text, trace)
 
     def judge(
         self, question_program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str = ""
@@ -146,8 +141,8 @@ class Executor:
             ProgramError: a program is not well-formed, or is not that of a question or choice.
             ExecutionError: a program does not fit the scene; names step, module and inputs.
         """
-        if self.semantics == "official":
-            return self._official_judge(question_program, choices, question)
+        if self._official is not None:
+            return self._official.judge(question_program, choices, question)
         parsed = Program.parse(question_program)
         answers = []
         for text, choice in choices:
@@ -171,18 +166,6 @@ class Executor:
         first, second = (scores[e.objects] for e in chosen)
         words = ("correct", "wrong") if first >= second else ("wrong", "correct")
         return [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
-
-    def _official_judge(
-        self, source: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str
-    ) -> Answer:
-        """Each choice joined with the question into one program: "yes" is correct, "no" wrong, anything else an "error"."""
-        tokens = Program.parse(source).tokens
-        answers = []
-        for text, choice in choices:
-            whole = self._official_answer([*Program.parse(choice).tokens, *tokens], question)
-            judgement = {"yes": "correct", "no": "wrong"}.get(str(whole.answer), "error")
-            answers.append(ChoiceAnswer(text, judgement, whole.program, whole.trace))
-        return Answer(question, tokens, None, (), tuple(answers))
 
     def _values(self, program: Program) -> list[Any]:
         """Value of every step as the modules pass it on: sets are integers."""

@@ -110,6 +110,10 @@ def _get_object(world: World, event: int) -> int:
     return objects
 
 
+def _direction(world: World, one: int, frame: int | None) -> str:
+    raise ExecutionError("directions of motion are known to the official semantics only")
+
+
 _OBJECTS, _EVENTS, _OBJECT, _EVENT = (Kind.OBJECTS,), (Kind.EVENTS,), (Kind.OBJECT,), (Kind.EVENT,)
 _SETS = (Kind.OBJECTS, Kind.EVENTS)
 _WHO = (Kind.OBJECTS, Kind.OBJECT)
@@ -133,7 +137,7 @@ _TABLE = [
     Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda w, one: w.object(one).shape, "shape of an object"),
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "frame of an event"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "object of an entrance or exit"),
-    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.motion.direction(one, frame), "direction in which an object moves: left, right, up or down", False),
+    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, _direction, "direction in which an object moves: left, right, up or down (official semantics only)", False),
     Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: w.need_counterfactual(one) & w.possible, "collisions that happen without an object", False),
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a material"),

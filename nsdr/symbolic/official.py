@@ -1,62 +1,36 @@
 """`semantics="official"`: the answers of the released executor on its own prediction files, including its quirks.
 
-Both semantics share the program modules. Where the official one differs from the paper's:
+Besides what it knows of a file (`nsdr.symbolic.official_world`), it differs from the paper's semantics in this:
 
-- Objects are identified by exact attribute triples; rows with other triples are ignored.
-- Motion is known only at the samples, every 5th frame. The velocity is the mean of the available differences to the
-  neighbouring samples; an object moves when it is faster than 0.1 grid units per frame.
-- The video ends at frame 125, whose forward difference uses a predicted sample. With `null`, visibility is tested on frames
-  below 128, but motion on the whole rollout.
-- Objects enter at the first sample that contains them and leave at the first that does not, without smoothing.
-- Collisions are not deduplicated.
+- Types are checked when a program runs. Objects and frames are both plain numbers.
+- `events` holds the start and the end of the video as well; `all_events` holds collisions only, without frames.
 - Entrances and exits after the video never match a filter.
 - Taking part in an event does not make an object responsible for it.
-- A counterfactual counts collisions at any frame.
-- In programs, `<START>` is skipped, and `<END>` and `<NULL>` end the program. Unknown tokens are values that fit no module.
-  The answer is the top of the stack; values left below it are ignored. Any failure gives the answer "error".
+- Unknown tokens are values. The answer is the top of the stack; values left below it are ignored. An object or a frame as the
+  answer is its number. Any failure gives the answer "error".
 """
 
-import math
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
-from nsdr.clevrer.predictions import SAMPLE_FRAMES
-from nsdr.clevrer.velocity_rule import GridPath, GridPosition, velocity_collisions
-from nsdr.errors import DataError, ExecutionError
-from nsdr.symbolic.world import MotionTable, World
-from nsdr.types import Event, SceneObject
+from nsdr.errors import ExecutionError, ProgramError
+from nsdr.symbolic.modules import MODULES, WORDS, Kind
+from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
+from nsdr.symbolic.program import ProgramSource, program_tokens
+from nsdr.types import Answer, ChoiceAnswer, TraceStep
 from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["END_FRAME", "official_tokens", "official_world"]
+__all__ = ["OfficialExecutor"]
 
-START_TOKEN = "<START>"
-"""Token that the released executor skips."""
-STOP_TOKENS = ("<END>", "<NULL>")
-"""Tokens that end a program."""
-END_FRAME = 125
-"""Frame of the event `end`: the last sample of the video."""
-MOVING_GRID_PER_FRAME = 0.1
-"""Speed above which an object counts as moving (grid units per frame). Source: the released executor."""
-DIRECTIONS_DEGREES = {"left": 180.0, "right": 0.0, "up": 90.0, "down": -90.0}
-"""Angle of the velocity (vx, vy) in the file's x and y (degrees), tested in this order. Source: the released executor."""
-DIRECTION_HALF_RANGE_DEGREES = 40.0
-"""Largest angle between a velocity and its direction (degrees). Source: the released executor."""
+ERROR = "error"
+"""The answer of a program that fails."""
+ORDERS = {"first": 0, "second": 1, "last": -1}
+"""Index of an event in a list, by order word."""
 
 
-def official_tokens(source: Sequence[str]) -> list[str]:
-    """The tokens that the released executor runs: without the start token, up to the first stop token."""
-    tokens: list[str] = []
-    for token in source:
-        if token in STOP_TOKENS:
-            break
-        if token != START_TOKEN:
-            tokens.append(token)
-    return tokens
-
-
-def official_world(document: Mapping[str, Any], collisions: str = "predicted") -> World:
-    """The world of a prediction file, by the released executor's rules.
+class OfficialExecutor:
+    """The released executor on one prediction file. A program that fails is an "error", never an exception.
 
     Args:
         document: content of `sim_N.json` (see `nsdr.clevrer.predictions`).
@@ -65,112 +39,221 @@ def official_world(document: Mapping[str, Any], collisions: str = "predicted") -
     Raises:
         DataError: a missing key, or another value of `collisions`.
     """
-    if collisions not in ("predicted", "velocity"):
-        raise DataError(f"collisions is {collisions!r}; expected predicted or velocity")
+
+    def __init__(self, document: Mapping[str, Any], collisions: str = "predicted") -> None:
+        self.world = OfficialWorld(document, collisions)
+
+    def run(self, program: ProgramSource) -> Any:
+        """Run a program.
+
+        Returns:
+            Its value: a word, number or truth value, an object id or frame, an `OfficialEvent`, a list of object ids or
+            events, or None for `null`; "error" for a program that fails.
+        """
+        try:
+            return self._values(_tokens(program))[-1][2]
+        except (ProgramError, ExecutionError):
+            return ERROR
+
+    def run_batch(self, programs: Iterable[ProgramSource]) -> list[Any]:
+        """Run many programs; returns the value of each as from `run`."""
+        return [self.run(program) for program in programs]
+
+    def answer(self, program: ProgramSource, question: str = "") -> Answer:
+        """Answer a question; a program that fails gives "error" without a trace."""
+        tokens = _tokens(program)
+        try:
+            values = self._values(tokens)
+        except (ProgramError, ExecutionError):
+            return Answer(question, tokens, ERROR)
+        trace = tuple(TraceStep(t, inputs, _kind(t, v), v, self._text(_kind(t, v), v)) for t, inputs, v in values)
+        value = values[-1][2]
+        return Answer(question, tokens, str(value) if type(value) is int else trace[-1].text, trace)
+
+    def judge(
+        self, question_program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str = ""
+    ) -> Answer:
+        """Each choice joined with the question into one program: "yes" is correct, "no" wrong, anything else an "error"."""
+        tokens = _tokens(question_program)
+        judged = []
+        for text, choice in choices:
+            whole = self.answer((*_tokens(choice), *tokens))
+            judgement = {"yes": "correct", "no": "wrong"}.get(str(whole.answer), ERROR)
+            judged.append(ChoiceAnswer(text, judgement, whole.program, whole.trace))
+        return Answer(question, tokens, None, (), tuple(judged))
+
+    def _values(self, tokens: Sequence[str]) -> list[tuple[str, tuple[int, ...], Any]]:
+        """Token, indices of the inputs and value of every step."""
+        values: list[tuple[str, tuple[int, ...], Any]] = []
+        stack: list[int] = []
+        for token in tokens:
+            value: Any = token
+            inputs: tuple[int, ...] = ()
+            if token in _FUNCTIONS:
+                kinds = ((Kind.EVENTS,),) if token in ("filter_start", "filter_end") else MODULES[token].arguments
+                first = len(stack) - len(kinds)
+                if first < 0:
+                    raise ProgramError(f"{token}: takes {len(kinds)} arguments, found {len(stack)}")
+                inputs = tuple(stack[first:])
+                del stack[first:]
+                arguments = [values[i][2] for i in inputs]
+                for allowed, argument in zip(kinds, arguments, strict=True):
+                    if not any(_fits(kind, argument) for kind in allowed):
+                        raise ProgramError(f"{token}: does not take {argument}; expected {' or '.join(allowed)}")
+                value = _FUNCTIONS[token](self.world, *arguments)
+            stack.append(len(values))
+            values.append((token, inputs, value))
+        if not values:
+            raise ProgramError("the program is empty")
+        return values
+
+    def _text(self, kind: Kind, value: Any) -> str:
+        """A value in words."""
+        if isinstance(value, list):
+            return "; ".join(self._text(kind, v) for v in value) or "none"
+        if isinstance(value, OfficialEvent):
+            names = " and ".join(self._text(Kind.OBJECT, i) for i in value.objects)
+            when = "" if value.frame is None else f"(frame {value.frame})"
+            return " ".join(part for part in (names, value.kind, when) if part)
+        if kind in (Kind.OBJECT, Kind.OBJECTS):
+            return self.world.objects[value].name if value >= 0 else "unknown object"
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        return "the whole video" if value is None else str(value)
+
+
+def _tokens(source: ProgramSource) -> tuple[str, ...]:
+    """Tokens of a program; none, which is an error when it runs, of an unreadable tree."""
     try:
-        objects = [SceneObject(i, o["color"], o["material"], o["shape"]) for i, o in enumerate(document["objects"])]
-        ids = {(o.color, o.material, o.shape): o.id for o in objects}
-        predictions = document["predictions"]
-        paths, times = _paths(predictions[0], ids, len(objects))
-
-        def collisions_of(prediction: Mapping[str, Any]) -> list[Event]:
-            if collisions == "velocity":
-                return velocity_collisions(_paths(prediction, ids, len(objects))[0])
-            return _collisions(prediction, ids)
-
-        factual = collisions_of(predictions[0])
-        counterfactual = {p["what_if"]: collisions_of(p) for p in predictions[1:]}
-    except (KeyError, TypeError, IndexError) as e:
-        raise DataError(f"not a prediction file: {e!r}") from e
-    shown = [t for t in times if t < VIDEO_FRAMES]
-    observed = _enter_exit_events(paths, shown) + [e for e in factual if e.frame < VIDEO_FRAMES]
-    unseen = [e for e in factual if e.frame >= VIDEO_FRAMES]
-    return World(
-        objects,
-        sorted(observed, key=lambda e: e.frame),
-        sorted(unseen, key=lambda e: e.frame),
-        counterfactual,
-        end_frame=END_FRAME,
-        motion=lambda: _motion(paths, shown, times),
-        participants_are_responsible=False,
-    )
+        return program_tokens(source)
+    except ProgramError:
+        return ()
 
 
-def _paths(prediction: Mapping[str, Any], ids: Mapping[Any, int], n: int) -> tuple[list[GridPath], list[int]]:
-    paths: list[GridPath] = [{} for _ in range(n)]
-    times = []
-    for sample in prediction["trajectory"]:
-        time = sample["frame_index"]
-        times.append(time)
-        for o in sample["objects"]:
-            i = ids.get((o["color"], o["material"], o["shape"]))
-            if i is not None:
-                paths[i][time] = (o["x"], o["y"])
-    return paths, times
+def _fits(kind: Kind, value: Any) -> bool:
+    if kind == Kind.OBJECTS:
+        return isinstance(value, list) and all(type(v) is int for v in value)
+    if kind == Kind.EVENTS:
+        return isinstance(value, list) and all(isinstance(v, OfficialEvent) for v in value)
+    if kind == Kind.EVENT:
+        return isinstance(value, OfficialEvent)
+    if kind in (Kind.OBJECT, Kind.FRAME):
+        return type(value) is int or (value is None and kind == Kind.FRAME)
+    return isinstance(value, bool) if kind == Kind.BOOLEAN else isinstance(value, str) and WORDS.get(value) == kind
 
 
-def _collisions(prediction: Mapping[str, Any], ids: Mapping[Any, int]) -> list[Event]:
-    events = []
-    for row in prediction["collisions"]:
-        first, second = (ids.get((o["color"], o["material"], o["shape"]), -1) for o in row["objects"])
-        if first >= 0 and second >= 0 and first != second:
-            events.append(Event("collision", row["frame"], (min(first, second), max(first, second))))
-    return events
+def _kind(token: str, value: Any) -> Kind:
+    """Kind of a step's value, for the trace."""
+    if isinstance(value, OfficialEvent):
+        return Kind.EVENT
+    module = MODULES.get(token)
+    return WORDS.get(token, Kind.UNKNOWN) if module is None else module.result or Kind.OBJECT
 
 
-def _enter_exit_events(paths: Sequence[GridPath], times: Sequence[int]) -> list[Event]:
-    events = []
-    for i, path in enumerate(paths):
-        for before, now in pairwise(times):
-            if (now in path) != (before in path):
-                events.append(Event("in" if now in path else "out", now, (i,)))
-    return events
+def _unique(_: OfficialWorld, values: list[Any]) -> Any:
+    if len(values) != 1:
+        raise ExecutionError(f"expected exactly one, found {len(values)}")
+    return values[0]
 
 
-def _motion(paths: Sequence[GridPath], shown: Sequence[int], times: Sequence[int]) -> MotionTable:
-    visible = dict.fromkeys(shown, 0)
-    moving = dict.fromkeys(shown, 0)
-    ever_visible = ever_moving = 0
-    for i, path in enumerate(paths):
-        bit = 1 << i
-        for time in times:
-            if time not in path:
-                continue
-            moves = _moves(path, time, times)
-            if moves:
-                ever_moving |= bit
-            if time < VIDEO_FRAMES:
-                ever_visible |= bit
-                visible[time] |= bit
-                moving[time] |= bit if moves else 0
-
-    def direction(i: int, time: int) -> str:
-        velocity = _velocity(paths[i], time, times) if time in paths[i] and time in visible else None
-        if velocity is None or velocity == (0.0, 0.0):
-            raise ExecutionError(f"no direction at frame {time}")
-        angle = math.degrees(math.atan2(velocity[1], velocity[0]))
-        for name, centre in DIRECTIONS_DEGREES.items():
-            if abs((angle - centre + 180) % 360 - 180) <= DIRECTION_HALF_RANGE_DEGREES:
-                return name
-        raise ExecutionError(f"the direction at frame {time} is none of {', '.join(DIRECTIONS_DEGREES)}")
-
-    return MotionTable(visible, moving, ever_visible, ever_moving & ever_visible, direction)
+def _get_object(_: OfficialWorld, event: OfficialEvent) -> int:
+    if len(event.objects) != 1:
+        raise ExecutionError(f"a {event.kind} has {len(event.objects)} objects; expected one")
+    return event.objects[0]
 
 
-def _moves(path: GridPath, time: int, times: Sequence[int]) -> bool:
-    velocity = _velocity(path, time, times)
-    return velocity is not None and velocity[0] ** 2 + velocity[1] ** 2 > MOVING_GRID_PER_FRAME**2
+def _partner(_: OfficialWorld, event: OfficialEvent, one: int) -> int:
+    if event.kind != "collision" or one not in event.objects:
+        raise ExecutionError(f"the {event.kind} is no collision of object {one}")
+    return event.objects[event.objects[0] == one]
 
 
-def _velocity(path: GridPath, time: int, times: Sequence[int]) -> GridPosition | None:
-    """Mean of the available differences to the samples before and after (grid units per frame)."""
-    x, y = path[time]
-    step = times[1] - times[0] if len(times) > 1 else SAMPLE_FRAMES
-    before, after = path.get(time - step), path.get(time + step)
-    if before is not None and after is not None:
-        return (after[0] - before[0]) / (2 * step), (after[1] - before[1]) / (2 * step)
-    if before is not None:
-        return (x - before[0]) / step, (y - before[1]) / step
-    if after is not None:
-        return (after[0] - x) / step, (after[1] - y) / step
-    return None
+def _with(attribute: str) -> Callable[..., list[int]]:
+    return lambda w, objects, word: [i for i in objects if getattr(w.object(i), attribute) == word]
+
+
+def _of_kind(kind: str) -> Callable[..., list[OfficialEvent]]:
+    def matches(event: OfficialEvent) -> bool:
+        return event.kind == kind and (kind == "collision" or event.time < VIDEO_FRAMES)
+
+    def run(_: OfficialWorld, events: list[OfficialEvent], who: list[int] | int) -> list[OfficialEvent]:
+        objects = set(who if isinstance(who, list) else [who])
+        return [e for e in events if matches(e) and not objects.isdisjoint(e.objects)]
+
+    return run
+
+
+def _only(kind: str) -> Callable[..., OfficialEvent]:
+    return lambda w, events: _order(w, [e for e in events if e.kind == kind], "first")
+
+
+def _order(_: OfficialWorld, events: list[OfficialEvent], order: str) -> OfficialEvent:
+    index = ORDERS[order]
+    if len(events) <= max(index, 0):
+        raise ExecutionError(f"no {order} event among {len(events)}")
+    return events[index]
+
+
+def _ancestor(world: OfficialWorld, events: list[OfficialEvent], event: OfficialEvent) -> list[OfficialEvent]:
+    causes = world.causes(event)
+    return [e for e in events if e in causes]
+
+
+def _counterfact(world: OfficialWorld, events: list[OfficialEvent], removed: int) -> list[OfficialEvent]:
+    pairs = {e.objects for e in world.collisions_without(removed)}
+    if any(not e.objects for e in events):
+        raise ExecutionError("the start and the end of the video have no objects")
+    return [e for e in events if e.objects in pairs]
+
+
+def _belong(_: OfficialWorld, one: OfficialEvent | int, events: list[OfficialEvent]) -> bool:
+    for event in events:
+        if not isinstance(one, OfficialEvent):
+            if one in event.objects:
+                return True
+        elif one.kind == event.kind:
+            if one.kind != "collision" and event.time >= VIDEO_FRAMES:
+                raise ExecutionError("entrances and exits after the video cannot be compared")
+            if one.objects == event.objects:
+                return True
+    return False
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "objects": lambda w: [o.id for o in w.objects],
+    "events": lambda w: w.events,
+    "all_events": lambda w: [OfficialEvent("collision", None, p) for p in combinations(range(len(w.objects)), 2)],
+    "unseen_events": lambda w: w.unseen_events,
+    "start": lambda w: _only("start")(w, w.events),
+    "end": lambda w: _only("end")(w, w.events),
+    "null": lambda w: None,
+    "unique": _unique,
+    "count": lambda w, values: len(values),
+    "exist": lambda w, values: bool(values),
+    "negate": lambda w, value: not value,
+    "query_color": lambda w, one: w.object(one).color,
+    "query_material": lambda w, one: w.object(one).material,
+    "query_shape": lambda w, one: w.object(one).shape,
+    "query_direction": lambda w, one, frame: w.direction(one, frame),
+    "get_frame": lambda w, event: event.time,
+    "get_object": _get_object,
+    "get_col_partner": _partner,
+    "counterfact_events": lambda w, removed: w.collisions_without(removed),
+    "filter_color": _with("color"),
+    "filter_material": _with("material"),
+    "filter_shape": _with("shape"),
+    "filter_moving": lambda w, objects, frame: w.in_motion(objects, frame, True),
+    "filter_stationary": lambda w, objects, frame: w.in_motion(objects, frame, False),
+    "filter_start": _only("start"),
+    "filter_end": _only("end"),
+    "filter_in": _of_kind("in"),
+    "filter_out": _of_kind("out"),
+    "filter_collision": _of_kind("collision"),
+    "filter_order": _order,
+    "filter_before": lambda w, events, event: [e for e in events if e.time < event.time],
+    "filter_after": lambda w, events, event: [e for e in events if e.time > event.time],
+    "filter_ancestor": _ancestor,
+    "get_counterfact": _counterfact,
+    "belong_to": _belong,
+}
+"""Function of each module, called as `run(world, *arguments)`; the signature table gives its arguments."""

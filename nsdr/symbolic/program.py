@@ -8,9 +8,13 @@ from typing import Any, NamedTuple
 
 from nsdr.errors import ProgramError
 from nsdr.symbolic.modules import ARITY, DISPATCH, MODULES, WORDS, Kind, Module
-from nsdr.symbolic.official import official_tokens
 
-__all__ = ["Node", "Program", "Step"]
+__all__ = ["Node", "Program", "ProgramSource", "Step", "program_tokens"]
+
+START_TOKENS = ("<START>", "<start>")
+"""Tokens before a program in the released files of parsed programs; skipped."""
+STOP_TOKENS = ("<END>", "<NULL>", "<end>", "<null>")
+"""Tokens after a program in these files; they and what follows are skipped."""
 
 RESEARCH_NAMES = {
     "query_frame": "get_frame",
@@ -75,7 +79,6 @@ class Program:
         root: the program as a tree of shared sub-programs.
         needs_choice: whether its `belong_to` takes the event or object of a choice.
         answers: whether the result is a word, number or truth value.
-        official: whether it was parsed as the released executor does (`parse_official`).
     """
 
     tokens: tuple[str, ...]
@@ -83,7 +86,6 @@ class Program:
     root: Node = field(repr=False, compare=False)
     needs_choice: bool = field(default=False, compare=False)
     answers: bool = field(default=True, compare=False)
-    official: bool = field(default=False, repr=False, compare=False)
 
     @property
     def result(self) -> Kind:
@@ -95,28 +97,14 @@ class Program:
         """Parse a program in any of the three spellings.
 
         Args:
-            source: postfix tokens (a list, or a string separated by spaces or commas) with the data set's or the released
-                executor's names; or a tree as in the paper, such as `Count(Filter_shape(Objects, "cube"))`.
+            source: as of `program_tokens`.
 
         Raises:
             ProgramError: an unknown token, a wrong type, or values left over; names the token and its number.
         """
         if isinstance(source, Program):
             return source
-        if isinstance(source, str):
-            source = _tree_tokens(source) if re.search(r"[()]", source) else re.findall(r"[^\s,]+", source.lower())
-        return _checked(tuple(source))
-
-    @classmethod
-    def parse_official(cls, source: Sequence[str]) -> "Program":
-        """Parse tokens as the released executor does (see `nsdr.symbolic.official`).
-
-        Unknown tokens are values that fit no module, and values left on the stack below the top are ignored.
-
-        Raises:
-            ProgramError: a program to which that executor answers "error".
-        """
-        return _checked(tuple(official_tokens(source)), official=True)
+        return _checked(_spelled(source))
 
     def then(self, question: "Program") -> "Program":
         """Join this choice and a multiple-choice question into one program, which judges the choice.
@@ -146,7 +134,7 @@ class Program:
         return " ".join(self.tokens)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (Program.parse_official if self.official else Program.parse), (self.tokens,)
+        return Program.parse, (self.tokens,)
 
 
 EXCERPT_CHARACTERS = 20
@@ -158,7 +146,7 @@ CACHED_NODES = 1 << 18
 
 
 @lru_cache(maxsize=CACHED_PROGRAMS)
-def _checked(source: tuple[str, ...], official: bool = False) -> Program:
+def _checked(source: tuple[str, ...]) -> Program:
     tokens = _data_set_names(source)
     if not tokens:
         raise ProgramError("the program is empty")
@@ -173,12 +161,7 @@ def _checked(source: tuple[str, ...], official: bool = False) -> Program:
         else:
             arity = ARITY.get(token)
             if arity is None:
-                if not official:
-                    raise ProgramError(f"token {index + 1}: unknown module or word {token!r}")
-                steps.append(Step(token, None, (), Kind.UNKNOWN))
-                nodes.append(_node(None, (), token))
-                stack.append(index)
-                continue
+                raise ProgramError(f"token {index + 1}: unknown module or word {token!r}")
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)
@@ -194,11 +177,11 @@ def _checked(source: tuple[str, ...], official: bool = False) -> Program:
             steps.append(Step(token, module, inputs, result))
             nodes.append(_node(module.run, tuple([_CHOICE if i < 0 else nodes[i] for i in inputs]), None))
         stack.append(index)
-    if len(stack) != 1 and not official:
+    if len(stack) != 1:
         raise ProgramError(f"{len(stack)} values are left on the stack; expected one (is the program complete?)")
-    if steps[-1].module is None and not official:
+    if steps[-1].module is None:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
-    return Program(tokens, tuple(steps), nodes[-1], needs_choice, steps[-1].kind in ANSWER_KINDS, official)
+    return Program(tokens, tuple(steps), nodes[-1], needs_choice, steps[-1].kind in ANSWER_KINDS)
 
 
 def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
@@ -221,9 +204,37 @@ def _node(run: Any, inputs: tuple[Node, ...], word: str | None) -> Node:
     return Node(run, left, right, word)
 
 
+ProgramSource = str | Sequence[str] | Program
+"""A program in any spelling: see `program_tokens`."""
+
+
+def program_tokens(source: ProgramSource) -> tuple[str, ...]:
+    """Postfix tokens of a program in the data set's names.
+
+    Args:
+        source: postfix tokens (a list, or a string separated by spaces or commas) with the data set's or the released
+            executor's names, also between `<START>` and `<END>` or `<NULL>`; or a tree as in the paper, such as
+            `Count(Filter_shape(Objects, "cube"))`.
+
+    Raises:
+        ProgramError: an unreadable tree.
+    """
+    return source.tokens if isinstance(source, Program) else _data_set_names(_spelled(source))
+
+
+def _spelled(source: str | Sequence[str]) -> tuple[str, ...]:
+    if not isinstance(source, str):
+        return tuple(source)
+    return _tree_tokens(source) if re.search(r"[()]", source) else tuple(re.findall(r"[^\s,]+", source.lower()))
+
+
 def _data_set_names(source: tuple[str, ...]) -> tuple[str, ...]:
     tokens: list[str] = []
     for token in source:
+        if token in STOP_TOKENS:
+            break
+        if token in START_TOKENS:
+            continue
         if token in ("filter_start", "filter_end") and tokens and tokens[-1] == "events":
             tokens[-1] = token.removeprefix("filter_")
         else:
@@ -231,7 +242,7 @@ def _data_set_names(source: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(tokens)
 
 
-_TREE_TOKEN = re.compile(r"\s*(?:([(),])|\"([^\"]*)\"|'([^']*)'|([\w]+))")
+_TREE_TOKEN = re.compile(r"\s*(?:([(),])|\"([^\"]*)\"|'([^']*)'|(<?\w+>?))")
 
 
 def _tree_tokens(text: str) -> tuple[str, ...]:

@@ -29,20 +29,12 @@ class MotionTable:
         moving_at: visible objects that move, by frame.
         visible_ever: objects visible at any frame of the video.
         moving_ever: objects that are visible and move at any frame.
-        direction_at: direction of an object (by id) at a frame: left, right, up or down; None where it is not known.
     """
 
     visible_at: Sequence[int] | Mapping[int, int]
     moving_at: Sequence[int] | Mapping[int, int]
     visible_ever: int
     moving_ever: int
-    direction_at: Callable[[int, int], str] | None = None
-
-    def direction(self, one: int, frame: int | None) -> str:
-        """Direction in which an object (a one-bit set) moves at a frame: left, right, up or down."""
-        if self.direction_at is None or frame is None:
-            raise ExecutionError("directions of motion are not known in this scene")
-        return self.direction_at(one.bit_length() - 1, frame)
 
     def moving(self, objects: int, frame: int | None) -> int:
         """Those of the objects that are visible and move at a frame; with None, at any frame."""
@@ -109,7 +101,6 @@ class World:
         counterfactual: collisions without an object, by that object's id; None where they are not known.
         end_frame: frame of the event `end`.
         motion: makes the motion table; called when it is first needed.
-        participants_are_responsible: whether taking part in an event makes an object responsible for it, as in the paper.
     """
 
     def __init__(
@@ -120,14 +111,12 @@ class World:
         counterfactual: Mapping[int, Sequence[Event]] | None,
         end_frame: int,
         motion: Callable[[], MotionTable],
-        participants_are_responsible: bool = True,
     ) -> None:
         self.objects = objects
         self._observed_events = observed
         self._unseen_events = unseen
         self._counterfactual = counterfactual
         self._make_motion = motion
-        self._marks_targets = participants_are_responsible
         self.all_objects = (1 << len(objects)) - 1
         self.with_word = _Words()
         for o in objects:
@@ -224,7 +213,7 @@ class World:
         """
         if not event & self.observed:
             raise ExecutionError(f"{self.event_text(event)} was not observed, so its causes are not known")
-        return (events & self._ancestors[event]) | (event << self._mark if self._marks_targets else 0)
+        return (events & self._ancestors[event]) | event << self._mark
 
     @cached_property
     def _ancestors(self) -> dict[int, int]:

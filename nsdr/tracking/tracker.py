@@ -1,7 +1,9 @@
 """Proposals of single frames -> tracks of objects through the video."""
 
+import math
+import warnings
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,12 @@ from nsdr.world.vocabulary import SHAPES, attributes_of
 
 __all__ = ["TrackerConfig", "track"]
 
-
+MAX_SPACING_FRAMES = 8
+"""Warned of when the processed frames are further apart (frames)."""
+MIN_SAMPLES = 2
+"""Processed frames in which an identity must be seen, however far apart they are."""
+MAX_MISSED_SAMPLES = 1
+"""Processed frames that a tracklet may miss where `TrackerConfig.max_gap_frames` would not even reach the next one."""
 NO_MATCH_COST = 1e3
 """Assignment cost of a forbidden pair (world units). It is finite, so that an assignment always exists; pairs that get it are
 dropped afterwards."""
@@ -24,6 +31,9 @@ dropped afterwards."""
 @dataclass(frozen=True)
 class TrackerConfig:
     """How proposals become tracks.
+
+    Frames are those of a video of 25 frames per second, all of them processed; where only some were processed, `track` counts
+    each for those up to the next.
 
     Attributes:
         score: proposals with a score up to this are ignored (0-1; paper: 0.9).
@@ -95,14 +105,16 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     Differs from the paper: the paper matches by the attribute label alone and keeps identities of more than ten frames. Here,
     a tracklet outvotes wrong labels of single frames, and objects that enter in the last frames are kept.
     """
-    c = config or TrackerConfig()
+    spacing = _spacing_frames(proposals)
+    c = _with_spacing(config or TrackerConfig(), spacing)
     kept = np.flatnonzero(proposals.score > c.score)
     positions = _positions(proposals, kept, c)
     tracklets = _link(proposals, kept, positions, c)
     by_identity = _identities(proposals, tracklets)
     tracks = []
     for attribute, rows in by_identity.items():
-        if len(rows) > c.min_frames or _enters_late(proposals, rows, c):
+        seen_often = len(rows) * spacing > c.min_frames and len(rows) >= min(MIN_SAMPLES, spacing)
+        if seen_often or _enters_late(proposals, rows, c, spacing):
             tracks.append(_track(proposals, attribute, rows, positions))
     tracks = [t for t in tracks if not any(_is_duplicate(t, o, c) for o in tracks)]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
@@ -113,7 +125,36 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     return VideoTracks(proposals.n_frames, tuple(renamed))
 
 
-def _enters_late(proposals: VideoProposals, rows: list[int], c: TrackerConfig) -> bool:
+def _spacing_frames(proposals: VideoProposals) -> float:
+    """Frames from one processed frame to the next (median)."""
+    if proposals.processed is None or len(proposals.processed) < 2:
+        return 1.0
+    return float(np.median(np.diff(proposals.processed)))
+
+
+def _with_spacing(c: TrackerConfig, spacing: float) -> TrackerConfig:
+    """The thresholds for processed frames that are `spacing` frames apart; those for a spacing of 1 are `c` itself."""
+    if spacing > MAX_SPACING_FRAMES:
+        warnings.warn(
+            f"one frame in {spacing:g} (of 25 per second) was processed: above {MAX_SPACING_FRAMES}, collisions are missed and "
+            "misplaced; lower --stride, or use a video with more frames per second",
+            stacklevel=3,
+        )
+    return replace(
+        c,
+        late_end_frames=max(c.late_end_frames, math.ceil(spacing) + 1),
+        max_gap_frames=max(c.max_gap_frames, math.ceil(spacing * (MAX_MISSED_SAMPLES + 1))),
+        # Positions are predicted as much worse as the gate is wider; words are read as well as ever.
+        mismatch_world=c.mismatch_world * _gate_world(c, spacing) / _gate_world(c, 1),
+        velocity_memory=c.velocity_memory**spacing,
+    )
+
+
+def _gate_world(c: TrackerConfig, gap: float) -> float:
+    return c.gate_world + gap * c.gate_world_per_frame
+
+
+def _enters_late(proposals: VideoProposals, rows: list[int], c: TrackerConfig, spacing: float) -> bool:
     """Whether the rows show an object that entered the image too late to be seen in `min_frames` frames."""
     frames = proposals.frame_index[rows]
     at_border = bool(cut_sides(proposals.box_xyxy_px[rows[0]], c.visibility).any())
@@ -123,7 +164,7 @@ def _enters_late(proposals: VideoProposals, rows: list[int], c: TrackerConfig) -
         and len(rows) >= c.min_late_frames
         and int(frames[-1]) >= proposals.n_frames - c.late_end_frames
         and frames_left <= c.min_frames + c.max_gap_frames
-        and len(rows) >= c.late_share * frames_left
+        and len(rows) * spacing >= c.late_share * frames_left
     )
 
 
@@ -179,7 +220,7 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
             words = attributes_of(int(proposals.attribute[tracklet.rows[-1]]))
             for i, row in enumerate(rows):
                 distance = float(np.hypot(*(positions[row] - tracklet.position - gap * tracklet.velocity)))
-                if distance > c.gate_world + gap * c.gate_world_per_frame:
+                if distance > _gate_world(c, gap):
                     continue
                 other = attributes_of(int(proposals.attribute[row]))
                 mismatches = sum(a != b for a, b in zip(words, other, strict=True))

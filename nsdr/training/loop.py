@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -27,6 +28,7 @@ from nsdr.errors import DataError
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import described, resolved
 from nsdr.io.device import resolve_device
+from nsdr.io.lock import locked
 from nsdr.io.validation import check_choices, check_ranges
 from nsdr.training.run_folder import RunFolder, TrainingState
 
@@ -100,7 +102,7 @@ class LossTerm(NamedTuple):
     """A loss before the division by the number of its items, which may differ between processes.
 
     Attributes:
-        total: scalar, the sum over the items of this process's batch.
+        total: the sum over the items of this process's batch, a scalar.
         items: their number, or the sum of their weights.
     """
 
@@ -176,10 +178,15 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
 
     Raises:
         FloatingPointError: a loss is not finite; the message names the step and the terms.
-        DataError: `run_dir` was started with another configuration, or the device cannot be used.
+        DataError: `run_dir` was started with another configuration or another process writes to it, or the device cannot be
+            used.
     """
     accelerator = _accelerator(config)
-    folder = RunFolder(run_dir, resolved, accelerator.is_main_process)
+    with locked(run_dir) if accelerator.is_main_process else nullcontext():
+        return _train(task, config, RunFolder(run_dir, resolved, accelerator.is_main_process), accelerator)
+
+
+def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accelerator) -> dict[str, float]:
     losses, optimizer = accelerator.prepare(_Losses(task), _optimizer(task.model, config))
     average = (
         AveragedModel(task.model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, read_json, sync, write_json
+from nsdr.io.files import atomic_path, read_json, remove_partial_files, sync, write_json
 from nsdr.io.fingerprint import code_revision
 
 __all__ = ["RunFolder", "TrainingState"]
@@ -90,6 +90,8 @@ class RunFolder:
 
     def __init__(self, path: str | Path, resolved: Mapping[str, Any], writes: bool = True) -> None:
         self.path, self.writes = Path(path), writes
+        if writes:
+            remove_partial_files(self.path)
         resolved = json.loads(json.dumps(resolved))
         config = self.path / "config.json"
         if self._checkpoints() and config.exists():

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitConfig, fit_trajectories
 from nsdr.types import Event
@@ -34,8 +34,9 @@ def search_collisions(
     states: MotionStates,
     candidates: Sequence[tuple[Event, float]],
     config: CollisionSearchConfig | None = None,
+    measurement: MeasurementConfig | None = None,
 ) -> tuple[list[Event], TrajectoryFit]:
-    """Collisions during the video, and the fitted simulation.
+    """Collisions during the video, and the simulation fitted with them.
 
     A doubtful collision is dropped when the fitted objects do not touch and the tracks are explained as well without it; one
     is added when the objects touch and the tracks are explained much better with it.
@@ -44,15 +45,17 @@ def search_collisions(
         states: of at least one object.
         candidates: collisions with their probabilities, in order of time.
         config: how to search.
+        measurement: how far measured positions are trusted.
     """
     config = config or CollisionSearchConfig()
     events = {event.objects: event for event, _ in candidates}
     chosen = {event.objects for event, p in candidates if p > 0.5}
 
     def fitted(pairs: set[tuple[int, ...]]) -> TrajectoryFit:
-        return fit_trajectories(states, sorted((events[p] for p in pairs), key=lambda e: e.frame), config.fit)
+        collisions = sorted((events[p] for p in pairs), key=lambda e: e.frame)
+        return fit_trajectories(states, collisions, config.fit, measurement)
 
-    best = current = fitted(chosen)
+    current = fitted(chosen)
     doubtful = sorted((abs(p - 0.5), e.objects) for e, p in candidates if config.doubt < p < 1 - config.doubt)
     tried = {frozenset(chosen)}
     changed = True
@@ -72,5 +75,4 @@ def search_collisions(
                 better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - config.min_gain
             if better:
                 chosen, current, changed = other, trial, True
-            best = min(best, trial, key=lambda fit: fit.cost)
-    return sorted((events[p] for p in chosen), key=lambda e: e.frame), best
+    return sorted((events[p] for p in chosen), key=lambda e: e.frame), current

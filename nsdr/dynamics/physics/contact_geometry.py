@@ -1,8 +1,8 @@
 """Outlines of CLEVRER's objects seen from above, and the gap between two of them (compiled by Numba)."""
 
 import numpy as np
-from numba import njit
 
+from nsdr.dynamics.physics.numba_cache import cached_njit
 from nsdr.world.physics_constants import HULL_MARGIN_WORLD, OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import CUBE_EDGE_WORLD, CUBE_EXPONENT, CUBE_STEPS
 from nsdr.world.vocabulary import SHAPES
@@ -22,7 +22,7 @@ CUBE_OUTLINE = np.concatenate([_ARC * s for s in ((1, 1), (1, -1), (-1, 1), (-1,
 """(28, 2) points of a cube's outline seen from above."""
 
 
-@njit(cache=True)
+@cached_njit
 def _cube_gap(x, y):  # type: ignore[no-untyped-def]
     """Signed distance of a point (in the cube's frame) from the cube's outline, and the outline's normal there."""
     ax, ay = abs(x), abs(y)
@@ -48,7 +48,7 @@ def _cube_gap(x, y):  # type: ignore[no-untyped-def]
     return best, np.copysign(nx, x), np.copysign(ny, y)
 
 
-@njit(cache=True)
+@cached_njit
 def outline_gap(shape, position, yaw, i, j):  # type: ignore[no-untyped-def]
     """Gap of bodies i and j, the normal from i to j (x, y), and the point (x, y) where they (nearly) touch.
 

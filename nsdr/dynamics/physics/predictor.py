@@ -24,6 +24,7 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
+from nsdr.io.threads import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.physics_constants import LOG_MASS_STD, OBJECT_RADIUS_WORLD
 
@@ -37,7 +38,6 @@ class PhysicsConfig:
     """How the fitted scene is simulated on. Noise levels were set on left-out scenes of `train`.
 
     Attributes:
-        horizon_frame: last frame to predict; None is 7/5 of the video's length.
         runs: simulations of each rollout; the first is not perturbed.
         position_noise_world: standard deviation of perturbed positions (world units).
         velocity_noise_world_per_s: standard deviation of perturbed velocities (world units/s).
@@ -45,14 +45,11 @@ class PhysicsConfig:
         mass_noise: standard deviation of perturbed log masses of objects that were seen to collide.
         unmet_mass_noise: the same for objects that were not; CLEVRER's masses are uniform in 0.7-1.3.
         collision_threshold: share of runs above which a collision counts.
-        shortcut: objects that a removal cannot influence keep their observed motion; otherwise all are simulated from frame 0.
         seed: of the perturbations.
         closeness_world: scale on which the closest approach tells pairs apart that collide in equally many runs (world units).
         search: how the observed collisions and the fit are found.
-        smoothing: how observed tracks are smoothed.
     """
 
-    horizon_frame: int | None = None
     runs: int = 30
     position_noise_world: float = 0.004
     velocity_noise_world_per_s: float = 0.015
@@ -60,11 +57,9 @@ class PhysicsConfig:
     mass_noise: float = 0.08
     unmet_mass_noise: float = LOG_MASS_STD
     collision_threshold: float = 0.5
-    shortcut: bool = True
     seed: int = 0
     closeness_world: float = 0.4
     search: CollisionSearchConfig = field(default_factory=CollisionSearchConfig)
-    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
 
 
 class CollisionDetector(Protocol):
@@ -82,17 +77,31 @@ class PhysicsPredictor:
     Args:
         detector: finds collisions in observed motion.
         config: of the simulation.
+        shortcut: objects that a removal cannot influence keep their observed motion; otherwise all are simulated from frame 0.
+        horizon_frame: last frame to predict; None is 7/5 of the video's length.
+        smoothing: how observed tracks are smoothed.
     """
 
-    def __init__(self, detector: CollisionDetector, config: PhysicsConfig | None = None) -> None:
+    def __init__(
+        self,
+        detector: CollisionDetector,
+        config: PhysicsConfig | None = None,
+        shortcut: bool = True,
+        horizon_frame: int | None = None,
+        smoothing: SmoothingConfig | None = None,
+    ) -> None:
         self.detector = detector
         self.config = config or PhysicsConfig()
+        self.shortcut = shortcut
+        self.horizon_frame = horizon_frame
+        self.smoothing = smoothing or SmoothingConfig()
 
+    @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
-        states = states_from_tracks(tracks, self.config.smoothing.measurement.visibility)
+        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
         if not states.objects:
-            return DynamicsPrediction(states.objects, tracks.n_frames, _empty(tracks.n_frames, self.config), {})
+            return DynamicsPrediction(states.objects, tracks.n_frames, self._empty(tracks.n_frames), {})
         scene = self._fitted(states, observed)
         rollout = with_smoothed_tracks(scene.rollout(None), scene.smoothed)
         counterfactual = {k: scene.rollout(k) for k in range(len(states.objects))}
@@ -109,23 +118,24 @@ class PhysicsPredictor:
         if hasattr(self.detector, "save_pretrained"):
             self.detector.save_pretrained(folder)
 
+    @limit_threads(1)
     def continue_motion(self, states: MotionStates) -> Rollout:
         """The rollout after the last frame of `states`, nothing removed."""
         if not states.objects:
-            return _empty(states.present.shape[1], self.config)
+            return self._empty(states.present.shape[1])
         return self._fitted(states, None).rollout(None)
 
     def _fitted(self, states: MotionStates, observed: Sequence[Event] | None) -> "_FittedScene":
         given = None if observed is None else [(event, 1.0) for event in observed]
         candidates = self.detector.collision_candidates(states) if given is None else given
-        collisions, fitted = search_collisions(states, candidates, self.config.search)
-        smoothed = smooth_tracks(states, collisions, self.config.smoothing)
-        return _FittedScene(states, smoothed, fitted, collisions, self.config)
+        collisions, fitted = search_collisions(states, candidates, self.config.search, self.smoothing.measurement)
+        smoothed = smooth_tracks(states, collisions, self.smoothing)
+        frames = rollout_frames(states.present.shape[1], self.horizon_frame)
+        return _FittedScene(states, smoothed, fitted, collisions, self.config, self.shortcut, frames)
 
-
-def _empty(n_frames: int, config: PhysicsConfig) -> Rollout:
-    frames = rollout_frames(n_frames, config.horizon_frame)
-    return Rollout(np.zeros((0, frames, 2)), np.zeros((0, frames), bool), (), np.zeros((0, 0)))
+    def _empty(self, n_frames: int) -> Rollout:
+        frames = rollout_frames(n_frames, self.horizon_frame)
+        return Rollout(np.zeros((0, frames, 2)), np.zeros((0, frames), bool), (), np.zeros((0, 0)))
 
 
 class _FittedScene:
@@ -138,11 +148,12 @@ class _FittedScene:
         fitted: TrajectoryFit,
         observed: Sequence[Event],
         config: PhysicsConfig,
+        shortcut: bool,
+        total_frames: int,
     ) -> None:
         self.states, self.smoothed, self.fitted, self.observed = states, smoothed, fitted, observed
-        self.config = config
+        self.config, self.shortcut, self.total = config, shortcut, total_frames
         n, self.frames = states.present.shape
-        self.total = rollout_frames(self.frames, config.horizon_frame)
         # Smoothed stretches follow the tracks most closely; where there is none, the fitted run steps in.
         known = np.isfinite(smoothed.location_world)
         self.position = np.where(known, smoothed.location_world, fitted.motion.position)
@@ -189,7 +200,7 @@ class _FittedScene:
         mass = bodies.mass * np.exp(self.mass_noise * noise(n))
         shift, push = c.position_noise_world * noise(n, 2), c.velocity_noise_world_per_s * noise(n, 2)
         yaw_error = c.yaw_noise * noise(n)
-        if not c.shortcut and not exists.all():
+        if not self.shortcut and not exists.all():
             moves = (np.linalg.norm(bodies.velocity, axis=1) > 0)[:, None]
             position, velocity = bodies.position + shift, bodies.velocity + push * moves
             start = BodyStates(bodies.shape, position, velocity, bodies.yaw + yaw_error, bodies.spin, mass)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from nsdr.dynamics.physics.contact_geometry import CUBE, FLAT, ROUND, SPHERE, outline_gap
+from nsdr.dynamics.physics.numba_cache import cached_njit
 from nsdr.world.physics_constants import (
     ANGULAR_DAMPING,
     CONTACT_THRESHOLD_WORLD,
@@ -168,7 +168,7 @@ def simulate(
     return SimulatedMotion(*motion)
 
 
-@njit(cache=True)
+@cached_njit
 def _slow_down(shape, velocity, spin, yaw, i):  # type: ignore[no-untyped-def]
     """Damping and friction of one step."""
     speed = np.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2)
@@ -208,7 +208,26 @@ def _slow_down(shape, velocity, spin, yaw, i):  # type: ignore[no-untyped-def]
     spin[i] = np.copysign(max(abs(spin[i]) - brake, 0.0), spin[i])
 
 
-@njit(cache=True)
+@cached_njit
+def _approach(shape, position, velocity, yaw, spin, i, j):  # type: ignore[no-untyped-def]
+    """Gap, separation speed, normal from i to j, and the levers of the contact point's normal about both centres."""
+    gap, nx, ny, px, py = outline_gap(shape, position, yaw, i, j)
+    ix, iy = px - position[i, 0], py - position[i, 1]
+    jx, jy = px - position[j, 0], py - position[j, 1]
+    ux = velocity[j, 0] - spin[j] * jy - velocity[i, 0] + spin[i] * iy
+    uy = velocity[j, 1] + spin[j] * jx - velocity[i, 1] - spin[i] * ix
+    return gap, ux * nx + uy * ny, nx, ny, ix * ny - iy * nx, jx * ny - jy * nx
+
+
+@cached_njit
+def _advance(position, velocity, yaw, spin, i, j, seconds):  # type: ignore[no-untyped-def]
+    for body in (i, j):
+        for k in range(2):
+            position[body, k] += seconds * velocity[body, k]
+        yaw[body] += seconds * spin[body]
+
+
+@cached_njit
 def _collide(shape, position, velocity, yaw, spin, mass, i, j, given, used):  # type: ignore[no-untyped-def]
     """Apply the impulse of two bodies on each other if they touch in this step.
 
@@ -252,26 +271,7 @@ def _collide(shape, position, velocity, yaw, spin, mass, i, j, given, used):  # 
     return True
 
 
-@njit(cache=True)
-def _approach(shape, position, velocity, yaw, spin, i, j):  # type: ignore[no-untyped-def]
-    """Gap, separation speed, normal from i to j, and the levers of the contact point's normal about both centres."""
-    gap, nx, ny, px, py = outline_gap(shape, position, yaw, i, j)
-    ix, iy = px - position[i, 0], py - position[i, 1]
-    jx, jy = px - position[j, 0], py - position[j, 1]
-    ux = velocity[j, 0] - spin[j] * jy - velocity[i, 0] + spin[i] * iy
-    uy = velocity[j, 1] + spin[j] * jx - velocity[i, 1] - spin[i] * ix
-    return gap, ux * nx + uy * ny, nx, ny, ix * ny - iy * nx, jx * ny - jy * nx
-
-
-@njit(cache=True)
-def _advance(position, velocity, yaw, spin, i, j, seconds):  # type: ignore[no-untyped-def]
-    for body in (i, j):
-        for k in range(2):
-            position[body, k] += seconds * velocity[body, k]
-        yaw[body] += seconds * spin[body]
-
-
-@njit(cache=True)
+@cached_njit
 def _run(  # type: ignore[no-untyped-def]
     shape,
     position,

@@ -5,16 +5,16 @@ motion a smooth function of the initial state (see `simulator`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
+from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_OUTLINE
+from nsdr.dynamics.physics.numba_cache import cached_njit
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion, simulate
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.types import Event
@@ -45,7 +45,9 @@ YAW_FRAMES = 8
 DEFAULT_YAW = 0.4
 """First guess of the yaw (radians) of a cube without reliable edges."""
 MIN_STRETCH_FRAMES = 4
-"""Detections needed on each side of a collision to measure velocities there (frames)."""
+"""Frames over which detections must reach on each side of a collision to measure velocities there."""
+MIN_MOVING_FRAMES = 3
+"""Frames over which an object's first detections must reach to show that it moves."""
 _NEVER = 10**6
 EDGES_PX = (-0.3, -0.6)
 """Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
@@ -71,7 +73,6 @@ class TrajectoryFitConfig:
         restarts: maximum number of restarts per window.
         restart_yaw_noise_px: mean of the exponential noise on a yaw's edge error when a restart draws it (pixels).
         restart_log_mass_scale: standard deviation of restarts' log masses, in `UNITS`; other parameters have 1.
-        measurement: how far measured positions are trusted.
     """
 
     position_noise_world: float = 0.01
@@ -87,7 +88,6 @@ class TrajectoryFitConfig:
     restarts: int = 6
     restart_yaw_noise_px: float = 0.7
     restart_log_mass_scale: float = 0.7
-    measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
 
 
 @dataclass(frozen=True)
@@ -110,21 +110,24 @@ class TrajectoryFit:
 
 
 def fit_trajectories(
-    states: MotionStates, collisions: Sequence[Event], config: TrajectoryFitConfig | None = None
+    states: MotionStates,
+    collisions: Sequence[Event],
+    config: TrajectoryFitConfig | None = None,
+    measurement: MeasurementConfig | None = None,
 ) -> TrajectoryFit:
     """Fit one run to a video's tracks.
 
     Args:
         states: of at least one object.
         collisions: during the video, in order of time.
+        config: noise, priors and effort.
+        measurement: how far measured positions are trusted.
     """
-    problem = _Problem(states, collisions, config or TrajectoryFitConfig())
+    problem = _Problem(states, collisions, config or TrajectoryFitConfig(), measurement or MeasurementConfig())
     frames = [*sorted({e.frame for e in collisions}), states.present.shape[1]]
     x = problem.start()
     for end in frames:
-        window = min(
-            max(end - problem.config.measurement.collision_margin_frames, MIN_WINDOW_FRAMES), states.present.shape[1]
-        )
+        window = min(max(end - problem.measurement.collision_margin_frames, MIN_WINDOW_FRAMES), problem.frames)
         x = problem.solve_with_restarts(x, window)
     return problem.result(x)
 
@@ -143,14 +146,20 @@ class _Data:
 class _Problem:
     """Parameters <-> runs, and the residuals of a run."""
 
-    def __init__(self, states: MotionStates, collisions: Sequence[Event], config: TrajectoryFitConfig) -> None:
-        self.config = config
+    def __init__(
+        self,
+        states: MotionStates,
+        collisions: Sequence[Event],
+        config: TrajectoryFitConfig,
+        measurement: MeasurementConfig,
+    ) -> None:
+        self.config, self.measurement = config, measurement
         self.rng = np.random.default_rng(0)
         self.objects = states.objects
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.exists = np.ones(len(self.objects), bool)
-        self.frames = states.present.shape[1]
+        self.frames, self.spacing_frames = states.present.shape[1], states.spacing_frames
         self.data = [self._measured(states, i) for i in range(len(self.objects))]
         self.reference = np.zeros(len(self.objects))
         self.moving = np.zeros(len(self.objects), bool)
@@ -162,7 +171,7 @@ class _Problem:
 
     def _measured(self, states: MotionStates, i: int) -> _Data:
         frame = np.flatnonzero(states.detected[i])
-        weight = np.where(states.reliable[i, frame], 1.0, self.config.measurement.unreliable_weight)
+        weight = np.where(states.reliable[i, frame], 1.0, self.measurement.unreliable_weight)
         middle, width = states.box_px[i, frame, 0], states.box_px[i, frame, 2]
         edges = np.stack([middle - width / 2, middle + width / 2], 1) if self.shape[i] == CUBE else None
         return _Data(frame, states.location_world[i, frame], weight, edges)
@@ -170,19 +179,17 @@ class _Problem:
     def _first_stretch(self, i: int, d: _Data) -> tuple[FloatArray, FloatArray]:
         """Position and velocity at a frame of the first stretch; sets `reference` and `moving`."""
         hits = [e.frame for e in self.collisions if i in e.objects]
-        end = min(hits) - self.config.measurement.collision_margin_frames if hits else _NEVER
+        end = min(hits) - self.measurement.collision_margin_frames if hits else _NEVER
         mine = d.frame < end
         if mine.sum() < 2:
-            mine = np.arange(len(d.frame)) < 3
+            mine = np.arange(len(d.frame)) < detections_in(MIN_MOVING_FRAMES, self.spacing_frames)
         self.reference[i] = float(np.round(np.average(d.frame[mine], weights=d.weight[mine])))
         shape = self.objects[i].shape
         position, velocity, _ = fit_sliding(shape, d.frame[mine], d.position[mine], d.weight[mine], self.reference[i])
         begin = slide(shape, np.hypot(*velocity), np.array(-self.reference[i] * FRAME_SECONDS))[1]
-        fast = (
-            float(begin) > self.config.measurement.rest_speed_world_per_s
-            and float(np.hypot(*velocity)) > self.config.min_speed_world_per_s
-        )
-        self.moving[i] = mine.sum() >= 3 and fast
+        speed = float(np.hypot(*velocity))
+        fast = float(begin) > self.measurement.rest_speed_world_per_s and speed > self.config.min_speed_world_per_s
+        self.moving[i] = mine.sum() >= detections_in(MIN_MOVING_FRAMES, self.spacing_frames) and fast
         if not self.moving[i]:
             self.reference[i] = 0.0
             position = np.average(d.position[mine], axis=0, weights=d.weight[mine])
@@ -238,10 +245,10 @@ class _Problem:
         hits = [e.frame for e in self.collisions if i in e.objects]
         start = max([f for f in hits if f < frame], default=-_NEVER)
         end = min([f for f in hits if f > frame], default=_NEVER)
-        found, d, margin = [], self.data[i], self.config.measurement.collision_margin_frames
+        found, d, margin = [], self.data[i], self.measurement.collision_margin_frames
         for low, high in ((start + margin, frame - margin), (frame + margin, end - margin)):
             mine = (d.frame >= low) & (d.frame <= high)
-            if mine.sum() < MIN_STRETCH_FRAMES:
+            if mine.sum() < detections_in(MIN_STRETCH_FRAMES, self.spacing_frames):
                 return None
             found.append(fit_sliding(self.objects[i].shape, d.frame[mine], d.position[mine], d.weight[mine], frame))
         return found[0][0], found[0][1], found[1][1]
@@ -374,7 +381,7 @@ class _Problem:
         return TrajectoryFit(bodies, rebound, motion, np.array(errors), self.cost(x, self.frames))
 
 
-@njit(cache=True)
+@cached_njit
 def _edges_px(position, yaw):  # type: ignore[no-untyped-def]
     """(T, 2) left and right edges of cubes' images."""
     edges = np.empty((len(yaw), 2))

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from nsdr.clevrer.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, read_json
+from nsdr.io.fingerprint import fingerprint
 from nsdr.tracking.tracker import track
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import Event, SceneObject
@@ -98,27 +100,34 @@ def read_motion_dataset(
     Args:
         proposals: compact proposals (NPZ), see `nsdr.clevrer.proposals.read_compact_proposals`.
         truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.truth_blocks.read_truth`.
-        cache: an NPZ file that is read instead, whatever the other arguments, when it exists, and written otherwise.
+        cache: an NPZ file that keeps the result. It is read where it was made from the same files and `limit` by the same code,
+            and written otherwise.
         limit: maximum number of real scenes; None for all.
         simulated: folder of a dataset made by `nsdr generate dataset`. Its scenes come last, with noise; each gives two: the
             first and the last `VIDEO_FRAMES` of its frames.
 
     Raises:
-        DataError: a missing or unreadable file.
+        DataError: a missing or unreadable file, a video without truth, or no scene that fits.
     """
-    if cache is not None and Path(cache).exists():
-        with np.load(cache) as arrays:
-            return MotionDataset(**{name: arrays[name] for name in MotionDataset.__dataclass_fields__})
     files = sorted(Path(simulated).rglob("truth_*.json")) if simulated else []
     if simulated and not files:
         raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=limit)
+    kept = _read_cache(Path(cache), made_from) if cache is not None else None
+    if kept is not None:
+        return kept
     blocks = read_truth(truth)
+    lengths = {video: block["n_frames"] for video, block in blocks.items()}
     rows: dict[str, list[Any]] = {name: [] for name in MotionDataset.__dataclass_fields__}
     for video, video_proposals in tqdm(
-        read_compact_proposals(proposals), total=limit or len(blocks), desc="tracks", unit="video"
+        read_compact_proposals(proposals, lengths), total=limit or len(blocks), desc="tracks", unit="video"
     ):
         if limit is not None and len(rows["scene"]) >= limit:
             break
+        if video not in blocks:
+            raise DataError(
+                f"{truth}: has no video {video}, which {proposals} has; make both by one `nsdr data motion`"
+            )
         block = blocks[video]
         if block["n_frames"] != VIDEO_FRAMES:
             continue
@@ -129,11 +138,27 @@ def read_motion_dataset(
     for video, states, block in _simulated(files):
         for name, value in _row(video, states, block).items():
             rows[name].append(value)
+    if not rows["scene"]:
+        raise DataError(
+            f"{proposals}: holds no video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects"
+        )
     data = MotionDataset(**{name: np.stack(values) for name, values in rows.items()})
     if cache is not None:
+        arrays = {name: getattr(data, name) for name in MotionDataset.__dataclass_fields__}
         with atomic_path(cache) as temporary:
-            np.savez(temporary, **{name: getattr(data, name) for name in MotionDataset.__dataclass_fields__})
+            np.savez(temporary, **arrays, fingerprint=np.array(made_from))
     return data
+
+
+def _read_cache(path: Path, made_from: str) -> MotionDataset | None:
+    """The kept data; None if they are missing, broken or of other inputs."""
+    try:
+        with path.open("rb") as file, np.load(file) as arrays:  # np.load would leave a broken file open
+            if str(arrays["fingerprint"]) != made_from:
+                return None
+            return MotionDataset(**{name: arrays[name] for name in MotionDataset.__dataclass_fields__})
+    except (OSError, EOFError, KeyError, ValueError, BadZipFile):
+        return None
 
 
 def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:

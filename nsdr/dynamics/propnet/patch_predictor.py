@@ -14,8 +14,9 @@ from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
 from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import load_network
 from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.threads import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
@@ -91,13 +92,11 @@ class PatchPredictor(PretrainedPart):
         """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
 
         Raises:
-            CheckpointError: missing or corrupt.
+            CheckpointError: missing or corrupt, or another kind of network.
         """
-        state, details = load_checkpoint(folder, "dynamics")
-        model = PatchModel(PatchModelConfig(**details["config"]))
-        model.load_state_dict(state)
-        return cls(model, **options)
+        return cls(load_network(folder, "dynamics", PatchModelConfig, PatchModel), **options)
 
+    @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object; see `StatePredictor`."""
         states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
@@ -106,10 +105,12 @@ class PatchPredictor(PretrainedPart):
         rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed, self.smoothing))
         return DynamicsPrediction(states.objects, tracks.n_frames, rollout, dict(enumerate(self._without_each(states))))
 
+    @limit_threads(1)
     def continue_motion(self, states: MotionStates) -> Rollout:
         """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
         return self._future(states, [])
 
+    @limit_threads(1)
     def observed_collisions(self, states: MotionStates) -> list[Event]:
         """Collisions during the video: each pair in the step whose collision is most probable."""
         n, frames = states.present.shape

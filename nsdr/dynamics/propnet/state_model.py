@@ -1,11 +1,13 @@
 """The state backend's networks: one detects collisions in observed motion, one predicts the next positions."""
 
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.layers import PropNet, mlp
+from nsdr.io.validation import check_ranges
 
 __all__ = ["StateModel", "StateModelConfig"]
 
@@ -17,18 +19,19 @@ DIAMETER = 4.0
 NEAR, FAR, MAX_DISTANCE = 3.0, 6.0, 12.0
 """Distances between objects are clamped to a range around contact (in `LENGTH_WORLD`), because only near contact matters."""
 INERTIA_STEPS = 3
-"""Samples over which the current velocity is the mean."""
+"""Displacements between samples whose mean is the current velocity."""
 
 
 @dataclass(frozen=True)
 class StateModelConfig:
-    """Sizes and time steps.
+    """Sizes and time steps; a `DataError` names a value that is too small.
 
     Attributes:
         hidden: width of the networks.
         propagation_steps: L (paper: 2).
         stride_frames: frames between two samples of a window, and of one prediction.
-        past_steps: samples of the past that the forward network sees, the present included.
+        past_steps: samples of the past that the forward network sees, the present included; at least 4, because the velocity
+            is the mean over the last three displacements.
         side_steps: samples on each side of the present that the observer sees.
         collision_threshold: probability above which a pair collides.
     """
@@ -39,6 +42,10 @@ class StateModelConfig:
     past_steps: int = 6
     side_steps: int = 6
     collision_threshold: float = 0.5
+
+    def __post_init__(self) -> None:
+        sizes = dict.fromkeys(("hidden", "propagation_steps", "stride_frames", "side_steps"), (1, math.inf))
+        check_ranges(self, past_steps=(INERTIA_STEPS + 1, math.inf), collision_threshold=(0, 1), **sizes)
 
 
 class StateModel(nn.Module):

@@ -20,8 +20,9 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import load_network
 from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.threads import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["StatePredictor", "windows"]
@@ -72,13 +73,11 @@ class StatePredictor(PretrainedPart):
         """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
 
         Raises:
-            CheckpointError: missing or corrupt.
+            CheckpointError: missing or corrupt, or another kind of network.
         """
-        state, details = load_checkpoint(folder, "dynamics")
-        model = StateModel(StateModelConfig(**details["config"]))
-        model.load_state_dict(state)
-        return cls(model, **options)
+        return cls(load_network(folder, "dynamics", StateModelConfig, StateModel), **options)
 
+    @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
         states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
@@ -89,6 +88,7 @@ class StatePredictor(PretrainedPart):
         rollout = with_smoothed_tracks(rollouts[0], smoothed)
         return DynamicsPrediction(states.objects, tracks.n_frames, rollout, counterfactual)
 
+    @limit_threads(1)
     def continue_motion(self, states: MotionStates) -> Rollout:
         """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
         return self._rollouts(states, [], None, counterfactual=False)[0]
@@ -97,6 +97,7 @@ class StatePredictor(PretrainedPart):
         """Collisions during the video, in order of time; each pair at most once, at its most probable frame."""
         return [event for event, p in self.collision_candidates(states) if p > self.config.collision_threshold]
 
+    @limit_threads(1)
     @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
         """For every pair that is ever seen together, its most probable collision, and how probable that is; by frame."""

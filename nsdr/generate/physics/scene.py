@@ -74,13 +74,15 @@ def simulate_scene(seed: int, config: SceneConfig | None = None, simulator: Simu
     """Generate the scene of a seed. It depends on the seed and the configuration only, not on earlier simulations.
 
     Args:
-        seed: any integer.
+        seed: 0 or more.
         config: what scenes look like; None is CLEVRER.
         simulator: a simulator to reuse; None starts one for this scene.
 
     Raises:
-        DataError: no scene fits the configuration, or PyBullet is not installed.
+        DataError: a negative seed, no scene fits the configuration, or PyBullet is not installed.
     """
+    if seed < 0:  # `random` takes the absolute value
+        raise DataError(f"seed: expected 0 or more, got {seed}")
     config = config or SceneConfig()
     if simulator is None:
         with Simulator(config.physics) as own:

@@ -1,0 +1,108 @@
+"""Compact files of many videos, on which the dynamics networks are trained: proposals in numbers, and ground-truth blocks."""
+
+import json
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from nsdr.clevrer.annotations import check_annotation
+from nsdr.clevrer.dataset import CLEVRER, Entry
+from nsdr.clevrer.proposals import COMPACT_ARRAYS, compact_rows, parse_ground_truth, parse_proposals
+from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.truth_blocks import truth_block, write_truth
+from nsdr.errors import DataError
+from nsdr.io.files import atomic_path, parse_json
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.runner import Job, run_jobs
+
+__all__ = ["write_compact_files"]
+
+PROPOSALS_FILE, TRUTH_FILE = "proposals.npz", "truth.json.gz"
+
+
+def write_compact_files(
+    root: str | Path, output: str | Path, split: str = "train", engine: str = "processes", workers: int = 0
+) -> int:
+    """Write `proposals.npz` and `truth.json.gz` of all videos of a split that have mask proposals.
+
+    The truth is the `ground_truth` block of the proposal file, as in the released code's `processed_proposals`; without one,
+    the annotation; without that, the truth file of a data set made by `nsdr generate dataset`.
+
+    Args:
+        root: folder in the official layout (see `CLEVRER`), or of a generated data set.
+        output: folder to write to. Its `videos/` keeps each video's part, so that a killed run goes on where it stopped.
+        split: "train", "validation" or "test".
+        engine: "processes" or "ray".
+        workers: number of processes; 0 is one per CPU core.
+
+    Returns:
+        Number of videos.
+
+    Raises:
+        DataError: there are no proposals, or a file is broken or without truth; names the first such file.
+    """
+    folder, files = Path(output), CLEVRER(root).split(split)
+    proposals, annotations = files.entries("proposals"), files.entries("annotations")
+    if not proposals:
+        raise DataError(f"{root}: has no mask proposals (proposal_N.json or sim_N.json) of {split}")
+    jobs = []
+    for index, entry in tqdm(proposals.items(), unit="file", desc="files read"):
+        truth = annotations.get(index)
+        generated = Path(root) / "truth" / split / f"truth_{index:05d}.json"
+        if truth is None and generated.is_file():
+            truth = Entry(generated)
+        value = fingerprint(inputs=[e.read() for e in (entry, truth) if e is not None], config=files.n_frames)
+        jobs.append(Job(f"video {index}", (index, entry, truth), folder / "videos" / f"{index:05d}.npz", value))
+    summary = run_jobs(partial(_write_video, files.n_frames), jobs, folder, engine, workers)
+    if summary.failed:
+        name, message = next(iter(summary.failed.items()))
+        raise DataError(f"{output}: {len(summary.failed)} of {len(jobs)} videos failed; {name}: {message}")
+    _join([job.output for job in jobs], folder)
+    return len(jobs)
+
+
+def _write_video(n_frames: int, video: tuple[int, Entry, Entry | None], output: Path) -> None:
+    """Write the rows of one video, and its ground-truth block as JSON text."""
+    index, entry, truth = video
+    data, name = entry.read(), str(entry)
+    proposals = parse_proposals(data, name)
+    if "ground_truth" in parse_json(data, name):
+        block = parse_ground_truth(data, name)
+    elif truth is not None:
+        block = _block(truth, n_frames)
+    else:
+        raise DataError(f"{name}: has no ground_truth, and there is no annotation_{index:05d}.json of the split")
+    block = {"video": index, "n_frames": proposals.n_frames, **block}
+    arrays: dict[str, Any] = compact_rows(index, proposals)
+    with atomic_path(output) as temporary:
+        np.savez(temporary, **arrays, truth=np.array(json.dumps(block)))
+
+
+def _block(entry: Entry, n_frames: int) -> dict[str, Any]:
+    """The ground-truth block of an annotation, or of a generated video's truth file."""
+    content = parse_json(entry.read(), str(entry))
+    try:
+        if "motion_trajectory" not in content:
+            return truth_block(scene_from_truth(content))
+        check_annotation(content, n_frames)
+        return truth_block(scene_from_annotation(content))
+    except (DataError, TypeError) as e:
+        raise DataError(f"{entry}: {e}") from e
+
+
+def _join(parts: Sequence[Path], folder: Path) -> None:
+    arrays: dict[str, list[Any]] = {name: [] for name in COMPACT_ARRAYS}
+    blocks = []
+    for part in parts:
+        with np.load(part) as content:
+            for name, rows in arrays.items():
+                rows.append(content[name])
+            blocks.append(json.loads(str(content["truth"])))
+    joined: dict[str, Any] = {name: np.concatenate(rows) for name, rows in arrays.items()}
+    with atomic_path(folder / PROPOSALS_FILE) as temporary:
+        np.savez_compressed(temporary, **joined)
+    write_truth(folder / TRUTH_FILE, blocks)

@@ -1,0 +1,181 @@
+"""What the released executor knows of a prediction file: its events, motion and counterfactual collisions.
+
+- Objects are identified by exact attribute triples. Rows with other triples are one unknown object, -1, whose events count.
+- Motion is known only at the samples, every 5th frame. The velocity is the mean of the available differences to the
+  neighbouring samples; an object moves when it is faster than 0.1 grid units per frame.
+- The video ends at frame 125, whose forward difference uses a predicted sample. Without a frame, visibility is tested on
+  frames below 128, but motion on the whole rollout.
+- Objects enter at the first sample that contains them and leave at the first that does not, without smoothing. Objects that
+  do so at the same sample keep the order in which the file lists them.
+- Collisions are not deduplicated.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from nsdr.clevrer.predictions import SAMPLE_FRAMES
+from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
+from nsdr.errors import DataError, ExecutionError
+from nsdr.symbolic.causal import ancestor_sets
+from nsdr.types import SceneObject
+from nsdr.world.timeline import VIDEO_FRAMES
+
+__all__ = ["OfficialEvent", "OfficialWorld"]
+
+UNKNOWN_OBJECT = -1
+"""Id of every object whose attribute triple is not listed."""
+END_FRAME = 125
+"""Frame of the event `end`: the last sample of the video."""
+MOVING_GRID_PER_FRAME = 0.1
+"""Speed above which an object counts as moving (grid units per frame). Source: the released executor."""
+DIRECTIONS_DEGREES = {"left": -90.0, "right": 90.0, "up": 180.0, "down": 0.0}
+"""Angle of the velocity (row, column) in degrees, tested in this order. Source: the released executor."""
+DIRECTION_HALF_RANGE_DEGREES = 40.0
+"""Largest angle between a velocity and its direction (degrees). Source: the released executor."""
+
+Samples = list[tuple[int, dict[int, GridPosition]]]
+"""Frame and grid positions by object id, in the order of the file, of each sample of a trajectory."""
+
+
+class OfficialEvent(NamedTuple):
+    """An event as the released executor lists it.
+
+    Attributes:
+        kind: "start", "end", "in", "out" or "collision".
+        frame: frame index; None for a possible event.
+        objects: ids of the objects, ascending; -1 for unknown ones.
+    """
+
+    kind: str
+    frame: int | None
+    objects: tuple[int, ...] = ()
+
+    @property
+    def time(self) -> int:
+        """The frame.
+
+        Raises:
+            ExecutionError: a possible event has none.
+        """
+        if self.frame is None:
+            raise ExecutionError(f"a possible {self.kind} has no frame")
+        return self.frame
+
+
+class OfficialWorld:
+    """Events and motion of one prediction file.
+
+    Args:
+        document: content of `sim_N.json` (see `nsdr.clevrer.predictions`).
+        collisions: "predicted", or "velocity" for the variant NE ("no events"), which detects them from the motion.
+
+    Attributes:
+        objects: identities.
+        events: of the video, in order of time, with its start and end.
+        unseen_events: after the video, in order of time.
+
+    Raises:
+        DataError: a missing key, or another value of `collisions`.
+    """
+
+    def __init__(self, document: Mapping[str, Any], collisions: str = "predicted") -> None:
+        if collisions not in ("predicted", "velocity"):
+            raise DataError(f"collisions is {collisions!r}; expected predicted or velocity")
+        try:
+            rows = document["objects"]
+            self.objects = [SceneObject(i, o["color"], o["material"], o["shape"]) for i, o in enumerate(rows)]
+            self._ids = {(o.color, o.material, o.shape): o.id for o in self.objects}
+            observed, *others = document["predictions"]
+            samples = self._samples(observed)
+            self._paths = _paths(samples, len(self.objects))
+            find = self._listed if collisions == "predicted" else self._detected
+            factual = find(observed)
+            self._counterfactual = {p["what_if"]: find(p) for p in others}
+        except (KeyError, TypeError, ValueError) as e:
+            raise DataError(f"not a prediction file: {e!r}") from e
+        self._frames = {frame for frame, _ in samples}
+        start_and_end = [OfficialEvent("start", 0), OfficialEvent("end", END_FRAME)]
+        events = sorted([*start_and_end, *_entrances_and_exits(samples), *factual], key=lambda e: e.time)
+        self.events = [e for e in events if e.time < VIDEO_FRAMES]
+        self.unseen_events = [e for e in events if e.time >= VIDEO_FRAMES]
+
+    def _identify(self, row: Mapping[str, Any]) -> int:
+        return self._ids.get((row["color"], row["material"], row["shape"]), UNKNOWN_OBJECT)
+
+    def _samples(self, prediction: Mapping[str, Any]) -> Samples:
+        trajectory = prediction["trajectory"]
+        return [(s["frame_index"], {self._identify(o): (o["x"], o["y"]) for o in s["objects"]}) for s in trajectory]
+
+    def _listed(self, prediction: Mapping[str, Any]) -> list[OfficialEvent]:
+        rows = prediction["collisions"]
+        return [OfficialEvent("collision", c["frame"], tuple(sorted(map(self._identify, c["objects"])))) for c in rows]
+
+    def _detected(self, prediction: Mapping[str, Any]) -> list[OfficialEvent]:
+        paths = _paths(self._samples(prediction), len(self.objects))
+        return [OfficialEvent(e.kind, e.frame, e.objects) for e in velocity_collisions(paths, SAMPLE_FRAMES)]
+
+    def object(self, one: int) -> SceneObject:
+        """The object with an id."""
+        if not 0 <= one < len(self.objects):
+            raise ExecutionError(f"there is no object {one}")
+        return self.objects[one]
+
+    def _speed(self, one: int, frame: int) -> float:
+        return math.hypot(*sampled_velocity(self._paths[one], frame, SAMPLE_FRAMES))
+
+    def in_motion(self, objects: Sequence[int], frame: int | None, wanted: bool) -> list[int]:
+        """Objects that are visible, and move or (`wanted` is False) rest, at a frame; with None, ever or never move."""
+        if frame is not None and frame not in self._frames:
+            raise ExecutionError(f"motion at frame {frame} is not known")
+        found = []
+        for i in objects:
+            path = self._paths[i]
+            visible = any(t < VIDEO_FRAMES for t in path) if frame is None else frame in path
+            frames = path if frame is None else (frame,)
+            if visible and any(self._speed(i, t) > MOVING_GRID_PER_FRAME for t in frames) == wanted:
+                found.append(i)
+        return found
+
+    def direction(self, one: int, frame: int | None) -> str:
+        """Direction in which an object moves at a frame: left, right, up or down."""
+        path = self._paths[self.object(one).id]
+        if frame is None or frame not in path:
+            raise ExecutionError(f"the {self.objects[one].name} has no position at frame {frame}")
+        rows, columns = sampled_velocity(path, frame, SAMPLE_FRAMES)
+        angle = math.degrees(math.atan2(columns, rows))
+        for name, centre in DIRECTIONS_DEGREES.items():
+            if (rows or columns) and abs((angle - centre + 180) % 360 - 180) <= DIRECTION_HALF_RANGE_DEGREES:
+                return name
+        raise ExecutionError(f"the direction at frame {frame} is none of {', '.join(DIRECTIONS_DEGREES)}")
+
+    @cached_property
+    def _ancestors(self) -> dict[int, int]:
+        return ancestor_sets(self.events)
+
+    def causes(self, event: OfficialEvent) -> set[OfficialEvent]:
+        """Direct and indirect causes of an observed event."""
+        if event not in self.events:
+            raise ExecutionError(f"the {event.kind} was not observed, so its causes are not known")
+        bits = self._ancestors[1 << self.events.index(event)]
+        return {e for i, e in enumerate(self.events) if bits >> i & 1}
+
+    def collisions_without(self, removed: int) -> list[OfficialEvent]:
+        """Collisions at any frame that happen without an object."""
+        if removed not in self._counterfactual:
+            raise ExecutionError(f"events without object {removed} are not known")
+        return self._counterfactual[removed]
+
+
+def _paths(samples: Samples, n: int) -> list[GridPath]:
+    return [{frame: shown[i] for frame, shown in samples if i in shown} for i in range(n)]
+
+
+def _entrances_and_exits(samples: Samples) -> list[OfficialEvent]:
+    events = []
+    for (_, before), (frame, now) in pairwise(samples):
+        events += [OfficialEvent("in", frame, (i,)) for i in now if i not in before]
+        events += [OfficialEvent("out", frame, (i,)) for i in before if i not in now]
+    return events

@@ -1,0 +1,81 @@
+"""The cache of compiled functions follows changes in other files; each step is a process of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from nsdr.dynamics.physics.numba_cache import cached_njit
+
+FUNCTIONS = {
+    "constants.py": "FACTOR = 2.0\n",
+    "inner.py": "from nsdr.dynamics.physics.numba_cache import cached_njit\n\n"
+    "@cached_njit\ndef inner(x):\n    return x + 1.0\n",
+    "outer.py": "from constants import FACTOR\nfrom inner import inner\n"
+    "from nsdr.dynamics.physics.numba_cache import cached_njit\n\n"
+    "@cached_njit\ndef outer(x):\n    return FACTOR * inner(x)\n",
+}
+CALL = "from outer import outer; print(outer(1.0), sum(outer.stats.cache_hits.values()), outer.stats.cache_path)"
+NAMES = """
+from nsdr.world import physics_constants
+physics_constants.{name} = {value}
+from numba.core.dispatcher import Dispatcher
+from nsdr.dynamics.physics import contact_geometry, simulator, trajectory_fit
+for module in (contact_geometry, simulator, trajectory_fit):
+    for name, value in vars(module).items():
+        if isinstance(value, Dispatcher):
+            print(name, value._cache._impl.filename_base)
+"""
+
+
+def python(code: str, folder: Path, **environment: str) -> str:
+    environment = {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", **environment}
+    result = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True, check=True
+    )
+    return result.stdout
+
+
+@pytest.fixture
+def functions(tmp_path: Path) -> Path:
+    for name, text in FUNCTIONS.items():
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def test_changes_in_other_files_are_seen(functions: Path) -> None:
+    assert python(CALL, functions).split()[:2] == ["4.0", "0"]
+    (functions / "constants.py").write_text("FACTOR = 3.0\n")
+    assert python(CALL, functions).split()[:2] == ["6.0", "0"]
+    (functions / "inner.py").write_text(FUNCTIONS["inner.py"].replace("1.0", "2.0"))
+    assert python(CALL, functions).split()[:2] == ["9.0", "0"]
+
+
+def test_a_read_only_installation_compiles_into_the_users_cache(functions: Path) -> None:
+    (functions / "__pycache__").write_text("in place of a folder that cannot be written")
+    value, _, path = python(CALL, functions, XDG_CACHE_HOME=str(functions / "home")).split()
+    assert value == "4.0"
+    assert Path(path).is_relative_to(functions / "home")
+    assert python(CALL, functions, XDG_CACHE_HOME=str(functions / "home")).split()[:2] == ["4.0", "1"]
+
+
+def test_the_simulators_caches_depend_on_the_constants(tmp_path: Path) -> None:
+    def files(name: str, value: str) -> dict[str, str]:
+        text = python(NAMES.format(name=name, value=value), tmp_path, NUMBA_CACHE_DIR=str(tmp_path))
+        return dict(line.split() for line in text.splitlines())
+
+    before, after = files("GRAVITY", "9.81"), files("HULL_MARGIN_WORLD", "0.002")
+    names = {"_run", "_collide", "_approach", "_advance", "_slow_down", "outline_gap", "_cube_gap", "_edges_px"}
+    assert set(before) == names
+    assert {name for name in names if after[name] == before[name]} == {"_advance", "_cube_gap", "_edges_px"}
+
+
+def _reads_what_comes_later(x):  # type: ignore[no-untyped-def]
+    return x * DEFINED_LATER  # noqa: F821
+
+
+def test_names_must_be_defined_before() -> None:
+    with pytest.raises(NameError, match="_reads_what_comes_later: DEFINED_LATER must be defined before it"):
+        cached_njit(_reads_what_comes_later)

@@ -1,0 +1,164 @@
+"""Threads of the libraries: small parts run on one, idle ones sleep, and the process's own settings come back."""
+
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Barrier, Thread
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from threadpoolctl import ThreadpoolController
+from torch.nn.modules.module import register_module_forward_pre_hook
+
+from nsdr import PatchPredictor, QuestionParser, StatePredictor
+from nsdr.dynamics.physics import trajectory_fit
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
+from nsdr.frame_parser.parser import FrameParser
+from nsdr.io import threads
+from nsdr.io.threads import available_cores, limit_threads
+
+from .test_dynamics import tracks
+from .test_frame_parser import TINY, build_frame_parser
+
+Used = set[tuple[int, ...]]
+
+
+BLAS = ThreadpoolController().select(user_api="blas")
+
+
+def current() -> tuple[int, ...]:
+    """Threads of torch, then the different numbers of the BLAS libraries."""
+    return torch.get_num_threads(), *sorted({library["num_threads"] for library in BLAS.info()})
+
+
+@pytest.fixture
+def used() -> Iterator[Used]:
+    """What networks use in a process whose torch and BLAS have three threads, which they have again afterwards."""
+    before = torch.get_num_threads()
+    seen: Used = set()
+    hook = register_module_forward_pre_hook(lambda *_: seen.add(current()))
+    torch.set_num_threads(3)
+    with BLAS.limit(limits=3):
+        yield seen
+        after = current()
+    hook.remove()
+    torch.set_num_threads(before)
+    assert after == (3, 3)
+
+
+@pytest.mark.parametrize("part", [StatePredictor, PatchPredictor])
+def test_dynamics_networks_run_on_one_thread(used: Used, part: type[Any]) -> None:
+    part.from_pretrained(device="cpu").predict(tracks(20))
+    assert used == {(1, 1)}
+
+
+def test_the_fit_runs_on_one_thread(used: Used, monkeypatch: pytest.MonkeyPatch) -> None:
+    solve = trajectory_fit.least_squares
+
+    def noted(*arguments: Any, **options: Any) -> Any:
+        used.add(current())
+        return solve(*arguments, **options)
+
+    monkeypatch.setattr(trajectory_fit, "least_squares", noted)
+    PhysicsPredictor(StatePredictor.from_pretrained(device="cpu")).predict(tracks(20))
+    assert used == {(1, 1)}
+
+
+def test_the_question_parser_runs_on_one_thread(used: Used) -> None:
+    QuestionParser.from_pretrained(device="cpu").parse("How many collisions happen?")
+    assert used == {(1, 1)}
+
+
+@pytest.mark.parametrize(("cores", "expected"), [(2, 2), (8, 3)])
+def test_the_detector_uses_the_available_cores(used: Used, monkeypatch: pytest.MonkeyPatch, cores, expected) -> None:
+    monkeypatch.setattr(threads, "available_cores", lambda: cores)
+    FrameParser(build_frame_parser(TINY)).parse(np.zeros((1, 320, 480, 3), np.uint8))
+    assert used == {(expected, 1)}  # never more than the user's three
+
+
+def test_limits_within_each_other(used: Used) -> None:
+    with limit_threads(2):
+        assert current() == (2, 1)
+        with limit_threads(1):
+            assert current() == (1, 1)
+        assert current() == (2, 1)
+
+
+def test_limits_of_several_threads(used: Used) -> None:
+    both_inside, first_left = Barrier(2, timeout=30), Barrier(2, timeout=30)
+    seen = {}
+
+    def second() -> None:  # new to torch, it begins with what the first one has set
+        with limit_threads(2):
+            both_inside.wait()
+            seen["inside"] = torch.get_num_threads()
+            first_left.wait()
+        seen["afterwards"] = current()
+
+    thread = Thread(target=second)
+    with limit_threads(1):
+        thread.start()
+        both_inside.wait()
+    first_left.wait()
+    thread.join()
+    assert seen == {"inside": 2, "afterwards": (3, 3)}
+
+
+def test_limits_end_with_an_error(used: Used) -> None:
+    @limit_threads(1)
+    def fail() -> None:
+        raise ValueError("failed")
+
+    for _ in range(2):
+        with pytest.raises(ValueError, match="failed"):
+            fail()
+    assert current() == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("own", "expected"),
+    [
+        ({}, {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}),
+        ({"OMP_WAIT_POLICY": "ACTIVE"}, {"OMP_WAIT_POLICY": "ACTIVE"}),
+        ({"GOMP_SPINCOUNT": "1000"}, {"GOMP_SPINCOUNT": "1000"}),
+    ],
+)
+def test_idle_threads_sleep_unless_the_user_says_otherwise(own: dict[str, str], expected: dict[str, str]) -> None:
+    program = (
+        "import os, sys, nsdr.cli.main\nfrom nsdr.io.threads import WAITING\n"
+        "print('torch' in sys.modules, {k: os.environ[k] for k in WAITING if k in os.environ})"
+    )
+    environment = {k: v for k, v in os.environ.items() if k not in threads.WAITING}
+    done = subprocess.run([sys.executable, "-c", program], env=environment | own, capture_output=True, text=True)
+    assert done.stdout == f"False {expected}\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("files", "groups", "expected"),
+    [
+        ({"cpu.max": "150000 100000"}, "0::/", 1.5),
+        ({"cpu.max": "max 100000"}, "0::/", math.inf),
+        ({"cpu.max": "max 100000", "job/cpu.max": "400000 100000"}, "0::/job/step", 4),
+        ({"cpu/cpu.cfs_quota_us": "200000", "cpu/cpu.cfs_period_us": "100000"}, "3:cpu,cpuacct:/docker/1a", 2),
+        ({"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, "3:cpu:/\n4:memory:/", math.inf),
+        ({}, "", math.inf),
+    ],
+)
+def test_quotas_of_control_groups(tmp_path: Path, files: dict[str, str], groups: str, expected: float) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text + "\n")
+    (tmp_path / "groups").write_text(groups)
+    assert threads._quota_cores(tmp_path, tmp_path / "groups") == expected
+
+
+def test_available_cores_are_of_the_affinity_and_the_quota(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(6)), raising=False)
+    for quota, expected in ((1e9, 6), (2.5, 3), (0.5, 1)):
+        monkeypatch.setattr(threads, "_quota_cores", lambda quota=quota: quota)
+        assert available_cores() == expected
