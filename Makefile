@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test docs clean
+.PHONY: demo test robustness docs clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -12,8 +12,12 @@ test: .venv/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not real_data and not render"
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m "not robustness and not real_data and not render"
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --nbmake notebooks
+
+robustness: .venv/installed-dev
+	OMP_NUM_THREADS=1 $(BIN)/pytest -m robustness
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.robustness.campaign
 
 docs: .venv/installed-docs
 	$(BIN)/mkdocs build --strict --site-dir site

@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import resolve_device
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.validation import MANY, MAX_SIZE, check_ranges
 from nsdr.io.video import read_frames
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
@@ -44,6 +45,9 @@ class PipelineConfig:
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
+    def __post_init__(self) -> None:
+        check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
+
 
 def pipeline_settings(
     file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = (), stride: int = 1
@@ -69,6 +73,9 @@ def pipeline_settings(
         key, separator, value = override.partition("=")
         if not separator:
             raise DataError(f"--set {override}: expected key=value, such as tracker.score=0.8")
+        known = [f.name for f in fields(PipelineConfig)]
+        if key.split(".")[0] not in known:
+            raise DataError(f"--set {override}: expected a setting of {', '.join(known)}")
         argv += [f"--{key}", value]
     config = parse_config(PipelineConfig, argv, "nsdr")
     backend_settings(config.dynamics)

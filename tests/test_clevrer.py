@@ -11,8 +11,8 @@ import pytest
 import nsdr.clevrer
 from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
 from nsdr.clevrer.example import QUESTIONS
+from nsdr.clevrer.masks import mask_numbers
 from nsdr.clevrer.proposals import (
-    mask_numbers,
     proposals_document,
     proposals_from_rows,
     read_compact_proposals,
@@ -179,7 +179,7 @@ def test_compact_proposals(tiny_motion) -> None:
     videos = list(read_compact_proposals(tiny_motion[0]))
     assert [v for v, _ in videos] == [0, 1, 2, 3]
     assert len(videos[0][1]) == 256
-    with pytest.raises(DataError, match="not a compact proposal file"):
+    with pytest.raises(DataError, match="not a readable NPZ file"):
         list(read_compact_proposals(tiny_motion[1]))
 
 

@@ -87,14 +87,14 @@ def _truth(folder):
         return [{"frame_id": e.frame, "object_ids": list(e.objects)} for e in events if e.kind == "collision"]
 
     frames = []
-    for f in range(128):
+    for f in range(179):  # 7/5 of the video
         frames.append(
             {
                 "objects": [
                     {
                         "object_id": o.id,
-                        "velocity": [float(scene.moving[o.id, f]), 0, 0],
-                        "inside_camera_view": bool(scene.visible[o.id, f]),
+                        "velocity": [float(scene.moving[o.id, min(f, 127)]), 0, 0],
+                        "inside_camera_view": bool(scene.visible[o.id, min(f, 127)]),
                     }
                     for o in scene.objects
                 ]

@@ -9,7 +9,9 @@ import pytest
 import torch
 from accelerate.utils import send_to_device
 
+from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.proposals import read_compact_proposals
+from nsdr.cli.main import main
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.dynamics.propnet.state_model import StateModelConfig
@@ -163,3 +165,24 @@ def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, t
 def test_settings_of_the_loop_are_checked(option, message) -> None:
     with pytest.raises(DataError, match=message):
         LoopConfig(**option)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["answer", str(VIDEO), "-q", "How many collisions happen?"],
+        ["parse-question", "How many collisions happen?"],
+        ["parse-video", str(VIDEO), "-o", "scene.json"],
+        ["parse-videos", str(VIDEO.parent), "-o", "scenes"],
+        ["predict-dynamics", "PROPOSALS", "-o", "predictions"],
+        ["visualize", str(VIDEO), "-o", "a.html"],
+        ["demo", "-o", "demo.png"],
+        ["train", "question-parser", "--run_dir", "run"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_every_command_with_networks_takes_a_device(command, tiny_motion, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = [str(tiny_motion[0]) if a == "PROPOSALS" else a for a in command]
+    assert main([*arguments, "--device", "cuda:77"]) == 2
+    assert "device 'cuda:77' cannot be used" in capsys.readouterr().err

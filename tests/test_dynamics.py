@@ -163,7 +163,7 @@ def test_motion_data(tiny_motion) -> None:
     states, events = data.states(0)
     assert len(states.objects) == 2
     assert [e.frame for e in events] == [40]
-    with pytest.raises(DataError, match="not a file of ground-truth blocks"):
+    with pytest.raises(DataError, match="not a readable JSON file"):
         read_truth(tiny_motion[0])
 
 

@@ -21,7 +21,8 @@ from nsdr.dynamics.propnet import data as motion_data
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.io.files import read_json, write_json
+from nsdr.io.files import write_json
+from nsdr.io.reading import read_json
 from nsdr.training.state_dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.camera import pixels_from_world
@@ -169,7 +170,7 @@ def test_conversion_errors_name_the_file(official, tmp_path, capsys) -> None:
     shutil.copy(official / "processed_proposals/sim_00000.json", root / "derender_proposals")
     proposal_file(root / "derender_proposals/proposal_00003.json", 3, False)
     with pytest.raises(
-        DataError, match=r"1 of 2 videos failed; video 3: .*proposal_00003.json: has no ground_truth, and"
+        DataError, match=r"1 of 2 failed, such as video 3: .*proposal_00003.json: has no ground_truth, and"
     ):
         write_compact_files(root, tmp_path / "motion", workers=1)
     assert main(["data", "motion", str(root)]) == 2

@@ -18,10 +18,10 @@ from nsdr.clevrer.download import download
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.proposals import read_ground_truth
 from nsdr.clevrer.questions import Choice, read_questions, without_answers, write_questions
-from nsdr.clevrer.schema import CHUNK_CHARACTERS, iterate_list
 from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
 from nsdr.cli.main import main
 from nsdr.evaluation import EvaluationConfig, evaluate, format_table, run_evaluation
+from nsdr.io.reading import CHUNK_CHARACTERS, iterate_json_list
 from nsdr.symbolic import Executor
 
 from .test_clevrer import square
@@ -250,9 +250,9 @@ def test_large_lists_are_read_item_by_item(tmp_path) -> None:
     path = tmp_path / "list.json"
     for indent in (None, 2):
         path.write_text(json.dumps(items, indent=indent))
-        assert list(iterate_list(path)) == items
+        assert list(iterate_json_list(path)) == items
     path.write_text(" [ ] ")
-    assert list(iterate_list(path)) == []
+    assert list(iterate_json_list(path)) == []
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_large_lists_are_read_item_by_item(tmp_path) -> None:
 def test_malformed_lists_name_the_item(tmp_path, content: str, message: str) -> None:
     (tmp_path / "list.json").write_text(content)
     with pytest.raises(DataError, match=message):
-        list(iterate_list(tmp_path / "list.json"))
+        list(iterate_json_list(tmp_path / "list.json"))
 
 
 def test_questions_round_trip(tmp_path) -> None:
@@ -399,12 +399,15 @@ def test_failed_questions_count_as_wrong_and_are_listed(root, capsys) -> None:
     (root / "annotations" / "train" / "annotation_00003.json").write_text("{}")
     arguments = ["--questions", str(root / "questions" / "train.json"), "--programs", "gold"]
     arguments += ["--source", "annotations", "--data", str(root / "annotations" / "train")]
-    assert main(["evaluate", *arguments, "-o", str(root / "out.json"), "--submission", str(root / "sub.json")]) == 0
+    arguments += ["-o", str(root / "out.json"), "--submission", str(root / "sub.json")]
+    assert main(["evaluate", *arguments]) == 1
+    assert "1 of 1 questions failed, such as scene 3" in capsys.readouterr().err
+    assert not (root / "sub.json").exists()
+    assert main(["evaluate", *arguments, "--keep-going"]) == 0
     report = json.loads((root / "out.json").read_text())
     assert report["descriptive"]["accuracy"] == 0.0
     assert "missing key 'scene_index'" in report["results"][0]["error"]
     assert read_submission(root / "sub.json")[0]["questions"] == [{"question_id": 0, "answer": "error"}]
-    assert "1 questions failed" in capsys.readouterr().out
 
 
 def test_failures_of_single_choices_are_counted(example_scene) -> None:

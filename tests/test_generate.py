@@ -25,7 +25,8 @@ from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.raycast import Solid, instance_ids
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, released_statistics
-from nsdr.io.files import read_json, write_json
+from nsdr.io.files import write_json
+from nsdr.io.reading import read_json
 from nsdr.io.video import read_video
 from nsdr.symbolic import Executor
 from nsdr.tracking.localization import outline
@@ -149,10 +150,10 @@ def test_scenes_obey_the_configuration() -> None:
     ("values", "message"),
     [
         ({"colors": ("pink",)}, "colors: expected some of gray"),
-        ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 objects or more"),
+        ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 to 32 objects"),
         ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 combinations for scenes of 6 objects"),
         ({"only": ("red",), "colors": ("blue",)}, "only: .* leave no combination that matches red"),
-        ({"n_frames": 5}, "n_frames: expected at least 10"),
+        ({"n_frames": 5}, "n_frames is 5; expected 10 to 10000"),
     ],
 )
 def test_impossible_configurations_are_rejected(values, message) -> None:
@@ -161,7 +162,7 @@ def test_impossible_configurations_are_rejected(values, message) -> None:
 
 
 def test_negative_seeds_are_rejected() -> None:
-    with pytest.raises(DataError, match="seed: expected 0 or more, got -1"):
+    with pytest.raises(DataError, match="seed is -1; expected 0 or more"):
         simulate_scene(-1)  # `random` would take it for 1
 
 
@@ -306,7 +307,7 @@ def test_one_failing_video_does_not_stop_the_rest(tiny, tmp_path, monkeypatch) -
 
     monkeypatch.setattr(dataset, "make_video", failing)
     config = replace(tiny, output=str(tmp_path / "set"), renderer="none", masks=False)
-    with pytest.raises(DataError, match=r"1 of 3 videos failed.*video 0: OSError: disk is full"):
+    with pytest.raises(DataError, match=r"1 of 3 failed, such as video 0: OSError: disk is full"):
         generate_dataset(config)
     assert Files(config.output, "train", 1).truth.exists()
 
@@ -341,10 +342,10 @@ def test_the_error_for_missing_blender_names_the_package(monkeypatch) -> None:
 
 def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     for values, message in (
-        ({"renderer": "oil"}, "renderer is 'oil'; expected one of preview"),
+        ({"renderer": "oil"}, "renderer is 'oil'; expected preview or"),
         ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
-        ({"videos": 0}, "videos: expected at least 1"),
-        ({"seed": -1}, "seed: expected 0 or more, got -1"),
+        ({"videos": 0}, "videos is 0; expected 1 to"),
+        ({"seed": -1}, "seed is -1; expected 0 or more"),
         ({"first_scene": 990000}, "first_scene: expected 0 to 980000, got 990000"),
     ):
         with pytest.raises(DataError, match=message):
@@ -416,7 +417,7 @@ def test_simulated_scenes_are_training_data_for_the_dynamics(
         assert sorted(e.frame for e in early) == [f for f in true if 0 < f < 128]
         assert sorted(e.frame + 51 for e in later) == [f for f in true if 51 < f < 179]
     (tmp_path / "truth/truth_00000.json").write_text("{}")
-    with pytest.raises(DataError, match="not a truth file of nsdr generate dataset"):
+    with pytest.raises(DataError, match="truth: missing key 'objects'"):
         read_motion_dataset(*tiny_motion, simulated=tmp_path / "truth")
     with pytest.raises(DataError, match="has no truth files"):
         read_motion_dataset(*tiny_motion, simulated=tmp_path / "nothing")

@@ -97,6 +97,47 @@ def test_weights_that_no_training_makes_are_refused(tmp_path) -> None:
             load_checkpoint(tmp_path, "question_parser")
 
 
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda d, s: s.pop("choice.words.weight"), r"1 tensors do not fit; choice\.words\.weight: expected float"),
+        (lambda d, s: s.update(more=s["choice.words.weight"]), "1 tensors do not fit; more: expected none, got float"),
+        (
+            lambda d, s: s.update({"choice.words.weight": s["choice.words.weight"].long() + 1}),
+            "expected float .* got int",
+        ),
+        (lambda d, s: d["config"].update(hidden=65536), "tensors do not fit"),
+        (lambda d, s: d["config"].update(hidden="many"), "hidden"),
+        (lambda d, s: d["config"].update(zebra=1), r"found one of other settings \(zebra\)"),
+        (lambda d, s: d["config"].pop("layers"), r"found one of other settings \(layers\)"),
+        (lambda d, s: d.update(words=d["words"][1:]), "tensors do not fit"),
+        (lambda d, s: d.update(words=["a"] * 5), "words: expected at least one word, each once"),
+        (lambda d, s: d.update(words="a b c"), "words: expected a list of single words"),
+        (lambda d, s: d.pop("words"), "words: expected a list of single words"),
+        (lambda d, s: d.update(program_tokens=5), "trained with other program tokens"),
+    ],
+    ids=range(12),
+)
+def test_changed_question_parsers_are_refused(change, reason, tmp_path) -> None:
+    from safetensors.torch import load_file, save_file
+
+    from nsdr import QuestionParser
+    from nsdr.question_parser.parser import build_networks
+    from nsdr.question_parser.tokenizer import Tokenizer
+
+    words = Tokenizer(["how", "many", "cubes"])
+    config = QuestionParserConfig(embedding=4, hidden=4, layers=1)
+    QuestionParser(words, build_networks(len(words), config)).save_pretrained(tmp_path)
+    QuestionParser.from_checkpoint(tmp_path)
+    description, weights = tmp_path / "question_parser.json", tmp_path / "question_parser.safetensors"
+    details, state = json.loads(description.read_text()), load_file(weights)
+    change(details, state)
+    description.write_text(json.dumps(details))
+    save_file({name: value.clone() for name, value in state.items()}, weights)
+    with pytest.raises(CheckpointError, match=rf"question_parser\.json: .*{reason}"):
+        QuestionParser.from_checkpoint(tmp_path)
+
+
 def test_missing_and_corrupt_files_are_named(tmp_path) -> None:
     import torch
 

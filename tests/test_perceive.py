@@ -1,11 +1,12 @@
 """Whole folders of videos."""
 
 import json
+import shutil
 
 import pytest
 
 from nsdr import DataError, Executor, PipelineConfig, Scene, load, save
-from nsdr.clevrer.example import VIDEO
+from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.cli.main import main
 from nsdr.evaluation import EvaluationConfig, parse_videos, predict_dynamics
@@ -51,6 +52,14 @@ def test_videos_of_one_number_are_named(videos, tmp_path) -> None:
         (videos / folder / "clip.mp4").touch()
     with pytest.raises(DataError, match=r"a/clip\.mp4 and .*b/clip\.mp4: both are number clip; rename one"):
         parse_videos(videos, tmp_path / "out")
+
+
+def test_hidden_files_are_no_videos(tmp_path) -> None:
+    for name in (".video_00001.partial.mp4", "._video_00001.mp4", ".work/video_00001.mp4"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(DataError, match=r"holds no \*\.mp4"):
+        parse_videos(tmp_path, tmp_path / "out")
 
 
 def test_a_folder_without_videos_is_an_error(tmp_path) -> None:
@@ -104,12 +113,13 @@ def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, 
     (root / "questions" / "validation.json").write_text(json.dumps(rows))
     command = ["evaluate", "--source", "videos", "--root", str(root), "--stride", "2", "--workers", "1"]
     command += ["--cache", str(tmp_path / "cache"), "-o"]
-    assert main([*command, str(tmp_path / "first.json")]) == 0
+    assert main([*command, str(tmp_path / "first.json")]) == 1
+    assert "2 of 4 questions failed, such as scene 10002" in capsys.readouterr().err
     kept = sorted((tmp_path / "cache").rglob("scene_*.json"))
     assert len(kept) == 2
     kept[1].unlink()  # as if killed before
     before = kept[0].stat().st_mtime_ns
-    assert main([*command, str(tmp_path / "second.json")]) == 0
+    assert main([*command, str(tmp_path / "second.json"), "--keep-going"]) == 0
     assert (tmp_path / "first.json").read_bytes() == (tmp_path / "second.json").read_bytes()
     assert kept[0].stat().st_mtime_ns == before
     report = json.loads((tmp_path / "first.json").read_text())
@@ -127,7 +137,7 @@ def test_what_a_split_cannot_be_evaluated_from_is_said(tmp_path, capsys) -> None
     assert main(["evaluate", "--source", "truth"]) == 2
     assert "give --questions and --data, or --root" in capsys.readouterr().err
     (tmp_path / "questions").mkdir()
-    (tmp_path / "questions" / "validation.json").write_text("[]")
+    shutil.copy(QUESTIONS, tmp_path / "questions" / "validation.json")
     assert main(["evaluate", "--source", "truth", "--root", str(tmp_path)]) == 2
     assert "source truth cannot be read from a split of --root" in capsys.readouterr().err
     official = ["--source", "predictions", "--root", str(tmp_path), "--semantics", "official"]
@@ -155,7 +165,7 @@ def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, 
         ["--source", "scenes", "--questions", str(questions), "--data", str(tmp_path)],
     ):
         options = ["--exclude", "[10001]", "--every", "2", "--limit", "2", "-o", str(tmp_path / "out.json")]
-        assert main(["evaluate", *given, *options]) == 0
+        assert main(["evaluate", *given, *options, "--keep-going"]) == 0
         report = json.loads((tmp_path / "out.json").read_text())
         assert [r["scene_index"] for r in report["results"]] == [10000, 10003]
     config = EvaluationConfig(questions="q.json", data="videos", source="videos", stride=4)
@@ -171,12 +181,12 @@ def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--source", "zebra"], "source is 'zebra'; expected one of videos, proposals"),
+        (["--source", "zebra"], "source is 'zebra'; expected videos or proposals"),
         (["--source", "truth", "--stride", "2"], "stride is of the frame parser and needs --source videos"),
         (["--source", "truth", "--collisions", "velocity"], "needs --semantics official"),
         (["--source", "truth", "--semantics", "official"], "runs on predictions, not on truth"),
         (["--source", "truth", "--truth", "x"], "truth_source and truth go together"),
-        (["--source", "truth", "--every", "0"], "expected at least 1"),
+        (["--source", "truth", "--every", "0"], "0 does not conform to restriction v>0"),
         (["--source", "truth", "--set", "tracker.score"], "expected key=value"),
         (["--source", "truth", "--split", "train"], "split train is of --root and does nothing without it"),
         (["--source", "predictions", "--semantics", "official", "--dynamics", "state"], "--dynamics would do nothing"),
@@ -187,6 +197,6 @@ def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, 
     ],
 )
 def test_options_that_would_do_nothing_are_refused(options, message, capsys, tmp_path) -> None:
-    (tmp_path / "q.json").write_text("[]")
+    shutil.copy(QUESTIONS, tmp_path / "q.json")
     assert main(["evaluate", "--questions", str(tmp_path / "q.json"), "--data", str(tmp_path), *options]) in (0, 2)
     assert message in capsys.readouterr().err

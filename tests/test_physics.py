@@ -311,7 +311,7 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
         load_backend(folder, "magic")
     with pytest.raises(DataError, match="expected predicted or velocity"):
         load_backend(folder, BackendConfig(collisions="none"))
-    with pytest.raises(DataError, match="expected one of paper, tuned"):
+    with pytest.raises(DataError, match="expected paper or tuned"):
         VelocityEvents(load_backend(folder, "state"), VelocityConfig("mine"))
 
 
@@ -355,15 +355,15 @@ def test_checkpoints_of_another_network_are_named(observer: StatePredictor, pape
         load_backend(tmp_path / "paper")
     description = tmp_path / "state" / "dynamics.json"
     for old, new, reason in (
-        ('"hidden": 16', '"hidden": 8', "size mismatch"),
+        ('"hidden": 16', '"hidden": 8', "tensors do not fit"),
         ('"hidden": 8', '"hidden": "x"', "hidden"),
     ):
         description.write_text(description.read_text().replace(old, new))
-        with pytest.raises(CheckpointError, match=rf"dynamics\.json: not a network of StateModelConfig \(.*{reason}"):
+        with pytest.raises(CheckpointError, match=rf"dynamics\.json: .*{reason}"):
             StatePredictor.from_checkpoint(tmp_path / "state")
 
 
 def test_too_short_a_past_is_refused() -> None:
     assert StateModel(StateModelConfig(hidden=4, past_steps=4)).config.past_steps == 4
-    with pytest.raises(DataError, match="past_steps is 3; expected 4 or more"):
+    with pytest.raises(DataError, match="past_steps is 3; expected 4 to"):
         StateModelConfig(past_steps=3)

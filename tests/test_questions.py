@@ -187,7 +187,10 @@ def test_baselines_count_frequencies_on_given_training_questions(generated) -> N
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"), ({"max_options": 1}, "at least 2")],
+    [
+        ({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"),
+        ({"max_options": 1}, "max_options is 1; expected 2 to"),
+    ],
 )
 def test_invalid_question_options_are_rejected(values, message) -> None:
     with pytest.raises(DataError, match=message):

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from jsonargparse import ArgumentError
 from safetensors.torch import load_file
 
 from nsdr import DataError, FrameParser, QuestionParser, StatePredictor
@@ -133,7 +132,7 @@ def test_a_run_folder_of_another_configuration_is_refused(tmp_path) -> None:
 
 def test_unknown_keys_are_errors(tmp_path) -> None:
     (tmp_path / "c.yaml").write_text("run_dir: x\nlearning: 3\n")
-    with pytest.raises(ArgumentError, match="learning"):
+    with pytest.raises(DataError, match=r"c\.yaml: Option 'learning' is not accepted"):
         question_parser.main(["--config", str(tmp_path / "c.yaml")])
 
 
@@ -326,16 +325,47 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, caplog) -> 
     train(task, config, tmp_path, {})
     assert sorted(p.name for p in tmp_path.glob("step_*")) == ["step_0000004", "step_0000006"]
     newest = tmp_path / "step_0000006" / "optimizer.safetensors"
-    newest.write_bytes(newest.read_bytes()[:40])
-    resumed = _Line()
-    train(resumed, config, tmp_path, {})
-    assert "step_0000006: damaged" in caplog.text
-    assert resumed.model.weight.item() == task.model.weight.item()
-    assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4, 5, 6]
+    content = newest.read_bytes()
+    for damaged in (content[:40], content[:-1] + bytes([content[-1] ^ 1])):  # torn; one bit flipped in a number
+        newest.write_bytes(damaged)
+        resumed = _Line()
+        caplog.clear()
+        train(resumed, config, tmp_path, {})
+        assert "step_0000006: damaged" in caplog.text
+        assert resumed.model.weight.item() == task.model.weight.item()
+        assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4, 5, 6]
+        assert newest.read_bytes() == content
     for path in tmp_path.glob("step_*/model.safetensors"):
         path.write_bytes(b"")
     with pytest.raises(DataError, match="no checkpoint can be read; delete the folder to start again"):
         train(_Line(), config, tmp_path, {})
+
+
+def test_what_a_kill_left_of_checkpoints_is_removed(tmp_path) -> None:
+    """Killed while a new one was written, while an old one was deleted, and while a line was appended."""
+    config = LoopConfig(steps=6, log_every=1, save_every=2, device="cpu")
+    train(_Line(), config, tmp_path, {})
+    expected = {p.name for p in tmp_path.iterdir() if not p.name.startswith("events")}
+    shutil.copytree(tmp_path / "step_0000004", tmp_path / "step_0000002")
+    (tmp_path / "step_0000002" / "model.safetensors").unlink()
+    shutil.copytree(tmp_path / "step_0000004", tmp_path / ".step_0000006")
+    (tmp_path / ".metrics.partial.jsonl").write_text("half")
+    train(_Line(), config, tmp_path, {})
+    assert {p.name for p in tmp_path.iterdir() if not p.name.startswith("events")} == expected
+    assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4, 5, 6]
+
+
+def test_events_are_written_as_they_happen(tmp_path) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    config = LoopConfig(steps=4, log_every=1, save_every=2, device="cpu")
+    with pytest.raises(_Killed):
+        train(_KilledInEvaluation(), config, tmp_path, {})
+    train(_Line(), config, tmp_path, {})
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert [e.step for e in events.Scalars("loss")] == [1, 2, 3, 4]
+    assert [e.step for e in events.Scalars("weight")] == [4]
+    assert events.Scalars("loss")[2].value == pytest.approx(lines(tmp_path)[2]["loss"])
 
 
 def test_a_run_that_never_got_to_a_checkpoint_does_not_refuse_another_configuration(tmp_path) -> None:

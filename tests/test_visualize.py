@@ -99,6 +99,6 @@ def test_report_holds_question_program_trace_and_images(tmp_path, capsys) -> Non
 
 def test_errors_say_what_is_wrong(tmp_path, capsys) -> None:
     assert main(["visualize", str(VIDEO), "-o", "a.gif"]) == 2
-    assert "ending in .mp4, .png or .html" in capsys.readouterr().err
+    assert "ending in .png or .mp4 or .html" in capsys.readouterr().err
     assert main(["visualize", str(VIDEO), "--image", "plan", "--removed", "9", "-o", str(tmp_path / "a.png")]) == 2
     assert "--removed 9: the objects are 0 to" in capsys.readouterr().err

@@ -1,19 +1,27 @@
 """Writing files: atomically, into special targets, on full disks, and by one process at a time."""
 
 import errno
+import fcntl
 import os
+import signal
 import stat
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from nsdr.clevrer.example import VIDEO
+from nsdr.cli.main import main
 from nsdr.errors import DataError
+from nsdr.evaluation.runner import EvaluationConfig, _job
 from nsdr.io.files import atomic_path, remove_partial_files, write_json
+from nsdr.io.listing import find_files
 from nsdr.io.lock import locked
 from nsdr.io.runner import Job, run_jobs
+from nsdr.io.video import read_video, write_video
 
 
 def test_devices_pipes_and_links_are_written_to_and_not_replaced(tmp_path) -> None:
@@ -57,23 +65,178 @@ def test_a_folder_is_no_target(tmp_path) -> None:
         write_json(tmp_path / "file" / "below.json", 1)
 
 
-def test_what_a_kill_leaves_is_hidden_and_removed(tmp_path) -> None:
-    with pytest.raises(RuntimeError), atomic_path(tmp_path / "video_00001.mp4") as temporary:  # noqa: PT012
-        assert temporary.name.startswith(".")
-        (tmp_path / temporary.name.replace("-", "-x")).write_text("left by a kill")
-        raise RuntimeError
-    assert len(list(tmp_path.iterdir())) == 1
+def start(code: str) -> "subprocess.Popen[str]":
+    """A Python program, once it has written its first line."""
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=-1, stdout=-1, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline()
+    return process
+
+
+WRITES = """
+from nsdr.io.files import atomic_path
+with atomic_path({path!r}) as temporary:
+    temporary.write_text("half")
+    print(temporary, flush=True)
+    input()
+"""
+
+
+def test_what_a_kill_leaves_is_hidden_and_goes_with_the_next_writing(tmp_path) -> None:
+    path = tmp_path / "video_00001.mp4"
+    with start(WRITES.format(path=str(path))) as other:
+        with atomic_path(path) as temporary:  # two may write one file: both whole, the last one stays
+            temporary.write_text("ours")
+        assert path.read_text() == "ours"
+        remove_partial_files(tmp_path)
+        assert len(list(tmp_path.iterdir())) == 2  # not taken from a living process
+        other.kill()
+    left = [p.name for p in tmp_path.iterdir() if p != path]
+    assert left == [".video_00001.partial.mp4"]
+    assert find_files(tmp_path, "*.mp4") == [path]
+    with atomic_path(path) as temporary:
+        temporary.write_text("new")
+    assert [p.name for p in tmp_path.iterdir()] == ["video_00001.mp4"]
+    assert path.read_text() == "new"
+    with start(WRITES.format(path=str(path))) as other:
+        other.kill()
     remove_partial_files(tmp_path)
-    assert not list(tmp_path.iterdir())
+    assert [p.name for p in tmp_path.iterdir()] == ["video_00001.mp4"]
+    with pytest.raises(RuntimeError), atomic_path(path) as temporary:  # noqa: PT012
+        temporary.write_text("half")
+        raise RuntimeError
+    assert [p.name for p in tmp_path.iterdir()] == ["video_00001.mp4"]
+
+
+def test_writers_of_one_file_never_mix(tmp_path) -> None:
+    """Four threads, each of which writes a file of one letter: every state of it is whole."""
+    path = tmp_path / "a.txt"
+
+    def write(letter: str) -> None:
+        for _ in range(20):
+            with atomic_path(path) as temporary:
+                temporary.write_text(letter * 100_000)
+
+    with ThreadPoolExecutor(4) as pool:
+        running = [pool.submit(write, letter) for letter in "abcd"]
+        while not all(task.done() for task in running):
+            if path.exists():
+                text = path.read_text()
+                assert text == text[0] * 100_000
+        for task in running:
+            task.result()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def holds(folder: Path, name: str = "") -> "subprocess.Popen[str]":
+    lock = f"locked({str(folder)!r}, {name!r})"
+    code = f"from nsdr.io.lock import locked\nwith {lock}: print('has it', flush=True); input()"
+    return start(code)
 
 
 def test_two_processes_do_not_write_to_one_folder(tmp_path) -> None:
-    code = f"from nsdr.io.lock import locked\nwith locked({str(tmp_path)!r}): print('has it', flush=True); input()"
-    with subprocess.Popen([sys.executable, "-c", code], stdin=-1, stdout=-1, text=True) as other:
-        assert other.stdout is not None
-        other.stdout.readline()
+    with holds(tmp_path) as other:
         with pytest.raises(DataError, match=rf"process {other.pid} on .* \(since .*\) writes to it; wait for it"):
             run_jobs(print, [Job("a", 1, tmp_path / "a", "f")], tmp_path)
         other.kill()
     with locked(tmp_path):  # the system released it
         pass
+    assert not list(tmp_path.iterdir())  # nor does its file stay
+
+
+def test_a_lock_is_taken_again_by_what_runs_within_it_and_by_no_other_thread(tmp_path) -> None:
+    def take() -> None:
+        with locked(tmp_path):
+            pass
+
+    with locked(tmp_path), locked(tmp_path), ThreadPoolExecutor(1) as pool:
+        take()
+        with pytest.raises(DataError, match="writes to it"):
+            pool.submit(take).result()
+        with locked(tmp_path, "other"):  # of an output, not of the folder
+            pass
+    take()
+
+
+def test_a_lock_can_be_waited_for(tmp_path, caplog) -> None:
+    with holds(tmp_path) as other:
+        threading.Timer(0.5, other.kill).start()
+        with locked(tmp_path, wait=True):
+            assert other.wait() == -signal.SIGKILL
+    assert f"process {other.pid} on" in caplog.text
+    assert "waiting for its end" in caplog.text
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EACCES])
+def test_a_folder_that_cannot_be_locked_is_one_line(code, tmp_path, monkeypatch) -> None:
+    def refused(*_, **__):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "open", refused)
+    with pytest.raises(DataError, match=rf"cannot be written \({os.strerror(code)}\)"), locked(tmp_path):
+        pass
+
+
+def test_file_systems_without_locks_are_written_to(tmp_path, monkeypatch) -> None:
+    def unsupported(*_):
+        raise OSError(errno.EOPNOTSUPP, "not supported")
+
+    monkeypatch.setattr(fcntl, "flock", unsupported)
+    with locked(tmp_path):
+        write_json(tmp_path / "a.json", 1)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_hidden_files_are_no_inputs(tmp_path) -> None:
+    for name in (
+        "b/video_2.mp4",
+        "video_1.mp4",
+        "._video_1.mp4",
+        ".video_3.partial.mp4",
+        ".work/video_4.mp4",
+        "b/x.txt",
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert [p.name for p in find_files(tmp_path, "*.mp4")] == ["video_2.mp4", "video_1.mp4"]
+
+
+def test_commands_refuse_an_output_that_another_process_writes(tmp_path, capsys) -> None:
+    (tmp_path / "e.yaml").write_text("title: T\nrows: [{name: r, published: [1, 2, 3, 4, 5, 6, 7]}]")
+    out = str(tmp_path / "out")
+    training = ["train", "question-parser", "--run_dir", out, "--evaluation_texts", "5", "--loop.device", "cpu"]
+    commands = {
+        "": [["generate", "dataset", "-o", out, "--videos", "1"], training],
+        "e.json": [["experiment", str(tmp_path / "e.yaml"), "-o", out]],
+    }
+    for name, listed in commands.items():
+        with holds(tmp_path / "out", name) as other:
+            before = sorted((tmp_path / "out").iterdir())
+            for arguments in listed:
+                assert main(arguments) == 2
+                assert f"{Path(out, name)}: process {other.pid} on" in capsys.readouterr().err
+                assert sorted((tmp_path / "out").iterdir()) == before
+            other.kill()
+    assert main(commands["e.json"][0]) == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [".lock", "e.json", "e.md"]
+
+
+def test_the_same_frames_give_the_same_video(tmp_path) -> None:
+    """x264 with its defaults gives one of several files, from run to run."""
+    frames = read_video(VIDEO)[40:60]
+    found = set()
+    for _ in range(5):
+        write_video(tmp_path / "a.mp4", frames)
+        found.add((tmp_path / "a.mp4").read_bytes())
+    assert len(found) == 1
+
+
+def test_kept_scenes_of_other_inputs_are_other_files(tmp_path) -> None:
+    """Two evaluations may run at once on data sets whose videos have the same numbers."""
+    config = EvaluationConfig(questions="q.json", data="d")
+    jobs = []
+    for content in ("first", "second"):
+        (tmp_path / content).write_text(content)
+        jobs.append(_job(config, config.pipeline(), 7, {"video": str(tmp_path / content)}, None))
+    assert jobs[0].output.parent == jobs[1].output.parent
+    assert jobs[0].output != jobs[1].output

@@ -11,11 +11,14 @@ if TYPE_CHECKING:
         IRREGULAR_VIDEOS,
         check_annotation,
         check_ground_truth,
+        check_truth,
         read_annotation,
+        read_truth_file,
         write_annotation,
     )
     from nsdr.clevrer.compact_files import write_compact_files
     from nsdr.clevrer.dataset import CLEVRER, KINDS, SPLITS, Inventory, Split
+    from nsdr.clevrer.masks import check_mask, mask_numbers
     from nsdr.clevrer.parsed_programs import with_parsed_programs
     from nsdr.clevrer.predictions import (
         SAMPLE_FRAMES,
@@ -26,9 +29,10 @@ if TYPE_CHECKING:
     )
     from nsdr.clevrer.proposals import (
         compact_rows,
-        mask_numbers,
+        ground_truth_of,
         parse_proposals,
         proposals_document,
+        proposals_from_document,
         proposals_from_rows,
         read_compact_proposals,
         read_ground_truth,
@@ -53,18 +57,21 @@ if TYPE_CHECKING:
         speed_world_per_s,
     )
     from nsdr.clevrer.submissions import read_submission, submission_document, write_submission
-    from nsdr.clevrer.truth_blocks import read_truth, truth_block, write_truth
+    from nsdr.clevrer.truth_blocks import check_truth_blocks, read_truth, truth_block, write_truth
 
 _HOME = {
     "nsdr.clevrer.annotations": [
         "IRREGULAR_VIDEOS",
         "check_annotation",
         "check_ground_truth",
+        "check_truth",
         "read_annotation",
+        "read_truth_file",
         "write_annotation",
     ],
     "nsdr.clevrer.compact_files": ["write_compact_files"],
     "nsdr.clevrer.dataset": ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"],
+    "nsdr.clevrer.masks": ["check_mask", "mask_numbers"],
     "nsdr.clevrer.parsed_programs": ["with_parsed_programs"],
     "nsdr.clevrer.predictions": [
         "SAMPLE_FRAMES",
@@ -75,9 +82,10 @@ _HOME = {
     ],
     "nsdr.clevrer.proposals": [
         "compact_rows",
-        "mask_numbers",
+        "ground_truth_of",
         "parse_proposals",
         "proposals_document",
+        "proposals_from_document",
         "proposals_from_rows",
         "read_compact_proposals",
         "read_ground_truth",
@@ -102,7 +110,7 @@ _HOME = {
         "speed_world_per_s",
     ],
     "nsdr.clevrer.submissions": ["read_submission", "submission_document", "write_submission"],
-    "nsdr.clevrer.truth_blocks": ["read_truth", "truth_block", "write_truth"],
+    "nsdr.clevrer.truth_blocks": ["check_truth_blocks", "read_truth", "truth_block", "write_truth"],
 }
 
 __all__ = [
@@ -120,16 +128,21 @@ __all__ = [
     "Split",
     "check_annotation",
     "check_ground_truth",
+    "check_mask",
     "check_predictions",
+    "check_truth",
+    "check_truth_blocks",
     "collisions_in_view",
     "compact_rows",
     "download",
     "enter_exit_events",
+    "ground_truth_of",
     "iterate_questions",
     "mask_numbers",
     "parse_proposals",
     "predictions_document",
     "proposals_document",
+    "proposals_from_document",
     "proposals_from_rows",
     "read_annotation",
     "read_compact_proposals",
@@ -139,6 +152,7 @@ __all__ = [
     "read_questions",
     "read_submission",
     "read_truth",
+    "read_truth_file",
     "scene_from_annotation",
     "scene_from_ground_truth",
     "scene_from_predictions",

@@ -1,14 +1,37 @@
-"""CLEVRER's annotation files (`annotation_N.json`), and the `ground_truth` block of the released code's proposal files."""
+"""True motion and events in files: CLEVRER's annotations (`annotation_N.json`), the `ground_truth` block of the released
+code's proposal files, and the truth files of generated videos (`truth_N.json`)."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.schema import check_objects, get
+from nsdr.clevrer.schema import (
+    LARGEST_COORDINATE,
+    check_new,
+    check_objects,
+    get,
+    get_frame,
+    get_name,
+    get_pair,
+    get_scene_index,
+    get_whole,
+    shown,
+)
 from nsdr.errors import DataError
-from nsdr.io.files import read_json, write_json
+from nsdr.io.files import write_json
+from nsdr.io.limits import check_limit
+from nsdr.io.reading import read_json
 from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["IRREGULAR_VIDEOS", "check_annotation", "check_ground_truth", "read_annotation", "write_annotation"]
+__all__ = [
+    "IRREGULAR_VIDEOS",
+    "check_annotation",
+    "check_ground_truth",
+    "check_truth",
+    "read_annotation",
+    "read_truth_file",
+    "write_annotation",
+]
 
 IRREGULAR_VIDEOS = (7648, 9777, 10800)
 """Indices of released videos that do not have 128 frames. Their length also differs between video and proposal file, so it is
@@ -49,63 +72,126 @@ def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    video = get(annotation, "scene_index", int, "annotation")
-    get(annotation, "video_filename", str, "annotation")
+    video = get_scene_index(annotation, "scene_index", "annotation")
+    get_name(annotation, "video_filename", "annotation")
     objects = check_objects(get(annotation, "object_property", list, "annotation"), "object_id", "object_property")
     frames = get(annotation, "motion_trajectory", list, "annotation")
     if len(frames) != n_frames and video not in IRREGULAR_VIDEOS:
         raise DataError(f"motion_trajectory: expected {n_frames} frames for video {video}, got {len(frames)}")
+    _check_frames(frames, len(objects), "motion_trajectory", VECTORS)
+    _check_collisions(get(annotation, "collision", list, "annotation"), len(objects), "collision", len(frames))
+
+
+def read_truth_file(path: str | Path) -> dict[str, Any]:
+    """Read and check a generated video's `truth_N.json`; `nsdr.clevrer.scene_from_truth` makes a scene of it.
+
+    Raises:
+        DataError: names the file, the location in the file and what was expected there.
+    """
+    truth = read_json(path)
+    try:
+        check_truth(truth)
+    except DataError as e:
+        raise DataError(f"{path}: {e}") from e
+    return dict(truth)
+
+
+def check_truth(truth: Any) -> None:
+    """Check the content of a truth file.
+
+    Args:
+        truth: content of the file: `objects`, `frames`, `collisions`, `counterfactual`, and `n_frames` where the video has
+            not 128.
+
+    Raises:
+        DataError: names the location in the file and what was expected there.
+    """
+    n = len(check_objects(get(truth, "objects", list, "truth"), "object_id", "objects"))
+    frames = get(truth, "frames", list, "truth")
+    _check_frames(frames, n, "frames", ("velocity",))
+    if "n_frames" in truth:
+        get_whole(truth, "n_frames", "truth", 1, len(frames))
+    elif len(frames) < VIDEO_FRAMES:
+        raise DataError(f"frames: expected {VIDEO_FRAMES} or more, got {len(frames)}")
+    _check_collisions(get(truth, "collisions", list, "truth"), n, "collisions", len(frames))
+    for removed, rows in get(truth, "counterfactual", dict, "truth").items():
+        where = f"counterfactual.{removed}"
+        if removed not in {str(i) for i in range(n)}:
+            raise DataError(f"{where}: expected an object id from 0 to {n - 1} as key")
+        if not isinstance(rows, list):
+            raise DataError(f"{where}: expected a list of collisions, got {shown(rows)}")
+        _check_collisions(rows, n, where, len(frames))
+        if any(int(removed) in row["object_ids"] for row in rows):
+            raise DataError(f"{where}: expected no collision of the removed object {removed}")
+
+
+def _check_frames(frames: list[Any], n_objects: int, where: str, required: Sequence[str]) -> None:
+    """Frames in order, in each of which every object has the vectors and its visibility."""
+    if not frames:
+        raise DataError(f"{where}: expected at least 1 frame, got none")
+    check_limit(len(frames), "frames", where)
     for f, frame in enumerate(frames):
-        frame_where = f"motion_trajectory[{f}]"
-        if get(frame, "frame_id", int, frame_where) != f:
-            raise DataError(f"{frame_where}.frame_id: expected {f}, got {frame['frame_id']}")
-        for i, row in enumerate(get(frame, "objects", list, frame_where)):
-            where = f"{frame_where}.objects[{i}]"
-            _check_index(get(row, "object_id", int, where), len(objects), f"{where}.object_id")
-            get(row, "inside_camera_view", bool, where)
+        frame_where = f"{where}[{f}]"
+        rows = get(frame, "objects", list, frame_where)
+        if (required is VECTORS or "frame_id" in frame) and get(frame, "frame_id", int, frame_where) != f:
+            raise DataError(f"{frame_where}.frame_id: expected {f}, got {shown(frame['frame_id'])}")
+        seen: set[int] = set()
+        for i, row in enumerate(rows):
+            object_where = f"{frame_where}.objects[{i}]"
+            number = get_whole(row, "object_id", object_where, 0, n_objects - 1)
+            check_new(number, seen, f"{object_where}.object_id")
+            seen.add(number)
+            get(row, "inside_camera_view", bool, object_where)
             for name in VECTORS:
-                _check_vector(get(row, name, list, where), f"{where}.{name}")
-    for c, collision in enumerate(get(annotation, "collision", list, "annotation")):
-        where = f"collision[{c}]"
-        _check_pair(get(collision, "object_ids", list, where), len(objects), f"{where}.object_ids")
-        get(collision, "frame_id", int, where)
+                if name in row or name in required:
+                    _check_vector(get(row, name, list, object_where), object_where, name)
+        if len(seen) != n_objects:
+            missing = sorted(set(range(n_objects)) - seen)
+            raise DataError(f"{frame_where}.objects: expected all {n_objects} objects, {missing} are missing")
 
 
-def check_ground_truth(block: Any, where: str = "ground_truth") -> None:
-    """Check the form of a `ground_truth` block.
+def _check_collisions(rows: list[Any], n_objects: int, where: str, n_frames: int) -> None:
+    check_limit(len(rows), "events", where)
+    for c, collision in enumerate(rows):
+        get_pair(collision, "object_ids", f"{where}[{c}]", n_objects)
+        get_frame(collision, "frame_id", f"{where}[{c}]", n_frames)
+
+
+def check_ground_truth(block: Any, where: str = "ground_truth", n_frames: int = VIDEO_FRAMES) -> None:
+    """Check a `ground_truth` block.
 
     Args:
         block: the block.
         where: its location in the file, for error messages.
+        n_frames: number of frames of the video.
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
     objects = check_objects(get(block, "objects", list, where), "id", f"{where}.objects")
-    for i, event in enumerate(get(block, "in_outs", list, where)):
+    in_outs, collisions = get(block, "in_outs", list, where), get(block, "collisions", list, where)
+    check_limit(len(in_outs) + len(collisions), "events", where)
+    changes: set[tuple[int, int]] = set()
+    for i, event in enumerate(in_outs):
         event_where = f"{where}.in_outs[{i}]"
-        get(event, "frame", int, event_where)
-        _check_index(get(event, "object", int, event_where), len(objects), f"{event_where}.object")
+        frame = get_frame(event, "frame", event_where, n_frames)
+        number = get_whole(event, "object", event_where, 0, len(objects) - 1)
+        check_new((number, frame), changes, f"{event_where}: (object, frame)")
+        changes.add((number, frame))
         if get(event, "type", str, event_where) not in ("in", "out"):
-            raise DataError(f"{event_where}.type: expected in or out, got {event['type']!r}")
-    for i, event in enumerate(get(block, "collisions", list, where)):
+            raise DataError(f"{event_where}.type: expected in or out, got {shown(event['type'])}")
+    for i, event in enumerate(collisions):
         event_where = f"{where}.collisions[{i}]"
-        get(event, "frame", int, event_where)
-        _check_pair(get(event, "object", list, event_where), len(objects), f"{event_where}.object")
+        get_frame(event, "frame", event_where, n_frames)
+        get_pair(event, "object", event_where, len(objects))
 
 
-def _check_index(index: int, n: int, where: str) -> None:
-    if not 0 <= index < n:
-        raise DataError(f"{where}: expected 0 to {n - 1}, got {index}")
-
-
-def _check_pair(pair: list[Any], n: int, where: str) -> None:
-    if len(pair) != 2 or not all(isinstance(i, int) for i in pair) or pair[0] == pair[1]:
-        raise DataError(f"{where}: expected two different object ids, got {pair!r}")
-    for i in pair:
-        _check_index(i, n, where)
-
-
-def _check_vector(vector: list[Any], where: str) -> None:
-    if len(vector) != VECTOR_LENGTH or not all(isinstance(v, int | float) for v in vector):
-        raise DataError(f"{where}: expected {VECTOR_LENGTH} numbers, got {vector!r:.60}")
+def _check_vector(vector: list[Any], where: str, name: str) -> None:
+    if len(vector) == VECTOR_LENGTH:
+        for v in vector:
+            if type(v) not in (float, int) or not -LARGEST_COORDINATE <= v <= LARGEST_COORDINATE:
+                break
+        else:
+            return
+    expected = f"{VECTOR_LENGTH} numbers from {-LARGEST_COORDINATE:g} to {LARGEST_COORDINATE:g}"
+    raise DataError(f"{where}.{name}: expected {expected}, got {shown(vector)}")

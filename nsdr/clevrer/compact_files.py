@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import check_annotation
+from nsdr.clevrer.annotations import check_annotation, check_truth
 from nsdr.clevrer.dataset import CLEVRER, Entry
-from nsdr.clevrer.proposals import COMPACT_ARRAYS, compact_rows, parse_ground_truth, parse_proposals
+from nsdr.clevrer.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, proposals_from_document
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
 from nsdr.clevrer.truth_blocks import truth_block, write_truth
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, parse_json
+from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.lock import locked
+from nsdr.io.reading import parse_json, read_npz
 from nsdr.io.runner import Job, run_jobs
 
 __all__ = ["write_compact_files"]
@@ -25,7 +27,12 @@ PROPOSALS_FILE, TRUTH_FILE = "proposals.npz", "truth.json.gz"
 
 
 def write_compact_files(
-    root: str | Path, output: str | Path, split: str = "train", engine: str = "processes", workers: int = 0
+    root: str | Path,
+    output: str | Path,
+    split: str = "train",
+    engine: str = "processes",
+    workers: int = 0,
+    keep_going: bool = False,
 ) -> int:
     """Write `proposals.npz` and `truth.json.gz` of all videos of a split that have mask proposals.
 
@@ -38,6 +45,7 @@ def write_compact_files(
         split: "train", "validation" or "test".
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
+        keep_going: leave out videos that fail.
 
     Returns:
         Number of videos.
@@ -57,21 +65,21 @@ def write_compact_files(
             truth = Entry(generated)
         value = fingerprint(inputs=[e.read() for e in (entry, truth) if e is not None], config=files.n_frames)
         jobs.append(Job(f"video {index}", (index, entry, truth), folder / "videos" / f"{index:05d}.npz", value))
-    summary = run_jobs(partial(_write_video, files.n_frames), jobs, folder, engine, workers)
-    if summary.failed:
-        name, message = next(iter(summary.failed.items()))
-        raise DataError(f"{output}: {len(summary.failed)} of {len(jobs)} videos failed; {name}: {message}")
-    _join([job.output for job in jobs], folder)
+    with locked(folder):
+        summary = run_jobs(partial(_write_video, files.n_frames), jobs, folder, engine, workers)
+        jobs = summary.succeeded(jobs, output, keep_going)
+        _join([job.output for job in jobs], folder)
     return len(jobs)
 
 
 def _write_video(n_frames: int, video: tuple[int, Entry, Entry | None], output: Path) -> None:
     """Write the rows of one video, and its ground-truth block as JSON text."""
     index, entry, truth = video
-    data, name = entry.read(), str(entry)
-    proposals = parse_proposals(data, name)
-    if "ground_truth" in parse_json(data, name):
-        block = parse_ground_truth(data, name)
+    name = str(entry)
+    content = parse_json(entry.read(), name)
+    proposals = proposals_from_document(content, name)
+    if "ground_truth" in content:
+        block = ground_truth_of(content, name)
     elif truth is not None:
         block = _block(truth, n_frames)
     else:
@@ -86,11 +94,12 @@ def _block(entry: Entry, n_frames: int) -> dict[str, Any]:
     """The ground-truth block of an annotation, or of a generated video's truth file."""
     content = parse_json(entry.read(), str(entry))
     try:
-        if "motion_trajectory" not in content:
+        if isinstance(content, dict) and "motion_trajectory" not in content:
+            check_truth(content)
             return truth_block(scene_from_truth(content))
         check_annotation(content, n_frames)
         return truth_block(scene_from_annotation(content))
-    except (DataError, TypeError) as e:
+    except DataError as e:
         raise DataError(f"{entry}: {e}") from e
 
 
@@ -98,10 +107,10 @@ def _join(parts: Sequence[Path], folder: Path) -> None:
     arrays: dict[str, list[Any]] = {name: [] for name in COMPACT_ARRAYS}
     blocks = []
     for part in parts:
-        with np.load(part) as content:
-            for name, rows in arrays.items():
-                rows.append(content[name])
-            blocks.append(json.loads(str(content["truth"])))
+        content = read_npz(part)
+        for name, rows in arrays.items():
+            rows.append(content[name])
+        blocks.append(parse_json(str(content["truth"]).encode(), str(part)))
     joined: dict[str, Any] = {name: np.concatenate(rows) for name, rows in arrays.items()}
     with atomic_path(folder / PROPOSALS_FILE) as temporary:
         np.savez_compressed(temporary, **joined)

@@ -1,7 +1,12 @@
 """Access to a folder with CLEVRER's files by split and video index, and a list of what is missing."""
 
+import errno
+import os
+import shutil
+import stat
 import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -10,9 +15,12 @@ from typing import Any
 from nsdr.clevrer.annotations import check_annotation
 from nsdr.clevrer.proposals import parse_proposals
 from nsdr.clevrer.questions import SceneQuestions, iterate_questions
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.schema import get, get_whole, shown
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, parse_json, read_json
+from nsdr.io.files import atomic_path
+from nsdr.io.limits import check_limit, limits
+from nsdr.io.listing import is_hidden
+from nsdr.io.reading import UNZIP_ERRORS, parse_json, read_bytes, read_json
 from nsdr.types import VideoProposals
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -34,6 +42,12 @@ _FILES = {
     "proposals": ["proposal_{index:05d}.json", "sim_{index:05d}.json", "sim_{index:05d}.json.gz"],
 }
 """File names of each kind, in order of preference."""
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+"""Compression methods of zip members that can be read."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""System errors of the place to which a member is written."""
+_ENCRYPTED = 1
+"""Flag of encrypted zip members."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +88,7 @@ class CLEVRER:
         if not self.root.is_dir():
             raise DataError(f"{root}: no such folder; `nsdr data download` creates one")
         path = self.root / "manifest.json"
-        self.manifest = read_manifest(path) if path.is_file() else None
+        self.manifest = read_manifest(path) if os.path.lexists(path) else None
 
     def split(self, name: str) -> "Split":
         """One split.
@@ -108,12 +122,17 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """
     manifest = read_json(path)
     splits = get(manifest, "splits", dict, str(path))
-    for name in SPLITS:
+    for name, official in SPLITS.items():
         ends = get(splits, name, list, f"{path}: splits")
-        if len(ends) != 2 or not all(isinstance(end, int) for end in ends):
-            raise DataError(f"{path}: splits.{name}: expected two numbers, got {ends}")
-    get(manifest, "kinds", list, str(path))
-    get(manifest, "n_frames", int, str(path))
+        if len(ends) != 2 or not all(type(end) is int for end in ends):
+            raise DataError(f"{path}: splits.{name}: expected two numbers, got {shown(ends)}")
+        if not official.start <= ends[0] <= ends[1] <= official.stop:
+            expected = f"first and last video index + 1, from {official.start} to {official.stop}"
+            raise DataError(f"{path}: splits.{name}: expected {expected}, got {shown(ends)}")
+    kinds = get(manifest, "kinds", list, str(path))
+    if not all(isinstance(kind, str) and kind in KINDS for kind in kinds) or len(set(kinds)) < len(kinds):
+        raise DataError(f"{path}: kinds: expected different ones of {', '.join(KINDS)}, got {shown(kinds)}")
+    get_whole(manifest, "n_frames", str(path), 1, limits().frames)
     return dict(manifest)
 
 
@@ -170,7 +189,7 @@ class Split:
         target = entry.path.parent / entry.path.stem / entry.member
         if not target.exists():
             with atomic_path(target) as temporary:
-                temporary.write_bytes(entry.read())
+                entry.extract(temporary)
         return target
 
     def annotation(self, index: int) -> dict[str, Any]:
@@ -185,6 +204,8 @@ class Split:
             check_annotation(annotation, self.n_frames)
         except DataError as e:
             raise DataError(f"{entry}: {e}") from e
+        if annotation["scene_index"] != index:
+            raise DataError(f"{entry}: scene_index: expected {index}, got {annotation['scene_index']}")
         return dict(annotation)
 
     def raw_proposals(self, index: int) -> bytes:
@@ -249,15 +270,23 @@ class Entry:
         """Read the bytes.
 
         Raises:
-            DataError: they cannot be read.
+            DataError: they cannot be read, or are more than `Limits.json_bytes`.
         """
-        try:
-            if self.member is None:
-                return self.path.read_bytes()
-            with zipfile.ZipFile(self.path) as archive:
-                return archive.read(self.member)
-        except (OSError, zipfile.BadZipFile, KeyError) as e:
-            raise DataError(f"{self}: cannot be read ({e})") from e
+        if self.member is None:
+            return read_bytes(self.path)
+        with _opened(self.path) as archive:
+            check_limit(archive.getinfo(self.member).file_size, "json_bytes", str(self))
+            return archive.read(self.member)
+
+    def extract(self, target: Path) -> None:
+        """Write the member of a zip to a file.
+
+        Raises:
+            DataError: it cannot be read.
+        """
+        assert self.member is not None
+        with _opened(self.path) as archive, archive.open(self.member) as source, target.open("wb") as file:
+            shutil.copyfileobj(source, file)
 
     def __str__(self) -> str:
         return str(self.path) if self.member is None else f"{self.path}:{self.member}"
@@ -270,13 +299,39 @@ def _listing(root: Path, kind: str, split: str) -> Iterator[tuple[str, Entry]]:
         singular = kind.removesuffix("s")
         for archive in (folder / f"{singular}_{split}.zip", folder.with_suffix(".zip")):
             if archive.is_file():
-                try:
-                    with zipfile.ZipFile(archive) as opened:
-                        for member in opened.namelist():
-                            yield PurePosixPath(member).name, Entry(archive, member)
-                except zipfile.BadZipFile as e:
-                    raise DataError(f"{archive}: not a readable zip ({e}); download it again") from e
+                with _opened(archive) as opened:
+                    for member in opened.infolist():
+                        if not member.is_dir():
+                            _check_member(archive, member)
+                            yield PurePosixPath(member.filename).name, Entry(archive, member.filename)
         if folder.is_dir():
             for path in folder.rglob("*.*"):
-                if path.suffix != ".zip":
+                if path.suffix != ".zip" and not is_hidden(path.relative_to(folder)):
                     yield path.name, Entry(path)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """A zip to read; whatever is wrong with it is a `DataError` that names it."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield archive
+    except (*UNZIP_ERRORS, OSError) as e:
+        if isinstance(e, DataError) or (isinstance(e, OSError) and e.errno in FULL):
+            raise
+        raise DataError(f"{path}: not a readable zip ({e}); download it again") from e
+
+
+def _check_member(archive: Path, member: zipfile.ZipInfo) -> None:
+    """Refuse members that lead out of the folder, and those that cannot be read."""
+    where = f"{archive}: {shown(member.filename)}"
+    parts = PurePosixPath(member.filename).parts
+    if not parts or parts[0] == "/" or ".." in parts or "\\" in member.filename or ":" in parts[0]:
+        raise DataError(f"{where}: leads out of the folder; delete the zip, and download it from CLEVRER's own server")
+    if stat.S_ISLNK(member.external_attr >> 16):
+        raise DataError(f"{where}: is a link; expected files only")
+    if member.flag_bits & _ENCRYPTED:
+        raise DataError(f"{where}: is encrypted; make a zip without a password")
+    if member.compress_type not in _METHODS:
+        raise DataError(f"{where}: unknown compression method {member.compress_type}; make a zip with deflate")
+    check_limit(member.file_size, "member_bytes", where)

@@ -58,29 +58,32 @@ def download(
 
     Raises:
         DataError: an unknown split or kind, a file that the server does not have, a connection that keeps breaking, or a file
-            that cannot be trusted or does not have its checksum.
+            that cannot be trusted or does not have its checksum; or another process downloads to `root`.
     """
     from nsdr.clevrer.dataset import SPLITS
     from nsdr.clevrer.transfer import fetch
-    from nsdr.io.files import read_json, write_json
+    from nsdr.io.files import write_json
+    from nsdr.io.lock import locked
+    from nsdr.io.reading import read_json
 
     if split not in SPLITS:
         raise DataError(f"split is {split!r}; expected one of {', '.join(SPLITS)}")
     paths, ledger = [], Path(root) / CHECKSUMS
-    known: dict[str, str] = read_json(ledger) if ledger.exists() else {}
-    for kind in what:
-        if kind not in WHAT:
-            raise DataError(f"cannot download {kind!r}; expected one of {', '.join(WHAT)}")
-        if kind == "annotations" and split == "test":
-            continue
-        name = WHAT[kind].format(split=split)
-        target = Path(root) / name
-        if not target.exists():
-            url = f"{base_url.rstrip('/')}/{name}"
-            if not (url.startswith("https://") or name in known or trust_first_use):
-                raise DataError(f"{url}: plain HTTP, and no checksum is known; use HTTPS or --trust-first-use")
-            found = fetch(url, target, retries, wait_s, progress, known.get(name))
-            known = {**known, name: found}
-            write_json(ledger, known, indent=1)
-        paths.append(target)
+    with locked(root, CHECKSUMS):
+        known: dict[str, str] = read_json(ledger) if ledger.exists() else {}
+        for kind in what:
+            if kind not in WHAT:
+                raise DataError(f"cannot download {kind!r}; expected one of {', '.join(WHAT)}")
+            if kind == "annotations" and split == "test":
+                continue
+            name = WHAT[kind].format(split=split)
+            target = Path(root) / name
+            if not target.exists():
+                url = f"{base_url.rstrip('/')}/{name}"
+                if not (url.startswith("https://") or name in known or trust_first_use):
+                    raise DataError(f"{url}: plain HTTP, and no checksum is known; use HTTPS or --trust-first-use")
+                found = fetch(url, target, retries, wait_s, progress, known.get(name))
+                known = {**known, name: found}
+                write_json(ledger, known, indent=1)
+            paths.append(target)
     return paths

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer.questions import Question, SceneQuestions
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.schema import get, shown
 from nsdr.errors import DataError
-from nsdr.io.files import read_json
+from nsdr.io.limits import check_limit
+from nsdr.io.reading import read_json
 
 __all__ = ["with_parsed_programs"]
 
@@ -28,7 +29,7 @@ def with_parsed_programs(scenes: Iterable[SceneQuestions], files: Sequence[str |
     Raises:
         DataError: a malformed file, or one whose rows are not the questions of a scene; names the file and the place.
     """
-    contents = {str(path): read_json(path) for path in files}
+    contents = {str(path): _content(path) for path in files}
     result = []
     for scene in scenes:
         questions = [
@@ -37,23 +38,34 @@ def with_parsed_programs(scenes: Iterable[SceneQuestions], files: Sequence[str |
         ]
         for name, content in contents.items():
             where = f"{name}: {scene.scene_index}"
-            if not isinstance(content, dict):
-                raise DataError(
-                    f"{name}: expected an object with scene indices as keys, got a {type(content).__name__}"
-                )
             if str(scene.scene_index) in content:
                 rows = get(content[str(scene.scene_index)], "questions", list, where)
                 _fill(questions, rows, f"{where}.questions")
         result.append(replace(scene, questions=tuple(questions)))
+    scenes_found = {str(scene.scene_index) for scene in result}
+    for name, content in contents.items():
+        if scenes_found and not scenes_found & content.keys():
+            raise DataError(f"{name}: holds none of the {len(scenes_found)} scenes, such as {min(scenes_found)}")
     return result
+
+
+def _content(path: str | Path) -> dict[str, Any]:
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise DataError(f"{path}: expected an object with scene indices as keys, got a {type(content).__name__}")
+    for key in content:
+        if not (key.isascii() and key.isdigit()):
+            raise DataError(f"{path}: key {shown(key)}: expected the index of a scene")
+    return content
 
 
 def _fill(questions: list[Question], rows: Sequence[Any], where: str) -> None:
     """Put the rows' programs into the questions of their sort."""
+    for i, row in enumerate(rows):
+        if not isinstance(row, dict):
+            raise DataError(f"{where}[{i}]: expected an object, got {shown(row)}")
     for of_choices in (False, True):
-        numbered = [
-            (i, row) for i, row in enumerate(rows) if isinstance(row, dict) and ("choices" in row) == of_choices
-        ]
+        numbered = [(i, row) for i, row in enumerate(rows) if ("choices" in row) == of_choices]
         places = [i for i, q in enumerate(questions) if bool(q.choices) == of_choices]
         if numbered and len(numbered) != len(places):
             sort = "multiple-choice" if of_choices else "descriptive"
@@ -72,5 +84,6 @@ def _fill(questions: list[Question], rows: Sequence[Any], where: str) -> None:
 def _tokens(row: Any, key: str, where: str) -> tuple[str, ...]:
     tokens = get(row, key, list, where)
     if not all(isinstance(token, str) for token in tokens):
-        raise DataError(f"{where}.{key}: expected a list of strings")
+        raise DataError(f"{where}.{key}: expected a list of strings, got {shown(tokens)}")
+    check_limit(len(tokens), "program_tokens", f"{where}.{key}")
     return tuple(tokens)

@@ -14,10 +14,20 @@ from typing import Any
 import numpy as np
 
 from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
-from nsdr.clevrer.schema import get, scene_object
+from nsdr.clevrer.schema import (
+    LARGEST_COORDINATE,
+    check_new,
+    check_objects,
+    get,
+    get_frame,
+    get_number,
+    scene_object,
+    shown,
+)
 from nsdr.errors import DataError
-from nsdr.io.files import read_json
-from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
+from nsdr.io.limits import check_limit, limits
+from nsdr.io.reading import read_json
+from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
 from nsdr.world.camera import (
     HEIGHT_PX,
     WIDTH_PX,
@@ -66,28 +76,51 @@ def check_predictions(document: Any) -> None:
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    objects = get(document, "objects", list, "file")
-    for i, o in enumerate(objects):
-        scene_object(o, i, f"objects[{i}]")
-    for p, prediction in enumerate(get(document, "predictions", list, "file")):
+    n_objects = len(check_objects(get(document, "objects", list, "file"), "id", "objects", fewest=0))
+    predictions = get(document, "predictions", list, "file")
+    if not predictions:
+        raise DataError("predictions: expected at least 1, got none")
+    removed: set[int] = set()
+    for p, prediction in enumerate(predictions):
         where = f"predictions[{p}]"
         what_if = get(prediction, "what_if", int, where)
-        if (p == 0) != (what_if == NOTHING_REMOVED) or not NOTHING_REMOVED <= what_if < len(objects):
-            expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {len(objects) - 1}"
-            raise DataError(f"{where}.what_if: expected {expected}, got {what_if}")
-        for s, sample in enumerate(get(prediction, "trajectory", list, where)):
-            get(sample, "frame_index", int, f"{where}.trajectory[{s}]")
-            for i, o in enumerate(get(sample, "objects", list, f"{where}.trajectory[{s}]")):
-                object_where = f"{where}.trajectory[{s}].objects[{i}]"
-                scene_object(o, i, object_where)
-                get(o, "x", (int, float), object_where), get(o, "y", (int, float), object_where)
-        for c, collision in enumerate(get(prediction, "collisions", list, where)):
-            get(collision, "frame", int, f"{where}.collisions[{c}]")
-            pair = get(collision, "objects", list, f"{where}.collisions[{c}]")
+        if (p == 0) != (what_if == NOTHING_REMOVED) or not NOTHING_REMOVED <= what_if < n_objects:
+            expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {n_objects - 1}"
+            raise DataError(f"{where}.what_if: expected {expected}, got {shown(what_if)}")
+        check_new(what_if, removed, f"{where}.what_if")
+        removed.add(what_if)
+        _check_trajectory(get(prediction, "trajectory", list, where), f"{where}.trajectory")
+        collisions = get(prediction, "collisions", list, where)
+        check_limit(len(collisions), "events", f"{where}.collisions")
+        for c, collision in enumerate(collisions):
+            collision_where = f"{where}.collisions[{c}]"
+            get_frame(collision, "frame", collision_where, limits().frames)
+            pair = get(collision, "objects", list, collision_where)
             if len(pair) != 2:
-                raise DataError(f"{where}.collisions[{c}].objects: expected 2 objects, got {len(pair)}")
-            for i, o in enumerate(pair):
-                scene_object(o, i, f"{where}.collisions[{c}].objects[{i}]")
+                raise DataError(f"{collision_where}.objects: expected 2 objects, got {len(pair)}")
+            first, second = (scene_object(o, 0, f"{collision_where}.objects[{i}]") for i, o in enumerate(pair))
+            if first == second:
+                raise DataError(f"{collision_where}.objects: expected two different objects, got {first.name} twice")
+
+
+def _check_trajectory(samples: list[Any], where: str) -> None:
+    last = -1
+    for s, sample in enumerate(samples):
+        sample_where = f"{where}[{s}]"
+        frame = get_frame(sample, "frame_index", sample_where, limits().frames)
+        if frame <= last:
+            raise DataError(f"{sample_where}.frame_index: expected more than {last}, got {frame}")
+        last = frame
+        rows = get(sample, "objects", list, sample_where)
+        seen: set[SceneObject] = set()
+        check_limit(len(rows), "scene_objects", f"{sample_where}.objects")
+        for i, row in enumerate(rows):
+            object_where = f"{sample_where}.objects[{i}]"
+            o = scene_object(row, 0, object_where)
+            check_new(o, seen, object_where)
+            seen.add(o)
+            for axis in ("x", "y"):
+                get_number(row, axis, object_where, -LARGEST_COORDINATE, LARGEST_COORDINATE)
 
 
 def scene_from_predictions(document: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:

@@ -7,30 +7,30 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pycocotools import mask as rle
 
-from nsdr.clevrer.annotations import check_ground_truth
-from nsdr.clevrer.schema import get, scene_object
+from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, check_ground_truth
+from nsdr.clevrer.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.schema import LARGEST_ID, get, get_frame, get_number, get_whole, scene_object, shown
 from nsdr.errors import DataError
-from nsdr.io.files import parse_json
+from nsdr.io.limits import check_limit, limits
+from nsdr.io.reading import parse_json, read_json, read_npz
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.timeline import VIDEO_FRAMES
-from nsdr.world.vocabulary import attribute_index, attributes_of
+from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, attribute_index, attributes_of
 
 __all__ = [
     "compact_rows",
-    "mask_numbers",
+    "ground_truth_of",
     "parse_proposals",
     "proposals_document",
+    "proposals_from_document",
     "proposals_from_rows",
     "read_compact_proposals",
     "read_ground_truth",
     "read_proposals",
 ]
 
-PIXEL_CENTRE_PX = 0.5
-"""Offset from the index of a pixel to its centre (pixels)."""
 SCORE_DECIMALS = 6
 """Decimal places of scores in written files."""
 COMPACT_SCORE_STEPS = 255.0
@@ -47,7 +47,7 @@ def read_proposals(path: str | Path) -> VideoProposals:
     Raises:
         DataError: not a proposal file; names the file, the location in the file and what was expected there.
     """
-    return parse_proposals(_bytes(path), str(path))
+    return proposals_from_document(read_json(path), str(path))
 
 
 def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
@@ -59,67 +59,71 @@ def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
     Raises:
         DataError: there is no such block, or it is malformed; names the file and the location in the file.
     """
-    data = _bytes(path)
-    content = parse_json(data, str(path))
-    indices = _frame_indices(get(content, "frames", list, str(path)), str(path))
-    return parse_ground_truth(data, str(path)), max(indices, default=-1) + 1
+    content = read_json(path)
+    block = ground_truth_of(content, str(path))
+    return block, _frame_indices(content["frames"], str(path))[-1] + 1
 
 
-def parse_ground_truth(data: bytes, name: str) -> dict[str, Any]:
-    """Parse and check the `ground_truth` block in the bytes of a file of `processed_proposals`.
+def ground_truth_of(content: Any, name: str) -> dict[str, Any]:
+    """The checked `ground_truth` block of a file of `processed_proposals`.
 
     Args:
-        data: JSON, plain or gzipped.
+        content: the file's JSON document.
         name: name of the file, for error messages.
 
     Raises:
         DataError: there is no such block, or it is malformed; names `name` and the location in the file.
     """
-    block = get(parse_json(data, name), "ground_truth", dict, name)
-    check_ground_truth(block, f"{name}: ground_truth")
+    block = get(content, "ground_truth", dict, name)
+    last = _frame_indices(get(content, "frames", list, name), name)[-1]
+    # Events of irregular videos may lie behind the frames that the file has.
+    irregular = content.get("video_index") in IRREGULAR_VIDEOS
+    check_ground_truth(block, f"{name}: ground_truth", max(last + 1, VIDEO_FRAMES) if irregular else last + 1)
     return block
 
 
-def _bytes(path: str | Path) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except FileNotFoundError as e:
-        raise DataError(f"{path}: no such file") from e
-    except OSError as e:
-        raise DataError(f"{path}: cannot be read ({e})") from e
-
-
 def parse_proposals(data: bytes, name: str) -> VideoProposals:
-    """Parse the bytes of a proposal file.
+    """Parse the bytes of a proposal file, JSON, plain or gzipped; errors are those of `proposals_from_document`."""
+    return proposals_from_document(parse_json(data, name), name)
+
+
+def proposals_from_document(content: Any, name: str) -> VideoProposals:
+    """The proposals of a file's JSON document.
 
     Args:
-        data: JSON, plain or gzipped.
+        content: the document.
         name: name of the file, for error messages.
 
     Raises:
         DataError: not a proposal file; names `name`, the location in the file and what was expected there.
     """
-    content = parse_json(data, name)
     frames = get(content, "frames", list, name)
     indices = _frame_indices(frames, name)
+    highest, end = limits(), indices[-1] + 1
+    n_frames = get_whole(content, "n_frames", name, end, highest.frames) if "n_frames" in content else end
     rows = []
     for f, frame in zip(indices, frames, strict=True):
-        for i, o in enumerate(get(frame, "objects", list, f"{name}: frames[{f}]")):
+        objects = get(frame, "objects", list, f"{name}: frames[{f}]")
+        check_limit(len(objects), "frame_objects", f"{name}: frames[{f}].objects")
+        for i, o in enumerate(objects):
             where = f"{name}: frames[{f}].objects[{i}]"
             detected = scene_object(o, 0, where)
             mask = get(o, "mask", dict, where)
             size, counts = get(mask, "size", list, f"{where}.mask"), get(mask, "counts", str, f"{where}.mask")
             if size != [HEIGHT_PX, WIDTH_PX]:
-                raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {size}")
-            score = float(get(o, "score", (float, int), where))
-            rows.append((f, attribute_index(detected.color, detected.material, detected.shape), score, counts))
-    n_frames = max(get(content, "n_frames", int, name) if "n_frames" in content else 0, max(indices, default=-1) + 1)
-    return proposals_from_rows(n_frames, rows, indices)
+                raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {shown(size)}")
+            score = get_number(o, "score", where, 0, 1)
+            words = attribute_index(detected.color, detected.material, detected.shape)
+            rows.append((f, words, score, counts, f"{where}.mask"))
+    return _proposals(n_frames, rows, indices)
 
 
 def _frame_indices(frames: Sequence[Any], name: str) -> list[int]:
     """`frame_index` of every frame, ascending. The irregular video 7648 skips some frames."""
-    indices = [get(frame, "frame_index", int, f"{name}: frames[{f}]") for f, frame in enumerate(frames)]
+    if not frames:
+        raise DataError(f"{name}: frames: expected at least 1, got none")
+    n = limits().frames
+    indices = [get_frame(frame, "frame_index", f"{name}: frames[{f}]", n) for f, frame in enumerate(frames)]
     if any(b <= a for a, b in pairwise(indices)):
         raise DataError(f"{name}: frames: frame_index must ascend")
     return indices
@@ -134,10 +138,22 @@ def proposals_from_rows(
         n_frames: number of frames of the video.
         rows: (frame, attribute index, score, COCO run-length string), in any order.
         processed: ascending frames that were processed; None for all.
+
+    Raises:
+        DataError: a mask that is damaged or of another size.
     """
+    named = [(*row, f"frame {row[0]}, row {i}: mask") for i, row in enumerate(rows)]
+    return _proposals(n_frames, named, processed)
+
+
+def _proposals(
+    n_frames: int, rows: Sequence[tuple[int, int, float, str, str]], processed: Sequence[int] | None
+) -> VideoProposals:
+    """As `proposals_from_rows`, of rows that end with the location of the mask for error messages."""
     kept, centroids, areas, boxes = [], [], [], []
     for row in sorted(rows, key=lambda r: r[0]):
-        centroid, area, box = mask_numbers(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": row[3].encode()}))
+        runs = runs_of_mask(row[3], HEIGHT_PX, WIDTH_PX, row[4])
+        centroid, area, box = numbers_of_runs(runs, HEIGHT_PX)
         if area:
             kept.append(row)
             centroids.append(centroid)
@@ -154,22 +170,6 @@ def proposals_from_rows(
         tuple(r[3] for r in kept),
         None if processed is None or len(processed) == n_frames else np.array(processed, np.int64),
     )
-
-
-def mask_numbers(mask: NDArray[np.uint8]) -> tuple[tuple[float, float], int, tuple[int, int, int, int]]:
-    """Centroid, area and bounding box of a mask; all zero for an empty mask.
-
-    Args:
-        mask: (H, W) uint8.
-
-    Returns:
-        Mean (column, row) of the pixel centres, number of pixels, and box (left, top, right, bottom) with exclusive end.
-    """
-    rows, columns = np.nonzero(mask)
-    if not len(rows):
-        return (0.0, 0.0), 0, (0, 0, 0, 0)
-    box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
-    return (float(columns.mean()) + PIXEL_CENTRE_PX, float(rows.mean()) + PIXEL_CENTRE_PX), len(rows), box
 
 
 def proposals_document(proposals: VideoProposals, video_index: int, video_filename: str) -> dict[str, Any]:
@@ -241,22 +241,27 @@ def read_compact_proposals(
         (video index, proposals without masks).
 
     Raises:
-        DataError: a missing file or array.
+        DataError: a missing or malformed file, or values out of range; names the file, the array and the first wrong row.
     """
-    try:
-        with np.load(path) as arrays:
-            a = {name: arrays[name] for name in COMPACT_ARRAYS}
-    except (OSError, KeyError, ValueError) as e:
-        raise DataError(f"{path}: not a compact proposal file ({e})") from e
+    a = _compact_arrays(path)
     starts = np.flatnonzero(np.diff(a["video"].astype(np.int64), prepend=-1))
     for start, stop in zip(starts, [*starts[1:], len(a["video"])], strict=True):
         rows = slice(int(start), int(stop))
         video = int(a["video"][start])
         frame = a["frame"][rows].astype(np.int64)
+        shown_frames = max(VIDEO_FRAMES, int(frame[-1]) + 1)
+        length = (n_frames or {}).get(video, shown_frames)
+        if int(frame[-1]) >= length:
+            # The rows of an irregular video go beyond the frames that its truth counts.
+            if video not in IRREGULAR_VIDEOS:
+                raise DataError(
+                    f"{path}: frame: video {video} has {length} frames, row {int(stop) - 1} frame {frame[-1]}"
+                )
+            length = shown_frames
         yield (
             video,
             VideoProposals(
-                (n_frames or {}).get(video, max(VIDEO_FRAMES, int(frame.max()) + 1)),
+                length,
                 frame,
                 a["attr"][rows].astype(np.int64),
                 a["score"][rows] / COMPACT_SCORE_STEPS,
@@ -265,3 +270,46 @@ def read_compact_proposals(
                 a["box"][rows].astype(np.int64),
             ),
         )
+
+
+def _compact_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a compact file, checked."""
+    a = read_npz(path)
+    missing = [name for name in COMPACT_ARRAYS if name not in a]
+    if missing:
+        raise DataError(f"{path}: not a compact proposal file: it has no {', '.join(missing)}")
+    n = len(a["video"]) if a["video"].ndim else 0
+    for name in COMPACT_ARRAYS:
+        shape = (n, 4) if name == "box" else (n,)
+        if a[name].shape != shape or a[name].dtype.kind not in "iu" or not n:
+            expected = f"whole numbers of the shape {shape}" if n else "at least 1 row"
+            raise DataError(f"{path}: {name}: expected {expected}, got {a[name].dtype} {a[name].shape}")
+    highest = {
+        "video": LARGEST_ID,
+        "frame": limits().frames - 1,
+        "attr": N_ATTRIBUTE_TRIPLES - 1,
+        "score": int(COMPACT_SCORE_STEPS),
+        "cx64": int(WIDTH_PX * COMPACT_CENTROID_STEPS_PER_PX),
+        "cy64": int(HEIGHT_PX * COMPACT_CENTROID_STEPS_PER_PX),
+        "area": HEIGHT_PX * WIDTH_PX,
+        "box": WIDTH_PX,
+    }
+    for name, end in highest.items():
+        low, high = a[name].min(), a[name].max()
+        if low < 0 or high > end:
+            raise DataError(f"{path}: {name}: expected 0 to {end}, found {low} to {high}")
+    left, top, right, bottom = a["box"].T
+    fits = (left < right) & (top < bottom) & (bottom <= HEIGHT_PX)
+    if not fits.all():
+        row = int(fits.argmin())
+        expected = f"left < right, top < bottom, bottom up to {HEIGHT_PX}"
+        raise DataError(f"{path}: box: row {row}: expected {expected}, got {a['box'][row].tolist()}")
+    place = a["video"].astype(np.int64) * limits().frames + a["frame"]
+    ascending = np.diff(place, prepend=0) >= 0
+    if not ascending.all():
+        row = int(ascending.argmin())
+        after, found = (f"video {a['video'][r]}, frame {a['frame'][r]}" for r in (row - 1, row))
+        raise DataError(f"{path}: row {row}: expected ascending videos and frames, got {found} after {after}")
+    per_frame = np.diff(np.flatnonzero(np.diff(place, prepend=-1, append=-1)))
+    check_limit(int(per_frame.max()), "frame_objects", f"{path}: detections in a frame")
+    return a

@@ -1,13 +1,16 @@
 """CLEVRER's question files: `train.json`, `validation.json` and `test.json`."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.schema import get, iterate_list
+from nsdr.clevrer.schema import LARGEST_ID, check_new, get, get_name, get_scene_index, get_text, get_whole, shown
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
+from nsdr.io.limits import check_limit
+from nsdr.io.reading import iterate_json_list
+from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
     "QUESTION_TYPES",
@@ -22,6 +25,12 @@ __all__ = [
 
 QUESTION_TYPES = ("descriptive", "explanatory", "predictive", "counterfactual")
 """CLEVRER's question types; all but descriptive questions are multiple choice."""
+LARGEST_COUNT = 15
+"""Largest number that is accepted as an answer. CLEVRER's answers end at 5; scenes with more objects have larger ones."""
+ANSWERS = frozenset(
+    ["yes", "no", *map(str, range(LARGEST_COUNT + 1)), *(word for words in ATTRIBUTES.values() for word in words)]
+)
+"""Answers of descriptive questions."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +94,16 @@ def iterate_questions(path: str | Path) -> Iterator[SceneQuestions]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    for i, scene in enumerate(iterate_list(path)):
-        yield _scene(scene, f"{path}: [{i}]")
+    seen: set[int] = set()
+    n_questions = 0
+    for i, row in enumerate(iterate_json_list(path)):
+        scene = _scene(row, f"{path}: [{i}]")
+        check_new(scene.scene_index, seen, f"{path}: [{i}].scene_index")
+        seen.add(scene.scene_index)
+        n_questions += len(scene.questions)
+        yield scene
+    if not n_questions:
+        raise DataError(f"{path}: expected at least 1 question, found {len(seen)} scenes without one")
 
 
 def read_questions(path: str | Path) -> list[SceneQuestions]:
@@ -130,43 +147,60 @@ def _known(**values: Any) -> dict[str, Any]:
 
 
 def _scene(scene: Any, where: str) -> SceneQuestions:
-    questions = get(scene, "questions", list, where)
-    return SceneQuestions(
-        get(scene, "scene_index", int, where),
-        get(scene, "video_filename", str, where),
-        tuple(_question(q, f"{where}.questions[{i}]") for i, q in enumerate(questions)),
-    )
+    index = get_scene_index(scene, "scene_index", where)
+    questions = []
+    seen: set[int] = set()
+    for i, row in enumerate(get(scene, "questions", list, where)):
+        question = _question(row, f"{where}.questions[{i}]", f"scene {index}")
+        check_new(question.id, seen, f"{where}.questions[{i}].question_id")
+        seen.add(question.id)
+        questions.append(question)
+    return SceneQuestions(index, get_name(scene, "video_filename", where), tuple(questions))
 
 
-def _question(question: Any, where: str) -> Question:
+def _question(question: Any, where: str, scene: str) -> Question:
     kind = get(question, "question_type", str, where)
     if kind not in QUESTION_TYPES:
-        raise DataError(f"{where}.question_type: {kind!r}; expected one of {', '.join(QUESTION_TYPES)}")
-    choices = []
-    for i, choice in enumerate(question.get("choices") or []):
+        raise DataError(f"{where}.question_type: {shown(kind)}; expected one of {', '.join(QUESTION_TYPES)}")
+    choices: dict[int, Choice] = {}
+    for i, row in enumerate(get(question, "choices", list, where) if question.get("choices") is not None else ()):
         choice_where = f"{where}.choices[{i}]"
-        answer = choice.get("answer") if isinstance(choice, dict) else None
-        if answer not in (None, "correct", "wrong"):
-            raise DataError(f"{choice_where}.answer: {answer!r}; expected correct or wrong")
-        text, number = get(choice, "choice", str, choice_where), get(choice, "choice_id", int, choice_where)
-        choices.append(Choice(number, text, _program(choice, choice_where), answer))
+        number = get_whole(row, "choice_id", choice_where, 0, LARGEST_ID)
+        check_new(number, choices, f"{choice_where}.choice_id")
+        text, program = get_text(row, "choice", choice_where), _program(row, choice_where, scene)
+        choices[number] = Choice(number, text, program, _answer(row, ("correct", "wrong"), choice_where))
     if bool(choices) == (kind == "descriptive"):
         raise DataError(f"{where}: a {kind} question with {len(choices)} choices")
+    if len({choice.answer is None for choice in choices.values()}) > 1:
+        raise DataError(f"{where}: some choices have answers and some have none; expected all or none")
+    subtype = question.get("question_subtype")
     return Question(
-        get(question, "question_id", int, where),
-        get(question, "question", str, where),
+        get_whole(question, "question_id", where, 0, LARGEST_ID),
+        get_text(question, "question", where),
         kind,
-        question.get("question_subtype"),
-        _program(question, where),
-        question.get("answer"),
-        tuple(choices),
+        None if subtype is None else get_text(question, "question_subtype", where),
+        _program(question, where, scene),
+        None if choices else _answer(question, ANSWERS, where),
+        tuple(choices.values()),
     )
 
 
-def _program(holder: Any, where: str) -> tuple[str, ...] | None:
+def _answer(holder: dict[str, Any], known: Collection[str], where: str) -> str | None:
+    answer = holder.get("answer")
+    if answer is None:
+        return None
+    if not isinstance(answer, str) or answer not in known:
+        expected = f"0 to {LARGEST_COUNT}, yes, no or an attribute word" if known is ANSWERS else " or ".join(known)
+        raise DataError(f"{where}.answer: {shown(answer)}; expected {expected}")
+    return answer
+
+
+def _program(holder: dict[str, Any], where: str, scene: str) -> tuple[str, ...] | None:
     program = holder.get("program")
     if program is None:
         return None
-    if not isinstance(program, Sequence) or not all(isinstance(token, str) for token in program):
-        raise DataError(f"{where}.program: expected a list of strings")
+    where = f"{where}.program ({scene})"
+    if not isinstance(program, list) or not program or not all(isinstance(token, str) for token in program):
+        raise DataError(f"{where}: expected a list of tokens, got {shown(program)}")
+    check_limit(len(program), "program_tokens", where)
     return tuple(program)

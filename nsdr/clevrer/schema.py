@@ -1,19 +1,36 @@
 """Checked access to values in JSON documents: errors name the location in the file and what was expected there."""
 
-import json
-from collections.abc import Iterator
-from pathlib import Path
-from typing import IO, Any, TypeVar
+from collections.abc import Collection
+from functools import lru_cache
+from typing import Any, TypeVar
 
 from nsdr.errors import DataError
+from nsdr.io.limits import check_limit
 from nsdr.types import SceneObject
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["check_objects", "get", "iterate_list", "scene_object"]
+__all__ = [
+    "LARGEST_COORDINATE",
+    "LARGEST_ID",
+    "check_new",
+    "check_objects",
+    "get",
+    "get_frame",
+    "get_name",
+    "get_number",
+    "get_pair",
+    "get_scene_index",
+    "get_text",
+    "get_whole",
+    "scene_object",
+    "shown",
+]
 
 T = TypeVar("T")
-CHUNK_CHARACTERS = 1 << 16
-"""Number of characters read at a time by `iterate_list`."""
+LARGEST_ID = 10**9
+"""Largest index of a video, and largest id of a question or choice."""
+LARGEST_COORDINATE = 1000.0
+"""Largest magnitude of a coordinate, angle or velocity in files (CLEVRER's are below 20, the grid has 150)."""
 
 
 def get(holder: Any, key: str, kind: type[T] | tuple[type[T], ...], where: str) -> T:
@@ -35,8 +52,79 @@ def get(holder: Any, key: str, kind: type[T] | tuple[type[T], ...], where: str) 
     value = holder[key]
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         kinds = kind if isinstance(kind, tuple) else (kind,)
-        raise DataError(f"{where}.{key}: expected {' or '.join(k.__name__ for k in kinds)}, got {value!r:.60}")
+        raise DataError(f"{where}.{key}: expected {' or '.join(k.__name__ for k in kinds)}, got {shown(value)}")
     return value
+
+
+def shown(value: Any) -> str:
+    """A value of a file for an error message: one line of at most 60 characters."""
+    try:
+        return f"{value!r:.60}"
+    except ValueError:  # more digits than Python prints
+        return "a huge number"
+
+
+def get_whole(holder: Any, key: str, where: str, lowest: int, highest: float) -> int:
+    """`holder[key]`, a whole number in the closed range; raises `DataError` as `get`, or with the range."""
+    value = get(holder, key, int, where)
+    if not lowest <= value <= highest:
+        raise DataError(f"{where}.{key}: expected {lowest} to {highest}, got {shown(value)}")
+    return value
+
+
+def get_number(holder: Any, key: str, where: str, lowest: float, highest: float) -> float:
+    """`holder[key]`, a finite number in the closed range; raises `DataError` as `get`, or with the range."""
+    value = get(holder, key, (float, int), where)
+    if not lowest <= value <= highest:
+        raise DataError(f"{where}.{key}: expected a number from {lowest:g} to {highest:g}, got {shown(value)}")
+    return float(value)
+
+
+def get_frame(holder: Any, key: str, where: str, n_frames: int) -> int:
+    """`holder[key]`, a frame of a video of `n_frames`; raises `DataError` as `get`, or with the frames of the video."""
+    frame = get(holder, key, int, where)
+    if not 0 <= frame < n_frames:
+        raise DataError(f"{where}.{key}: expected a frame from 0 to {n_frames - 1}, got {shown(frame)}")
+    return frame
+
+
+def get_scene_index(holder: Any, key: str, where: str) -> int:
+    """`holder[key]`, the index of a video; raises `DataError` as `get`, or where it is negative or too large."""
+    return get_whole(holder, key, where, 0, LARGEST_ID)
+
+
+def get_text(holder: Any, key: str, where: str) -> str:
+    """`holder[key]`, a text that is not empty; raises `DataError` as `get`, or where it is empty or too long."""
+    text = get(holder, key, str, where)
+    check_limit(len(text), "text_characters", f"{where}.{key}")
+    if not text.strip() or not text.isprintable():
+        raise DataError(f"{where}.{key}: expected a line of text, got {shown(text)}")
+    return text
+
+
+def get_name(holder: Any, key: str, where: str) -> str:
+    """`holder[key]`, the name of a file without a folder; raises `DataError` as `get`, or for any other text."""
+    name = get_text(holder, key, where)
+    if name in (".", "..") or "/" in name or "\\" in name:
+        raise DataError(f"{where}.{key}: expected the name of a file without a folder, got {shown(name)}")
+    return name
+
+
+def get_pair(holder: Any, key: str, where: str, n: int) -> list[int]:
+    """`holder[key]`, the ids of two of `n` objects; raises `DataError` as `get`, or for any other list."""
+    pair = get(holder, key, list, where)
+    if len(pair) != 2 or not all(type(i) is int for i in pair) or pair[0] == pair[1]:
+        raise DataError(f"{where}.{key}: expected two different object ids, got {shown(pair)}")
+    for i in pair:
+        if not 0 <= i < n:
+            raise DataError(f"{where}.{key}: expected object ids from 0 to {n - 1}, got {shown(i)}")
+    return pair
+
+
+def check_new(value: Any, seen: Collection[Any], where: str) -> None:
+    """Raise `DataError` where an id or object was `seen` before."""
+    if value in seen:
+        raise DataError(f"{where}: {getattr(value, 'name', value)} is there twice; expected it once")
 
 
 def scene_object(row: Any, number: int, where: str) -> SceneObject:
@@ -50,97 +138,46 @@ def scene_object(row: Any, number: int, where: str) -> SceneObject:
     Raises:
         DataError: an unknown or missing attribute word.
     """
-    words = {}
-    for name, known in ATTRIBUTES.items():
-        words[name] = get(row, name, str, where)
-        if words[name] not in known:
-            raise DataError(f"{where}.{name}: {words[name]!r}; expected one of {', '.join(known)}")
-    return SceneObject(number, **words)
+    try:
+        return _object(number, row["color"], row["material"], row["shape"])
+    except (KeyError, TypeError, DataError):
+        for name, known in ATTRIBUTES.items():
+            word = get(row, name, str, where)
+            if word not in known:
+                raise DataError(f"{where}.{name}: {shown(word)}; expected one of {', '.join(known)}") from None
+        raise
 
 
-def check_objects(rows: Any, key: str, where: str) -> tuple[SceneObject, ...]:
+@lru_cache(maxsize=1024)
+def _object(number: int, color: str, material: str, shape: str) -> SceneObject:
+    """Files repeat few objects very often."""
+    return SceneObject(number, color, material, shape)
+
+
+def check_objects(rows: Any, key: str, where: str, fewest: int = 1) -> tuple[SceneObject, ...]:
     """The objects of a list of rows with ids 0, 1, ... under `key` and unique attribute triples.
 
     Args:
         rows: JSON objects.
         key: key of the id.
         where: location of the list in the file, for error messages.
+        fewest: smallest number of objects.
 
     Raises:
-        DataError: an unknown attribute word, ids out of order, or a repeated triple.
+        DataError: too few or too many objects, an unknown attribute word, ids out of order, or a repeated triple.
     """
     objects: list[SceneObject] = []
+    if len(rows) < fewest:
+        raise DataError(f"{where}: expected at least {fewest} object, got none")
+    check_limit(len(rows), "scene_objects", where)
+    names: set[str] = set()
     for i, row in enumerate(rows):
         o = scene_object(row, i, f"{where}[{i}]")
         if get(row, key, int, f"{where}[{i}]") != i:
-            raise DataError(f"{where}[{i}].{key}: expected {i}, got {row[key]}")
-        if any(o.name == other.name for other in objects):
-            raise DataError(f"{where}[{i}]: a second {o.name}; attribute triples are unique in a video")
+            raise DataError(f"{where}[{i}].{key}: expected {i}, got {shown(row[key])}")
+        name = o.name
+        if name in names:
+            raise DataError(f"{where}[{i}]: a second {name}; attribute triples are unique in a video")
+        names.add(name)
         objects.append(o)
     return tuple(objects)
-
-
-def iterate_list(path: str | Path) -> Iterator[Any]:
-    """Yield the items of a file that holds one JSON list, without reading the whole file into memory.
-
-    Raises:
-        DataError: the file is missing, is not a list, or is not valid JSON; names the file and the item.
-    """
-    try:
-        with open(path, encoding="utf-8") as file:
-            yield from _items(file, str(path))
-    except FileNotFoundError as e:
-        raise DataError(f"{path}: no such file") from e
-    except (OSError, UnicodeDecodeError) as e:
-        raise DataError(f"{path}: cannot be read ({e})") from e
-
-
-def _items(file: IO[str], name: str) -> Iterator[Any]:
-    decoder = json.JSONDecoder()
-    text, offset, number, ended = "", 0, 0, False
-
-    def read_chunk() -> bool:
-        """Read the next chunk; False at the end of the file."""
-        nonlocal text, offset, ended
-        chunk = file.read(CHUNK_CHARACTERS)
-        ended = not chunk
-        text, offset = text[offset:] + chunk, 0
-        return not ended
-
-    def next_character() -> str:
-        """The next character that is not white space; empty at the end of the file."""
-        nonlocal offset
-        while True:
-            while offset < len(text) and text[offset].isspace():
-                offset += 1
-            if offset < len(text):
-                return text[offset]
-            if not read_chunk():
-                return ""
-
-    if next_character() != "[":
-        raise DataError(f"{name}: expected a JSON list")
-    offset += 1
-    if next_character() == "]":
-        return
-    while True:
-        next_character()
-        try:
-            item, end = decoder.raw_decode(text, offset)
-            # A number at the end of the chunk may continue in the next one.
-            complete = end < len(text) or ended
-        except json.JSONDecodeError as e:
-            if not read_chunk():
-                raise DataError(f"{name}: [{number}]: not valid JSON ({e.msg}); the file may be truncated") from e
-            continue
-        if not complete:
-            read_chunk()
-            continue
-        yield item
-        offset, number = end, number + 1
-        character = next_character()
-        if character == "]":
-            return
-        if character != ",":
-            raise DataError(f"{name}: [{number}]: expected , or ], got {character!r}; the file may be truncated")
-        offset += 1

@@ -4,9 +4,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.schema import LARGEST_ID, check_new, get, get_scene_index, get_whole, shown
 from nsdr.errors import DataError
-from nsdr.io.files import read_json, write_json
+from nsdr.io.files import write_json
+from nsdr.io.reading import read_json
 
 __all__ = ["read_submission", "submission_document", "write_submission"]
 
@@ -46,18 +47,27 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
     content = read_json(path)
     if not isinstance(content, list):
         raise DataError(f"{path}: expected a list of scenes, got {type(content).__name__}")
+    scenes: set[int] = set()
     for s, scene in enumerate(content):
         where = f"{path}: [{s}]"
-        get(scene, "scene_index", int, where)
+        index = get_scene_index(scene, "scene_index", where)
+        check_new(index, scenes, f"{where}.scene_index")
+        scenes.add(index)
+        questions: set[int] = set()
         for q, question in enumerate(get(scene, "questions", list, where)):
             question_where = f"{where}.questions[{q}]"
-            get(question, "question_id", int, question_where)
+            number = get_whole(question, "question_id", question_where, 0, LARGEST_ID)
+            check_new(number, questions, f"{question_where}.question_id")
+            questions.add(number)
             if "choices" not in question:
                 get(question, "answer", str, question_where)
                 continue
+            choices: set[int] = set()
             for c, choice in enumerate(get(question, "choices", list, question_where)):
                 choice_where = f"{question_where}.choices[{c}]"
-                get(choice, "choice_id", int, choice_where)
+                number = get_whole(choice, "choice_id", choice_where, 0, LARGEST_ID)
+                check_new(number, choices, f"{choice_where}.choice_id")
+                choices.add(number)
                 if get(choice, "answer", str, choice_where) not in ("correct", "wrong"):
-                    raise DataError(f"{choice_where}.answer: expected correct or wrong, got {choice['answer']!r}")
+                    raise DataError(f"{choice_where}.answer: expected correct or wrong, got {shown(choice['answer'])}")
     return content

@@ -6,27 +6,44 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, check_ground_truth
+from nsdr.clevrer.schema import check_new, get_scene_index, get_whole
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
+from nsdr.io.limits import check_limit, limits
+from nsdr.io.reading import read_json
 from nsdr.types import Scene
+from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["read_truth", "truth_block", "write_truth"]
+__all__ = ["check_truth_blocks", "read_truth", "truth_block", "write_truth"]
 
 
 def read_truth(path: str | Path) -> dict[int, dict[str, Any]]:
-    """Read ground-truth blocks from a gzipped JSON list.
+    """Read and check ground-truth blocks from a JSON list, plain or gzipped.
 
     Returns:
-        Blocks by video index, each with `objects`, `in_outs` and `collisions` (see `scene_from_ground_truth`).
+        Blocks by video index, each with `n_frames`, `objects`, `in_outs` and `collisions` (see `scene_from_ground_truth`).
 
     Raises:
-        DataError: the file is missing or not such a list.
+        DataError: names the file, the location in the file and what was expected there.
     """
-    try:
-        rows = json.loads(gzip.decompress(Path(path).read_bytes()))
-        return {int(row["video"]): row for row in rows}
-    except (OSError, EOFError, ValueError, KeyError, TypeError) as e:
-        raise DataError(f"{path}: not a file of ground-truth blocks ({e})") from e
+    return check_truth_blocks(read_json(path), str(path))
+
+
+def check_truth_blocks(rows: Any, name: str) -> dict[int, dict[str, Any]]:
+    """Blocks by video index, checked; as `read_truth`, from the content of a file with that name."""
+    if not isinstance(rows, list) or not rows:
+        raise DataError(f"{name}: not a file of ground-truth blocks; expected a list of at least one block")
+    check_limit(len(rows), "videos", name)
+    blocks: dict[int, dict[str, Any]] = {}
+    for i, block in enumerate(rows):
+        where = f"{name}: [{i}]"
+        video = get_scene_index(block, "video", where)
+        check_new(video, blocks, f"{where}.video")
+        n_frames = get_whole(block, "n_frames", where, 1, limits().frames)
+        check_ground_truth(block, where, max(n_frames, VIDEO_FRAMES) if video in IRREGULAR_VIDEOS else n_frames)
+        blocks[video] = block
+    return blocks
 
 
 def write_truth(path: str | Path, blocks: Sequence[dict[str, Any]]) -> None:

@@ -2,7 +2,9 @@
 
 from typing import Any
 
+from nsdr.cli.status import left_out
 from nsdr.errors import DataError
+from nsdr.io.outputs import check_output_folder
 
 __all__ = ["data"]
 
@@ -10,8 +12,8 @@ SHOWN_MISSING = 5
 TAKES: dict[str, dict[str, Any]] = {
     "verify": {},
     "download": {"split": None, "what": ["videos", "annotations", "questions"], "trust_first_use": False},
-    "frames": {"proposals": None, "output": None, "every": 8},
-    "motion": {"output": None, "split": "train", "engine": "processes", "workers": 0},
+    "frames": {"proposals": None, "output": None, "every": 8, "keep_going": False},
+    "motion": {"output": None, "split": "train", "engine": "processes", "workers": 0, "keep_going": False},
 }
 """The options of each action, and their defaults; None for those that must be given."""
 
@@ -40,17 +42,20 @@ def _download(options: Any) -> int:
 def _frames(options: Any) -> int:
     from nsdr.frame_parser.training_frames import write_frames
 
-    count = write_frames(options.root, options.proposals, options.output, options.every)
+    check_output_folder(options.output)
+    count = write_frames(options.root, options.proposals, options.output, options.every, keep_going=options.keep_going)
     print(f"{options.output}: {count} frames")
-    return 0
+    return left_out(options.output)
 
 
 def _motion(options: Any) -> int:
     from nsdr.clevrer.compact_files import PROPOSALS_FILE, TRUTH_FILE, write_compact_files
 
-    count = write_compact_files(options.root, options.output, options.split, options.engine, options.workers)
-    print(f"{options.output}: {PROPOSALS_FILE} and {TRUTH_FILE} of {count} videos")
-    return 0
+    o = options
+    check_output_folder(o.output)
+    count = write_compact_files(o.root, o.output, o.split, o.engine, o.workers, o.keep_going)
+    print(f"{o.output}: {PROPOSALS_FILE} and {TRUTH_FILE} of {count} videos")
+    return left_out(o.output)
 
 
 def _verify(options: Any) -> int:

@@ -3,6 +3,9 @@
 from dataclasses import fields
 from typing import Any
 
+from nsdr.cli.status import failures_line
+from nsdr.io.outputs import check_output, check_output_folder
+
 __all__ = ["evaluate", "experiment"]
 
 
@@ -10,23 +13,38 @@ def evaluate(options: Any) -> int:
     """`nsdr evaluate`: score answers to a question file or a whole split."""
     from nsdr.clevrer.submissions import write_submission
     from nsdr.evaluation import EvaluationConfig, format_table, run_evaluation
+    from nsdr.evaluation.score import first_failure
     from nsdr.io.files import write_json
 
     names = {f.name for f in fields(EvaluationConfig)}
-    report = run_evaluation(EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names}))
+    config = EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names})
+    inputs = [path for path in (config.questions, config.data, config.truth, *config.program_files()) if path]
+    if options.output:
+        check_output(options.output, [".json"], inputs)
+    if options.submission:
+        check_output(options.submission, [".json"], [*inputs, *([options.output] if options.output else [])])
+    check_output_folder(config.cache)
+    report = run_evaluation(config)
     print(format_table(report))
     if report["unlabelled"] and not (options.output or options.submission):
         print("nothing was written: --submission or --output names a file for the answers")
     if options.output:
         write_json(options.output, report, indent=1)
-    if options.submission:
+    failed, total = report["errors"], len(report["results"])
+    if options.submission and (not failed or options.keep_going):
         write_submission(options.submission, report["results"])
-    return 0
+    elif options.submission:
+        print(f"{options.submission}: not written, because of the failures; --keep-going writes it")
+    return failures_line(failed, total, "questions", first_failure(report), options.keep_going)
 
 
 def experiment(options: Any) -> int:
     """`nsdr experiment`: measure all rows of a table."""
     from nsdr.evaluation import run_experiment
+    from nsdr.evaluation.experiments import failed_questions
 
-    print(run_experiment(options.file, options.output, options.device).read_text())
-    return 0
+    check_output_folder(options.output)
+    table = run_experiment(options.file, options.output, options.device)
+    print(table.read_text())
+    failed, total, example = failed_questions(table)
+    return failures_line(failed, total, "questions", example, options.keep_going)

@@ -7,8 +7,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from nsdr.clevrer.annotations import read_annotation, read_truth_file
 from nsdr.clevrer.questions import write_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.schema import get_scene_index
+from nsdr.clevrer.truth_blocks import check_truth_blocks
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene import simulate_scene
@@ -17,12 +20,19 @@ from nsdr.generate.questions.selection import QuestionConfig, find_candidates, s
 from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import truth_document
 from nsdr.io.configuration import parse_config
-from nsdr.io.files import parse_json, write_json
-from nsdr.io.tasks import run_in_order
+from nsdr.io.files import write_json
+from nsdr.io.listing import find_files
+from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.reading import read_json
+from nsdr.io.tasks import ENGINES, run_in_order
+from nsdr.io.validation import COUNT, check_choices, check_ranges
 from nsdr.types import Scene
 from nsdr.world.camera import CLEVRER_CAMERA
 
 __all__ = ["COMMANDS", "SceneOptions", "main"]
+
+KEEP_GOING = "--keep-going"
+"""Flag of `nsdr generate dataset`: make questions and statistics of the videos that did not fail."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +50,20 @@ class SceneOptions:
     seed: int = 0
     scene: SceneConfig = field(default_factory=SceneConfig)
 
+    def __post_init__(self) -> None:
+        check_ranges(self, seed=COUNT)
+
 
 def _dataset(argv: Sequence[str]) -> str:
-    return str(generate_dataset(parse_config(DatasetConfig, argv, "nsdr generate dataset")))
+    keep_going = KEEP_GOING in argv
+    config = parse_config(DatasetConfig, [a for a in argv if a != KEEP_GOING], "nsdr generate dataset")
+    check_output_folder(config.output)
+    return str(generate_dataset(config, keep_going))
 
 
 def _scene(argv: Sequence[str]) -> str:
     options = parse_config(SceneOptions, argv, "nsdr generate scene")
+    check_output(options.output, [".json"])
     scene = simulate_scene(options.seed, options.scene)
     write_json(options.output, truth_document(scene, options.seed, CLEVRER_CAMERA))
     return options.output
@@ -71,9 +88,14 @@ class QuestionOptions:
     engine: str = "processes"
     workers: int = 0
 
+    def __post_init__(self) -> None:
+        check_choices(self, engine=ENGINES)
+        check_ranges(self, workers=COUNT)
+
 
 def _questions(argv: Sequence[str]) -> str:
     options = parse_config(QuestionOptions, argv, "nsdr generate questions")
+    check_output(options.output, [".json"], _listed(options.scenes))
     scenes = sorted(
         (s for path in _listed(options.scenes) for s in _read_scenes(Path(path))), key=lambda scene: scene[0]
     )
@@ -93,7 +115,7 @@ def _listed(paths: str | list[str]) -> list[str]:
 def _read_scenes(path: Path) -> Iterator[tuple[int, str, Scene]]:
     """Index, video file name and scene of everything below a path."""
     if path.is_dir():
-        below = sorted(path.rglob("truth_*.json")) or sorted(path.rglob("annotation_*.json"))
+        below = find_files(path, "truth_*.json") or find_files(path, "annotation_*.json")
         if not below:
             raise DataError(f"{path}: holds no truth_*.json and no annotation_*.json")
         for file in below:
@@ -101,19 +123,17 @@ def _read_scenes(path: Path) -> Iterator[tuple[int, str, Scene]]:
         return
     if not path.is_file():
         raise DataError(f"{path}: no such file or folder")
-    content = parse_json(path.read_bytes(), str(path))
-    try:
-        if isinstance(content, list):
-            for block in content:
-                index = block["video"]
-                yield index, f"video_{index:05d}.mp4", scene_from_ground_truth(block, block["n_frames"])
-        elif "motion_trajectory" in content:
-            yield content["scene_index"], content["video_filename"], scene_from_annotation(content)
-        else:
-            index = content["scene_index"]
-            yield index, f"video_{index:05d}.mp4", scene_from_truth(content)
-    except (DataError, KeyError, TypeError) as e:
-        raise DataError(f"{path}: not a truth, annotation or ground-truth file ({e})") from e
+    content = read_json(path)
+    if isinstance(content, list):
+        for index, block in check_truth_blocks(content, str(path)).items():
+            yield index, f"video_{index:05d}.mp4", scene_from_ground_truth(block, block["n_frames"])
+    elif isinstance(content, dict) and "motion_trajectory" in content:
+        annotation = read_annotation(path)
+        yield annotation["scene_index"], annotation["video_filename"], scene_from_annotation(annotation)
+    else:
+        truth = read_truth_file(path)
+        index = get_scene_index(truth, "scene_index", str(path))
+        yield index, f"video_{index:05d}.mp4", scene_from_truth(truth)
 
 
 COMMANDS = {"dataset": _dataset, "scene": _scene, "questions": _questions}

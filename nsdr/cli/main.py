@@ -1,22 +1,29 @@
 """The command `nsdr`: options of every command, and how errors are reported."""
 
 import logging
+import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import jsonargparse
+from jsonargparse.typing import NonNegativeInt, PositiveInt
 
 from nsdr.cli import ask, data, evaluate, perceive
+from nsdr.cli.status import ERROR, interruptible, left_out, outcome_of
 from nsdr.cli.train import PARTS, train
-from nsdr.errors import NsdrError
+from nsdr.errors import DataError
+from nsdr.io.configuration import check_arguments
+from nsdr.io.limits import VARIABLE, limits
 
 __all__ = ["main"]
 
 SPLITS = ["train", "validation", "test"]
 ENGINES = ["processes", "ray"]
+KEEP_GOING = "exit with status 0 although a part of the work failed"
 COMMANDS: dict[str, Callable[[Any], int]] = {
     "answer": ask.answer,
     "parse-video": perceive.parse_video,
@@ -33,35 +40,78 @@ COMMANDS: dict[str, Callable[[Any], int]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status: 0, or 2 after an error, which is one line on stderr."""
+    """Run the command line.
+
+    Returns:
+        The exit status: 0; 1 when a part of the work failed; 2 after an error, which is one line on stderr; 70 after a bug of
+        ours; 128 + the number of the signal after Ctrl-C, SIGTERM or a closed pipe.
+    """
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in arguments
     arguments = [a for a in arguments if a != "--debug"]
     logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), interruptible(), _changed_limits() as change:
         warnings.showwarning = _show_warning
         try:
-            configured = {"train": train, "generate": _generate}.get(arguments[0] if arguments else "")
-            if configured and arguments[1:2] not in (["--help"], ["-h"]):
-                return configured(arguments[1:])
-            parser = _parser()
-            options = parser.parse_args(arguments)
-            if options.command is None:
-                parser.print_help()
-                return 2
-            return COMMANDS[options.command](options[options.command])
-        except (NsdrError, jsonargparse.ArgumentError, FloatingPointError) as e:
+            status = _run(change(arguments))
+            sys.stdout.flush()
+            return status
+        except BaseException as e:
+            status, message = outcome_of(e)
             if debug:
                 traceback.print_exc()
-            print(f"error: {' '.join(str(e).split())}", file=sys.stderr)
-            return 2
+            if message:
+                print(message, file=sys.stderr)
+            return status
+
+
+def _run(arguments: list[str]) -> int:
+    check_arguments(arguments)
+    configured = {"train": train, "generate": _generate}.get(arguments[0] if arguments else "")
+    if configured and arguments[1:2] not in (["--help"], ["-h"]):
+        return configured(arguments[1:])
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.command is None:
+        parser.print_help()
+        return ERROR
+    return COMMANDS[options.command](options[options.command])
+
+
+@contextmanager
+def _changed_limits() -> Iterator[Callable[[list[str]], list[str]]]:
+    """Takes `--limits NAME=NUMBER,…` out of the arguments, for this process and its workers, until the block ends."""
+    before = os.environ.get(VARIABLE)
+
+    def change(arguments: list[str]) -> list[str]:
+        left = []
+        rest = iter(arguments)
+        for argument in rest:
+            name, _, value = argument.partition("=")
+            if name == "--limits":
+                os.environ[VARIABLE] = value or next(rest, "")
+                if not os.environ[VARIABLE]:
+                    raise DataError("--limits: expected NAME=NUMBER, such as frames=20000")
+            else:
+                left.append(argument)
+        limits()
+        return left
+
+    try:
+        yield change
+    finally:
+        if before is None:
+            os.environ.pop(VARIABLE, None)
+        else:
+            os.environ[VARIABLE] = before
 
 
 def _generate(arguments: list[str]) -> int:
     from nsdr.cli.generate import main as generate
 
-    print(generate(arguments))
-    return 0
+    written = generate(arguments)
+    print(written)
+    return left_out(written)
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -100,8 +150,10 @@ class _Commands:
                 "--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable"
             )
         if work:
-            sub.add_argument("--workers", type=int, default=0, help="number of processes; 0 for one per CPU core")
+            help_text = "number of processes; 0 for one per CPU core"
+            sub.add_argument("--workers", type=NonNegativeInt, default=0, help=help_text)
             sub.add_argument("--engine", default="processes", choices=ENGINES, help="where to work")
+            sub.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
         self.commands.add_subcommand(name, sub, help=summary)
         return sub
 
@@ -110,7 +162,8 @@ def _parser() -> jsonargparse.ArgumentParser:
     parser = jsonargparse.ArgumentParser(
         prog="nsdr",
         exit_on_error=False,
-        description="Answer questions about videos of colliding objects. Every command takes --debug for tracebacks.",
+        description="Answer questions about videos of colliding objects. Every command takes --debug for tracebacks, and "
+        "--limits NAME=NUMBER,… to read larger files (docs/cli.md).",
     )
     commands = _Commands(parser)
     _ask_options(commands)
@@ -173,7 +226,7 @@ def _perceive_options(commands: _Commands) -> None:
     )
     parse_videos.add_argument("videos", help="folder with *.mp4")
     parse_videos.add_argument("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
-    parse_videos.add_argument("--stride", type=int, default=1, help="process every n-th frame")
+    parse_videos.add_argument("--stride", type=PositiveInt, default=1, help="process every n-th frame")
 
     predict = commands.add(
         "predict-dynamics", "turn mask proposals into motion and collisions; resumable", pipeline=True, work=True
@@ -191,7 +244,9 @@ def _perceive_options(commands: _Commands) -> None:
     visualize.add_argument(
         "--image", default="strobe", choices=["strobe", "last", "plan", "causal"], help="for a PNG: which image"
     )
-    visualize.add_argument("--removed", type=int, default=None, help="plan: draw the scene without this object")
+    visualize.add_argument(
+        "--removed", type=NonNegativeInt, default=None, help="plan: draw the scene without this object"
+    )
     visualize.add_argument("-o", "--output", required=True, help="file ending in .mp4, .png or .html")
 
 
@@ -214,9 +269,9 @@ def _evaluate_options(commands: _Commands) -> None:
         help="question types",
     )
     add("--exclude", type=list[int], default=[], help="scene indices to leave out")
-    add("--every", type=int, default=1, help="answer every n-th scene")
-    add("--limit", type=int, default=0, help="answer the first n scenes; 0 for all")
-    add("--stride", type=int, default=1, help="videos: process every n-th frame")
+    add("--every", type=PositiveInt, default=1, help="answer every n-th scene")
+    add("--limit", type=NonNegativeInt, default=0, help="answer the first n scenes; 0 for all")
+    add("--stride", type=PositiveInt, default=1, help="videos: process every n-th frame")
     add("--truth_source", default="", help="source of scenes whose observed collisions replace the detected ones")
     add("--truth", default="", help="folder or file of --truth_source")
     add("--cache", default="runs/scenes", help="folder that keeps scenes for the next run")
@@ -227,6 +282,7 @@ def _evaluate_options(commands: _Commands) -> None:
     experiment.add_argument("file", help="configs/experiments/….yaml")
     experiment.add_argument("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
     experiment.add_argument("-o", "--output", default="results", help="folder for NAME.json and NAME.md")
+    experiment.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
 
 
 def _data_options(commands: _Commands) -> None:
@@ -236,13 +292,19 @@ def _data_options(commands: _Commands) -> None:
     add("root", help="the data set's folder; for frames: the videos' folder")
     add("--proposals", default=None, help="frames: folder of the videos' mask proposals")
     add("-o", "--output", default=None, help="frames, motion: folder to write")
-    add("--every", type=int, default=None, help="frames: take every n-th frame (default: 8)")
+    add("--every", type=PositiveInt, default=None, help="frames: take every n-th frame (default: 8)")
     add("--split", default=None, choices=SPLITS, help="download, motion (default: train): which videos")
     add("--what", nargs="+", default=None, help="download: videos, annotations, questions (default: all)")
     trust = "download: accept files over plain HTTP that have no checksum in the folder's checksums.json yet"
     add("--trust-first-use", action="store_true", default=None, help=trust)
-    add("--workers", type=int, default=None, help="motion: number of processes; 0 (default) for one per CPU core")
+    add(
+        "--workers",
+        type=NonNegativeInt,
+        default=None,
+        help="motion: number of processes; 0 (default) for one per CPU core",
+    )
     add("--engine", default=None, choices=ENGINES, help="motion: where to work (default: processes)")
+    add("--keep-going", action="store_true", default=None, help="frames, motion: leave out what failed")
 
 
 def _version() -> str:

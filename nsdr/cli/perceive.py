@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.cli.common import make_pipeline
+from nsdr.cli.status import failures_line
 from nsdr.errors import DataError
+from nsdr.io.outputs import check_output, check_output_folder
 
 __all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
@@ -18,8 +20,16 @@ def parse_video(options: Any) -> int:
     from nsdr.symbolic.world import world_of
     from nsdr.visualize import write_annotated_image
 
-    if Path(options.output).suffix not in (".json", ".npz"):
-        raise DataError(f"{options.output}: expected a name ending in .json or .npz")
+    outputs = [
+        (options.output, (".json", ".npz")),
+        (options.proposals_out, (".json",)),
+        (options.image, (".png", ".jpg")),
+    ]
+    taken = [options.video]
+    for path, suffixes in outputs:
+        if path is not None:
+            check_output(path, suffixes, taken)
+            taken.append(path)
     perception = make_pipeline(options).perceive(options.video)
     scene = perception.scene
     storage.save(scene, options.output)
@@ -45,7 +55,8 @@ def parse_videos(options: Any) -> int:
 
     o = options
     settings = pipeline_settings(o.config, o.dynamics, o.set, o.stride)
-    return _report(o.output, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device))
+    check_output_folder(o.output)
+    return _report(o, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device), "videos")
 
 
 def predict_dynamics(options: Any) -> int:
@@ -55,29 +66,31 @@ def predict_dynamics(options: Any) -> int:
 
     o = options
     settings = pipeline_settings(o.config, o.dynamics, o.set)
-    return _report(o.output, run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers, o.device))
+    check_output_folder(o.output)
+    summary = run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers, o.device)
+    return _report(o, summary, "files")
 
 
-def _report(output: str, summary: Any) -> int:
+def _report(options: Any, summary: Any, what: str) -> int:
     done, skipped, failed = len(summary.done), len(summary.skipped), len(summary.failed)
-    print(f"{output}: {done} done, {skipped} kept from before, {failed} failed")
-    for name, error in summary.failed.items():
-        print(f"  {name}: {error}")
-    return 1 if failed else 0
+    print(f"{options.output}: {done} done, {skipped} kept from before, {failed} failed")
+    messages = [f"{name}: {error}" for name, error in sorted(summary.failed.items())]
+    for message in messages:
+        print(f"  {message}")
+    return failures_line(failed, done + skipped + failed, what, "".join(messages[:1]), options.keep_going)
 
 
 def visualize(options: Any) -> int:
     """`nsdr visualize`: an annotated video, an image or an HTML report."""
-    import cv2
     import numpy as np
 
+    from nsdr.io.files import atomic_path
     from nsdr.io.video import read_frames
     from nsdr.visualize import stroboscopic_image, write_annotated_image, write_annotated_video, write_report
+    from nsdr.visualize.annotate import write_image
     from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 
-    kind = Path(options.output).suffix
-    if kind not in (".mp4", ".png", ".html"):
-        raise DataError(f"{options.output}: expected a name ending in .mp4, .png or .html")
+    kind = check_output(options.output, (".png", ".mp4", ".html"), [options.video])
     if (options.question or options.choice) and kind != ".html":
         raise DataError("--question and --choice do nothing here; they need an output ending in .html")
     if options.choice and not options.question:
@@ -93,7 +106,6 @@ def visualize(options: Any) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # reported once already
         frames = np.stack(list(read_frames(options.video)))
-    Path(options.output).parent.mkdir(parents=True, exist_ok=True)
     if kind == ".html":
         questions = [options.question] if options.question else []
         answers = [pipeline.answer(options.video, q, options.choice or None) for q in questions]
@@ -103,9 +115,10 @@ def visualize(options: Any) -> int:
     elif options.image == "last":
         write_annotated_image(options.output, options.video, p)
     elif options.image == "strobe":
-        cv2.imwrite(options.output, stroboscopic_image(frames, p.proposals, p.tracks)[..., ::-1])
+        write_image(options.output, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
         figure = plan_figure(p.dynamics, options.removed) if options.image == "plan" else causal_figure(p.scene)
-        Path(options.output).write_bytes(figure_png(figure))
+        with atomic_path(options.output) as temporary:
+            temporary.write_bytes(figure_png(figure))
     print(options.output)
     return 0

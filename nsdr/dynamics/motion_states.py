@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.io.validation import COUNT, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
 from nsdr.types import SceneObject, VideoTracks
 from nsdr.world.vocabulary import MATERIALS, SHAPES
@@ -47,6 +48,9 @@ class MeasurementConfig:
     rest_speed_world_per_s: float = 0.4
     collision_margin_frames: int = 1
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+
+    def __post_init__(self) -> None:
+        check_ranges(self, unreliable_weight=SHARE, rest_speed_world_per_s=NOT_NEGATIVE, collision_margin_frames=COUNT)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
+from nsdr.io.limits import limits
 from nsdr.io.registry import Registry
+from nsdr.io.validation import check_choices, check_ranges
 
 __all__ = ["BACKENDS", "BackendConfig", "BackendFactory", "backend_settings", "checkpoint_folders", "load_backend"]
 
@@ -42,6 +44,11 @@ class BackendConfig:
     smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     velocity: VelocityConfig = field(default_factory=VelocityConfig)
+
+    def __post_init__(self) -> None:
+        check_choices(self, collisions=COLLISIONS)
+        if self.horizon_frame is not None:
+            check_ranges(self, horizon_frame=(0, limits().frames))
 
 
 class BackendFactory(Protocol):
@@ -121,8 +128,6 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
         config = BackendConfig(str(settings))
     if config.backend not in BACKENDS.names():
         raise DataError(f"dynamics {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
-    if config.collisions not in COLLISIONS:
-        raise DataError(f"collisions is {config.collisions!r}; expected {' or '.join(COLLISIONS)}")
     if config.backend == "paper" and not config.shortcut:
         raise DataError("shortcut: false does nothing with dynamics 'paper', which has no shortcut")
     if config.backend in ("state", "paper") and config.physics != PhysicsConfig():

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.sliding import fit_sliding, slide
+from nsdr.io.validation import MANY, NOT_NEGATIVE, check_ranges
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
 from nsdr.world.camera import on_ground
@@ -44,6 +45,9 @@ class SmoothingConfig:
     min_frames: int = 4
     max_residual_world: float = 0.04
     measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
+
+    def __post_init__(self) -> None:
+        check_ranges(self, min_frames=MANY, max_residual_world=NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)

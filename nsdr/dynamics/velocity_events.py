@@ -11,6 +11,7 @@ from nsdr.clevrer.velocity_rule import velocity_collisions as grid_collisions
 from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
+from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_ranges
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import grid_from_pixels, pixels_from_world
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
@@ -48,6 +49,11 @@ class VelocityConfig:
     partner_share: float = 0.5
     reach_world: float = 0.18
     pause_frames: int = 6
+
+    def __post_init__(self) -> None:
+        check_choices(self, rule=RULES)
+        check_ranges(self, stride_frames=MANY, span_frames=MANY, pause_frames=COUNT)
+        check_ranges(self, min_change=NOT_NEGATIVE, partner_share=NOT_NEGATIVE, reach_world=NOT_NEGATIVE)
 
 
 class VelocityEvents:

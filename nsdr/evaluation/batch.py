@@ -15,6 +15,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
 from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.listing import find_files
 from nsdr.io.runner import Job, Summary, run_jobs
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
@@ -47,9 +48,10 @@ def parse_videos(
         device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Raises:
-        DataError: the folder holds no videos, or two that would be written to the same file.
+        DataError: the folder holds no videos, or two that would be written to the same file; or another process writes to
+            `output`.
     """
-    paths = sorted(Path(videos).rglob("*.mp4"))
+    paths = find_files(videos, "*.mp4")
     if not paths:
         raise DataError(f"{videos}: holds no *.mp4")
     found = _by_number({str(p.relative_to(videos)): p for p in paths})
@@ -83,7 +85,8 @@ def predict_dynamics(
         device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Raises:
-        DataError: an unknown form, no proposals, or two files that would be written to the same one.
+        DataError: an unknown form, no proposals, or two files that would be written to the same one; or another process
+            writes to `output`.
     """
     if form not in FORMATS:
         raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
@@ -93,7 +96,7 @@ def predict_dynamics(
         found = {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(source)}
     else:
         names = ("proposal_*.json", "proposal_*.json.gz", "sim_*.json", "sim_*.json.gz")
-        found = _by_number({str(p.relative_to(source)): p for name in names for p in sorted(source.rglob(name))})
+        found = _by_number({str(p.relative_to(source)): p for name in names for p in find_files(source, name)})
     if not found:
         raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")
     settings = settings or PipelineConfig()

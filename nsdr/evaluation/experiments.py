@@ -1,27 +1,30 @@
 """Tables from one command each: `nsdr experiment configs/experiments/NAME.yaml` writes results/NAME.json and .md.
 
 An experiment is a list of rows, each an `EvaluationConfig`, a baseline or published numbers. Rows of the results file whose
-fingerprint is unchanged are kept: a killed experiment goes on.
+fingerprint is unchanged are kept: a killed experiment goes on. A results file is written by one experiment at a time.
 """
 
 import os
 import platform
 import sys
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 import nsdr
 from nsdr.baselines.q_type import q_type_baselines
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
-from nsdr.io.files import read_json, write_json
+from nsdr.evaluation.score import first_failure
+from nsdr.io.configuration import config_of
+from nsdr.io.files import atomic_path, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
+from nsdr.io.lock import locked
+from nsdr.io.reading import read_json, read_yaml
 
 __all__ = ["ExperimentRow", "markdown_table", "read_experiment", "run_experiment"]
 
@@ -48,7 +51,7 @@ class ExperimentRow:
     def settings(self) -> dict[str, Any]:
         """The row as plain values, for the results file."""
         evaluation = {} if self.evaluation is None else asdict(self.evaluation)
-        for name in ("cache", "engine", "workers"):
+        for name in ("cache", "engine", "workers", "device"):
             evaluation.pop(name, None)
         row = {"name": self.name, "baseline": self.baseline, "published": list(self.published)}
         return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
@@ -68,28 +71,51 @@ def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
     Raises:
         DataError: names the file and the unknown or missing key.
     """
+    content = read_yaml(path)
     try:
-        content = yaml.safe_load(Path(path).read_text())
-        common = content.get("common", {})
-        return content["title"], [_row({**common, **row}) for row in content["rows"]]
-    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError, DataError) as e:
+        if not isinstance(content, dict) or set(content) - {"title", "common", "rows"}:
+            raise DataError("expected title, common and rows")
+        if not isinstance(content.get("title"), str):
+            raise DataError(f"title is {content.get('title')!r}; expected a text")
+        common, listed = content.get("common", {}), content.get("rows")
+        if not isinstance(common, dict) or not isinstance(listed, list) or not listed:
+            raise DataError("expected common as `name: value` lines, and rows as a list of such")
+        rows = [_row(common, row) for row in listed]
+        names = Counter(row.name for row in rows)
+        if len(names) < len(rows):
+            raise DataError(f"two rows are named {names.most_common(1)[0][0]!r}")
+    except DataError as e:
         raise DataError(f"{path}: not an experiment file ({e}); see configs/experiments") from e
+    return content["title"], rows
 
 
-def _row(values: dict[str, Any]) -> ExperimentRow:
-    name, baseline = values.pop("name"), values.pop("baseline", "")
-    published = tuple(values.pop("published", ()))
-    known = {f.name for f in fields(EvaluationConfig)}
-    unknown = sorted(set(values) - known)
-    if unknown:
-        raise DataError(f"unknown key {unknown[0]!r} in row {name!r}")
-    if baseline and baseline not in BASELINES:
-        raise DataError(f"baseline is {baseline!r}; expected {' or '.join(BASELINES)}")
-    if published:
-        return ExperimentRow(name, None, "", published)
-    if baseline:  # reads no scenes
-        values.setdefault("data", values.get("questions", ""))
-    return ExperimentRow(name, EvaluationConfig(**values), baseline)
+def _row(common: dict[str, Any], row: Any) -> ExperimentRow:
+    if not isinstance(row, dict) or not isinstance(row.get("name"), str):
+        raise DataError(f"a row is {row!r:.60}; expected settings with a name")
+    name = row["name"]
+    try:
+        values = {**common, **row}
+        values.pop("name")
+        baseline, published = values.pop("baseline", ""), values.pop("published", None)
+        if baseline and baseline not in BASELINES:
+            raise DataError(f"baseline is {baseline!r}; expected {' or '.join(BASELINES)}")
+        if published is not None:
+            if baseline or set(row) - {"name", "published"}:
+                raise DataError("published numbers stand alone; leave out the row's other settings")
+            return ExperimentRow(name, None, "", _published_numbers(published))
+        if baseline:  # reads no scenes
+            values.setdefault("data", values.get("questions", ""))
+        return ExperimentRow(name, config_of(EvaluationConfig, values), baseline)
+    except DataError as e:
+        raise DataError(f"row {name!r}: {e}") from e
+
+
+def _published_numbers(numbers: Any) -> tuple[float, ...]:
+    expected = 1 + 2 * len(QUESTION_TYPES[1:])
+    listed = numbers if isinstance(numbers, list) else []
+    if len(listed) == expected and all(isinstance(n, int | float) and 0 <= n <= 100 for n in listed):
+        return tuple(listed)
+    raise DataError(f"published is {numbers!r:.60}; expected {expected} numbers of 0 to 100")
 
 
 def run_experiment(path: str | Path, output: str | Path = "results", device: str = "auto") -> Path:
@@ -104,22 +130,37 @@ def run_experiment(path: str | Path, output: str | Path = "results", device: str
         The Markdown file.
 
     Raises:
-        DataError: an unreadable experiment, questions or data.
+        DataError: an unreadable experiment, questions or data, or another process measures it for the same output.
     """
     title, rows = read_experiment(path)
     file = Path(output) / f"{Path(path).stem}.json"
-    known = {row["settings"]["name"]: row for row in read_json(file)["rows"]} if file.exists() else {}
-    done: list[dict[str, Any]] = []
-    for row in rows:
-        value = row.fingerprint()
-        kept = known.get(row.name)
-        if kept is None or kept.get("fingerprint") != value:
-            kept = {"settings": row.settings(), "fingerprint": value, **_measured(row, device)}
-        done.append(kept)
-        write_json(file, {"title": title, "command": f"nsdr experiment {path}", "rows": done}, indent=1)
-    table = file.with_suffix(".md")
-    table.write_text(markdown_table(title, f"nsdr experiment {path}", done))
+    table, command = file.with_suffix(".md"), f"nsdr experiment {path}"
+    values = {row.name: row.fingerprint() for row in rows}
+    with locked(output, file.name):
+        known = _earlier(file, values)
+        for row in rows:
+            if row.name not in known:
+                known[row.name] = {
+                    "settings": row.settings(),
+                    "fingerprint": values[row.name],
+                    **_measured(row, device),
+                }
+            done = [known[r.name] for r in rows if r.name in known]  # rows that were kept, and are still to come, too
+            write_json(file, {"title": title, "command": command, "rows": done}, indent=1)
+        with atomic_path(table) as temporary:
+            temporary.write_text(markdown_table(title, command, done))
     return table
+
+
+def _earlier(file: Path, fingerprints: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Rows of a results file that hold, by name."""
+    if not file.exists():
+        return {}
+    try:
+        rows = {row["settings"]["name"]: row for row in read_json(file)["rows"]}
+    except (TypeError, KeyError) as e:
+        raise DataError(f"{file}: not the results of an experiment; move it away, or choose another folder") from e
+    return {name: row for name, row in rows.items() if row.get("fingerprint") == fingerprints.get(name)}
 
 
 def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
@@ -134,6 +175,7 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},
         "failed_questions": report["errors"],
+        **({"first_failure": first_failure(report)} if report["errors"] else {}),
         "seconds": round(time.time() - start),
         "date": time.strftime("%Y-%m-%d"),
         "version": nsdr.__version__,
@@ -160,6 +202,23 @@ def _count(scenes: Sequence[SceneQuestions], kind: str) -> int:
     return sum(q.type == kind for s in scenes for q in s.questions)
 
 
+def failed_questions(table: Path) -> tuple[int, int, str]:
+    """Number of questions that failed in all rows of an experiment, of all its questions, and one that failed, with its error.
+
+    Args:
+        table: as returned by `run_experiment`.
+    """
+    rows = [row for row in read_json(table.with_suffix(".json"))["rows"] if "failed_questions" in row]
+    failed = [row for row in rows if row["failed_questions"]]
+    example = "".join(f"row {r['settings']['name']!r}, {r.get('first_failure', 'see its report')}" for r in failed[:1])
+    return sum(r["failed_questions"] for r in failed), sum(sum(_numbers(row["table"])) for row in rows), example
+
+
+def _numbers(table: Mapping[str, Any]) -> list[int]:
+    """Questions by type."""
+    return [table["descriptive"]["n"], *(table[k]["n_questions"] for k in QUESTION_TYPES[1:])]
+
+
 def _published(numbers: Sequence[float]) -> dict[str, Any]:
     descriptive, *others = (n / 100 for n in numbers)
     table: dict[str, Any] = {"descriptive": {"accuracy": descriptive}}
@@ -182,9 +241,7 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
     runs: set[str] = set()
     for row in rows:
         if "seconds" in row:
-            table = row["table"]
-            numbers = [table["descriptive"]["n"], *(table[k]["n_questions"] for k in QUESTION_TYPES[1:])]
-            counts.add(", ".join(str(n) for n in numbers))
+            counts.add(", ".join(str(n) for n in _numbers(row["table"])))
             runs.add(f"{row['date']}, version {row['version']}, revision {row['revision']}, {row['machine']}")
     total = sum(row.get("seconds", 0) for row in rows)
     lines += ["", f"Per option / per question. Questions by type: {'; '.join(sorted(counts))}. Made by `{command}`"]

@@ -1,7 +1,8 @@
 """Evaluation of question files and whole splits: parallel, and resumable at any kill.
 
 Scenes are kept on disk under their fingerprint, so that a second run only makes what is missing, and every run gives the same
-report byte for byte.
+report byte for byte. Evaluations may share the folder: one that needs scenes of the same settings waits for another that makes
+them, and what was made is never replaced by a scene of other inputs.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.parsed_programs import with_parsed_programs
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import checkpoint_folders
@@ -24,7 +25,10 @@ from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.listing import find_files
 from nsdr.io.runner import Job, run_jobs
+from nsdr.io.tasks import ENGINES
+from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
 from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
@@ -88,23 +92,20 @@ class EvaluationConfig:
     device: str = "auto"
 
     def __post_init__(self) -> None:
-        unknown = sorted(set(self.types) - set(QUESTION_TYPES))
+        unknown = sorted(set(self.types) - set(QUESTION_TYPES)) if self.types else ["nothing"]
         if unknown:
             raise DataError(f"unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
-        for name, allowed in (
-            ("semantics", ("paper", "official")),
-            ("collisions", ("predicted", "velocity")),
-        ):
-            if getattr(self, name) not in allowed:
-                raise DataError(f"{name} is {getattr(self, name)!r}; expected {' or '.join(allowed)}")
+        check_choices(self, semantics=("paper", "official"), collisions=("predicted", "velocity"))
+        check_choices(self, split=SPLITS, engine=ENGINES, source=SOURCES.names())
+        if self.truth_source:
+            check_choices(self, truth_source=SOURCES.names())
+        check_ranges(self, every=MANY, stride=MANY, limit=COUNT, workers=COUNT, exclude=COUNT)
         if self.programs not in ("parsed", "gold") and not all(".json" in f for f in self.programs.split(",")):
             raise DataError(f"programs is {self.programs!r}; expected parsed, gold, or JSON files separated by commas")
         if bool(self.root) == bool(self.questions or self.data):
             raise DataError("give --questions and --data, or --root for a whole split")
         if not self.root and not (self.questions and self.data):
             raise DataError("give both --questions and --data, or --root for a whole split")
-        if self.source not in SOURCES.names():
-            raise DataError(f"source is {self.source!r}; expected one of {', '.join(SOURCES.names())}")
         if self.semantics == "official" and self.source != "predictions":
             raise DataError(
                 f"the official semantics runs on predictions, not on {self.source}; use --source predictions"
@@ -113,8 +114,6 @@ class EvaluationConfig:
             raise DataError("collisions: velocity needs --semantics official; for NE of a backend use its YAML file")
         if self.stride != 1 and self.source != "videos":
             raise DataError(f"stride is of the frame parser and needs --source videos, not {self.source}")
-        if self.every < 1 or self.limit < 0 or self.stride < 1 or self.workers < 0:
-            raise DataError("every and stride: expected at least 1; limit and workers: expected at least 0")
         if bool(self.truth_source) != bool(self.truth):
             raise DataError("truth_source and truth go together; give both or none")
         if self.split != "validation" and not self.root:
@@ -140,7 +139,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
     """
-    settings = config.pipeline()
+    settings, device = config.pipeline(), str(resolve_device(config.device))
     questions, data = _questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
@@ -170,8 +169,9 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     if any(isinstance(s, Scene) for s in scenes.values()):
         _check_no_pipeline_options(config)
     if jobs:
-        function = partial(_perceive, config.checkpoint, settings, str(resolve_device(config.device)))
-        summary = run_jobs(function, jobs, jobs[0].output.parent, config.engine, config.workers, "scene")
+        function = partial(_perceive, config.checkpoint, settings, device)
+        folder = jobs[0].output.parent
+        summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
     return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), _parser(config), config.types)
 
@@ -191,7 +191,7 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
     for name in (config.questions, config.data, config.truth, config.root, *config.program_files()):
         path = Path(name)
         if name and path.is_dir():
-            files = sorted(p for p in path.rglob("*") if p.is_file())
+            files = find_files(path, "*")
             inputs.append(repr([(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in files]).encode())
         elif name:
             inputs.append(path)
@@ -226,7 +226,7 @@ def _job(
     common = _settings_fingerprint(config.checkpoint, settings, config.source, config.truth_source)
     inputs = [Path(v) if isinstance(v, str) else v for v in given.values()]
     value = fingerprint(inputs=[*inputs, common.encode(), *([] if true_scene is None else [true_scene])])
-    output = Path(config.cache) / f"{config.source}-{common}" / f"scene_{index:05d}.json"
+    output = Path(config.cache) / f"{config.source}-{common}" / f"scene_{index:05d}_{value}.json"
     return Job(str(index), (given, true_scene), output, value)
 
 

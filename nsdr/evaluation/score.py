@@ -1,7 +1,7 @@
 """Scores answers the way the paper does: descriptive accuracy; the other types per option and per question."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
@@ -10,7 +10,7 @@ from nsdr.evaluation.intervals import wilson_interval
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.program import ProgramSource
 
-__all__ = ["Parse", "evaluate", "format_table"]
+__all__ = ["Parse", "evaluate", "first_failure", "format_table"]
 
 Parse = Callable[[str, str], Program]
 """(text, kind) -> program, as `QuestionParser.parse`."""
@@ -73,6 +73,14 @@ def _unscored(result: dict[str, Any]) -> dict[str, Any]:
 def _errors(result: dict[str, Any]) -> list[str]:
     """What failed: the question, or some of its choices."""
     return [r["error"] for r in (result, *result.get("choices", ())) if "error" in r]
+
+
+def first_failure(report: Mapping[str, Any]) -> str:
+    """The first question of a report that failed, itself or in a choice, with its error; "" if none did."""
+    for r in report["results"]:
+        for error in _errors(r):
+            return f"scene {r['scene_index']}, question {r['question_id']}: {error}"
+    return ""
 
 
 def _answered(executor: Executor, question: Question, parse: Parse | None) -> dict[str, Any]:

@@ -4,16 +4,16 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.annotations import read_annotation
+from nsdr.clevrer.annotations import read_annotation, read_truth_file
 from nsdr.clevrer.dataset import Split
 from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.questions import SceneQuestions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.schema import shown
 from nsdr.clevrer.truth_blocks import read_truth
 from nsdr.errors import DataError
 from nsdr.io import storage
-from nsdr.io.files import read_json
 from nsdr.io.registry import Registry
 from nsdr.tracking.truth_tracks import tracks_from_annotation
 from nsdr.types import Scene
@@ -98,7 +98,16 @@ def _annotation(data: Data, source: str) -> Callable[[SceneQuestions], Any]:
     if isinstance(data, Split):
         return lambda s: data.annotation(s.scene_index)
     folder = _folder(data, source)
-    return lambda s: read_annotation(find_file(folder, ("annotation_{:05d}.json",), s.scene_index))
+    return lambda s: _of_scene(read_annotation, find_file(folder, ("annotation_{:05d}.json",), s.scene_index), s)
+
+
+def _of_scene(read: Callable[[Path], dict[str, Any]], path: Path, scene: SceneQuestions) -> dict[str, Any]:
+    """The content of a file, which must be of the scene."""
+    content = read(path)
+    index = content.get("scene_index", scene.scene_index)
+    if index != scene.scene_index:
+        raise DataError(f"{path}: scene_index: expected {scene.scene_index}, got {shown(index)}")
+    return content
 
 
 def _tracks(data: Data, _: Set[int]) -> SceneSource:
@@ -132,7 +141,9 @@ def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
 
 def _truth(data: Data, _: Set[int]) -> SceneSource:
     folder = _folder(data, "truth")
-    return lambda s: scene_from_truth(read_json(find_file(folder, ("truth_{:05d}.json",), s.scene_index)))
+    return lambda s: scene_from_truth(
+        _of_scene(read_truth_file, find_file(folder, ("truth_{:05d}.json",), s.scene_index), s)
+    )
 
 
 def _scenes(data: Data, _: Set[int]) -> SceneSource:

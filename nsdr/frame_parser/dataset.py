@@ -1,7 +1,6 @@
 """Frames with masks and attributes, for training and evaluation of the frame parser."""
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,15 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from PIL import Image
 from pycocotools import mask as rle
 from torch import Tensor
 from torch.utils.data import Dataset
 
 from nsdr.errors import DataError
-from nsdr.io.files import read_json
+from nsdr.frame_parser.frame_files import read_frame_records
+from nsdr.io.limits import check_limit
+from nsdr.io.validation import SHARE, check_ranges
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["AugmentConfig", "FrameDataset", "augment", "collate", "image_tensor"]
@@ -52,6 +54,9 @@ class AugmentConfig:
     noise: float = 4.0
     blur: float = 0.3
     jpeg: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_ranges(self, flip=SHARE, brightness=SHARE, noise=(0.0, 255.0), blur=SHARE, jpeg=SHARE)
 
 
 def augment(
@@ -124,7 +129,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
             raise DataError(f"part is {part!r}; expected train, evaluation or all")
         self.records = [
             r
-            for r in _all_records(self.folder)
+            for r in read_frame_records(self.folder)
             if part == "all" or (r["scene"] % EVALUATION_EVERY == 0) != (part == "train")
         ]
         if not self.records:
@@ -152,63 +157,30 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         """Image (3, H, W) in 0-1 and target of item `index`, with the augmentation drawn from `rng`."""
         record = self.records[index]
         path = self.folder / "images" / record["file_name"]
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        if image is None:
-            raise DataError(f"{path}: no readable image")
+        image = _read_image(path)
         objects = record["objects"]
+        size = list(image.shape[:2])
+        if objects and objects[0]["segmentation"]["size"] != size:
+            raise DataError(f"{path}: is {size}, its masks are {objects[0]['segmentation']['size']} (height, width)")
         masks = np.zeros((0, *image.shape[:2]), np.uint8)
         if objects:
             masks = rle.decode([o["segmentation"] for o in objects]).transpose(2, 0, 1)
         if self.augmentation is not None:
-            image, masks = augment(image, masks, self.augmentation, rng)  # type: ignore[arg-type]
-        return image_tensor(image), _target(objects, masks)  # type: ignore[arg-type]
+            image, masks = augment(image, masks, self.augmentation, rng)
+        return image_tensor(image), _target(objects, masks)
 
 
-def _all_records(folder: Path) -> Iterator[dict[str, Any]]:
-    lines = sorted(folder.glob("annotations_*.jsonl"))
-    return _records(folder) if lines else (r for path in sorted(folder.glob("*.json")) for r in _coco_records(path))
-
-
-def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
-    """Frame records of a COCO file; an image's `scene` is its `video_id` if it has one, else its own `id`."""
-    content = read_json(path)
+def _read_image(path: Path) -> NDArray[np.uint8]:
+    """An RGB image; its size is checked before it is decoded."""
     try:
-        words = {c["id"]: dict(zip(ATTRIBUTES, c["name"].split(), strict=True)) for c in content["categories"]}
-        for number, named in words.items():
-            if any(named[name] not in known for name, known in ATTRIBUTES.items()):
-                raise DataError(f'{path}: category {number}: expected a name like "red metal cube", got {named}')
-        found: dict[Any, list[dict[str, Any]]] = {image["id"]: [] for image in content["images"]}
-        sizes = {image["id"]: (image["height"], image["width"]) for image in content["images"]}
-        for a in content["annotations"]:
-            mask = _coco_mask(a["segmentation"], *sizes[a["image_id"]])
-            found[a["image_id"]].append({**words[a["category_id"]], "segmentation": mask})
-        for image in content["images"]:
-            scene = image.get("video_id", image["id"])
-            yield {"file_name": image["file_name"], "scene": scene, "objects": found[image["id"]]}
-    except (KeyError, TypeError, ValueError) as e:
-        raise e if isinstance(e, DataError) else DataError(f"{path}: not a COCO file ({e!r})") from e
-
-
-def _coco_mask(segmentation: Any, height: int, width: int) -> dict[str, Any]:
-    """A compressed run-length mask from any of COCO's three forms."""
-    if isinstance(segmentation, list):
-        return dict(rle.merge(rle.frPyObjects(segmentation, height, width)))
-    if isinstance(segmentation["counts"], list):
-        return dict(rle.frPyObjects(segmentation, height, width))
-    return dict(segmentation)
-
-
-def _records(folder: Path) -> Iterator[dict[str, Any]]:
-    for path in sorted(folder.glob("annotations_*.jsonl")):
-        for number, line in enumerate(path.read_text().splitlines(), 1):
-            try:
-                record = json.loads(line)
-                for o in record["objects"]:
-                    if any(o[name] not in words for name, words in ATTRIBUTES.items()):
-                        raise DataError(f"{path}, line {number}: unknown attribute in {o}")
-            except (json.JSONDecodeError, KeyError, TypeError) as e:
-                raise DataError(f"{path}, line {number}: not a frame record ({e!r})") from e
-            yield record
+        with Image.open(path) as header:
+            check_limit(header.width * header.height, "image_pixels", str(path))
+    except (OSError, Image.DecompressionBombError) as e:
+        raise DataError(f"{path}: no readable image ({e})") from e
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise DataError(f"{path}: no readable image")
+    return np.asarray(image, np.uint8)
 
 
 def _target(objects: list[dict[str, Any]], masks: NDArray[np.uint8]) -> Target:

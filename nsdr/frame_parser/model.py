@@ -1,5 +1,6 @@
 """The frame parser's network: torchvision's `MaskRCNN` with attribute heads and a choice of backbones (paper, section 4.1)."""
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
 
 from nsdr.errors import DataError
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
+from nsdr.io.validation import SHARE, SIZE, check_choices, check_ranges
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["FrameParserConfig", "FrameParserNetwork", "SlimBackbone", "TorchvisionBackbone", "build_frame_parser"]
@@ -86,12 +88,10 @@ class FrameParserConfig:
     image_std: tuple[float, float, float] = (0.056, 0.056, 0.059)
 
     def __post_init__(self) -> None:
-        if self.backbone not in ("slim", *_BACKBONES):
-            raise DataError(
-                f"FrameParserConfig.backbone: {self.backbone!r}; expected one of slim, {', '.join(_BACKBONES)}"
-            )
-        if self.attributes not in ("three", "joint"):
-            raise DataError(f"FrameParserConfig.attributes: {self.attributes!r}; expected three or joint")
+        check_choices(self, backbone=("slim", *_BACKBONES), attributes=("three", "joint"))
+        sizes = ("widths", "blocks", "fpn_channels", "anchor_sizes_px", "box_features", "mask_channels", "mask_layers")
+        check_ranges(self, proposals=SIZE, train_proposals=SIZE, **dict.fromkeys(sizes, SIZE))
+        check_ranges(self, image_mean=SHARE, image_std=(math.ulp(0.0), 1.0))
         for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
             if any(v % CHANNEL_MULTIPLE for v in value):
                 raise DataError(f"FrameParserConfig.{name}: expected multiples of {CHANNEL_MULTIPLE}, got {value}")

@@ -13,6 +13,7 @@ from nsdr.clevrer.proposals import read_proposals
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.listing import find_files
 from nsdr.io.runner import Job, run_jobs
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
@@ -29,7 +30,12 @@ _PROPOSAL_FILE = re.compile(r"(?:proposal|sim)_0*(\d+)\.json(?:\.gz)?$")
 
 
 def write_frames(
-    videos: str | Path, proposals: str | Path, output: str | Path, every: int = 8, score: float = MIN_SCORE
+    videos: str | Path,
+    proposals: str | Path,
+    output: str | Path,
+    every: int = 8,
+    score: float = MIN_SCORE,
+    keep_going: bool = False,
 ) -> int:
     """Write images and annotations for `FrameDataset` from videos and their mask proposals.
 
@@ -39,17 +45,20 @@ def write_frames(
         output: folder to write to; what an earlier run wrote is kept under its fingerprint.
         every: write every n-th frame.
         score: proposals with a score up to this are not written as objects (0-1).
+        keep_going: leave out videos that fail.
 
     Returns:
         Number of frames in `output`, those of kept videos included.
 
     Raises:
-        DataError: no video has proposals, or a file is broken.
+        DataError: `every` is below 1, no video has proposals, or a file is broken.
     """
-    found = {int(m[1]): path for path in Path(proposals).rglob("*") if (m := _PROPOSAL_FILE.search(path.name))}
+    if every < 1:
+        raise DataError(f"every is {every}; expected 1 or more")
+    found = {int(m[1]): path for path in find_files(proposals, "*.json*") if (m := _PROPOSAL_FILE.match(path.name))}
     pairs = [
         (index, path, found[index])
-        for path in sorted(Path(videos).rglob("video_*.mp4"))
+        for path in find_files(videos, "video_*.mp4")
         if (index := int(path.stem.removeprefix("video_"))) in found
     ]
     if not pairs:
@@ -66,10 +75,8 @@ def write_frames(
         for index, video, proposal in pairs
     ]
     summary = run_jobs(partial(_write_video_frames, every, score), jobs, folder, workers=1)
-    if summary.failed:
-        name, message = next(iter(summary.failed.items()))
-        raise DataError(f"{output}: {len(summary.failed)} of {len(jobs)} videos failed; {name}: {message}")
-    return sum(len(job.output.read_text().splitlines()) for job in jobs)
+    done = summary.succeeded(jobs, output, keep_going)
+    return sum(len(job.output.read_text().splitlines()) for job in done)
 
 
 def _write_video_frames(every: int, score: float, item: tuple[int, Path, Path], lines: Path) -> None:
@@ -81,7 +88,8 @@ def _write_video_frames(every: int, score: float, item: tuple[int, Path, Path], 
             continue
         name = f"{index:05d}_{frame:03d}.jpg"
         with atomic_path(lines.parent / "images" / name) as temporary:
-            cv2.imwrite(str(temporary), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+            _, encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+            temporary.write_bytes(encoded.tobytes())  # OpenCV's own writing is silent on a full disk
         rows.append({"file_name": name, "scene": index, "frame": frame, "objects": records[frame]})
     with atomic_path(lines) as temporary:
         temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -3,7 +3,7 @@
 import logging
 import platform
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import write_annotation
+from nsdr.clevrer.annotations import read_truth_file, write_annotation
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.questions import without_answers, write_questions
 from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
@@ -28,10 +29,14 @@ from nsdr.generate.records import annotation_document, frame_masks, proposal_doc
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.io.files import read_json, write_json
+from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.limits import limits
+from nsdr.io.lock import locked
+from nsdr.io.reading import read_json
 from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import run_in_order
+from nsdr.io.tasks import ENGINES, run_in_order
+from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
 from nsdr.io.video import write_video
 from nsdr.world.camera import Camera
 
@@ -81,14 +86,10 @@ class DatasetConfig:
     workers: int = 0
 
     def __post_init__(self) -> None:
-        if self.renderer not in RENDERERS:
-            raise DataError(f"renderer is {self.renderer!r}; expected one of {', '.join(RENDERERS)}")
+        check_choices(self, renderer=RENDERERS, engine=ENGINES)
+        check_ranges(self, splits=SHARE, videos=(1, limits().videos), seed=COUNT, workers=COUNT)
         if set(self.splits) - set(SPLITS) or not sum(self.splits.values()) > 0:
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
-        if self.videos < 1:
-            raise DataError(f"videos: expected at least 1, got {self.videos}")
-        if self.seed < 0:
-            raise DataError(f"seed: expected 0 or more, got {self.seed}")
         last = SCENES_PER_SEED - SPLITS["test"].stop
         if not 0 <= self.first_scene <= last:
             raise DataError(f"first_scene: expected 0 to {last}, got {self.first_scene}; `seed` gives further scenes")
@@ -132,21 +133,32 @@ class Files:
         self.work = root / ".work" / f"{index:05d}"
 
 
-def generate_dataset(config: DatasetConfig) -> Path:
+def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
     """Generate a data set and return its folder. Finished videos are kept.
 
     Writes `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `questions/`,
     `truth/`, `manifest.json`, and statistics compared with the release's.
 
+    Args:
+        config: what to generate.
+        keep_going: when videos fail, make questions and statistics of the others.
+
     Raises:
-        DataError: the folder holds a data set with another configuration, or some videos failed (the others are written).
+        DataError: the folder holds a data set with another configuration, another process writes to it, or some videos failed
+            (the others are written).
     """
     root = Path(config.output)
+    with locked(root):
+        _generate(config, root, keep_going)
+    return root
+
+
+def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     manifest = _manifest(config)
     path = root / "manifest.json"
     if path.exists():
-        existing = read_json(path)
-        changed = sorted(k for k in manifest["config"] if existing.get("config", {}).get(k) != manifest["config"][k])
+        existing = get(read_json(path), "config", dict, str(path))
+        changed = sorted(k for k in manifest["config"] if existing.get(k) != manifest["config"][k])
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
     write_json(path, manifest, indent=1)
@@ -154,22 +166,17 @@ def generate_dataset(config: DatasetConfig) -> Path:
     value = _fingerprint(config)
     videos = [Job(f"video {index}", (split, index), Files(root, split, index).truth, value) for split, index in jobs]
     summary = run_jobs(partial(_task, config), videos, root, config.engine, config.workers)
-    if summary.failed:
-        name, message = next(iter(summary.failed.items()))
-        raise DataError(
-            f"{root}: {len(summary.failed)} of {len(jobs)} videos failed, run the command again; {name}: {message}"
-        )
+    jobs = [job.item for job in summary.succeeded(videos, root, keep_going)]
     if config.questions is not None:
-        for split, indices in config.indices().items():
-            _write_split_questions(config, split, indices)
-    truths = (read_json(Files(root, *job).truth) for job in jobs)
+        for split in config.indices():
+            _write_split_questions(config, split, [index for name, index in jobs if name == split])
+    truths = (read_truth_file(Files(root, *job).truth) for job in jobs)
     counts = count_scenes(scene_from_truth(t) for t in truths)
     write_statistics(root, counts, f"{len(jobs)} generated videos")
     shutil.rmtree(root / ".work", ignore_errors=True)
-    return root
 
 
-def _write_split_questions(config: DatasetConfig, split: str, indices: range) -> None:
+def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[int]) -> None:
     assert config.questions is not None
     if not indices:
         return
@@ -186,7 +193,7 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: range) ->
 
 
 def _scene_candidates(seed: int, path: Path) -> Candidates:
-    truth = read_json(path)
+    truth = read_truth_file(path)
     index = truth["scene_index"]
     return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth)), seed)
 
@@ -243,8 +250,11 @@ def make_video(config: DatasetConfig, split: str, index: int) -> None:
     # Masks and visibility refer to the release's image size, whatever the video's size is.
     camera = Camera(view.camera.eye_world)
     if config.renderer != "none":
-        work = files.work / _fingerprint(config)
-        frames = _preview_frames if config.renderer == "preview" else partial(_blender_frames, config.render, work)
+        frames = (
+            _preview_frames
+            if config.renderer == "preview"
+            else partial(_blender_frames, config.render, files.work / _fingerprint(config))
+        )
         write_video(files.video, frames(scene, view), config.render.fps, config.render.crf)
         shutil.rmtree(files.work, ignore_errors=True)
     if config.masks:

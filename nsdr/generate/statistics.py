@@ -6,7 +6,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from nsdr.io.files import atomic_path, parse_json
+from nsdr.io.files import atomic_path
+from nsdr.io.reading import parse_json
 from nsdr.types import Scene
 
 __all__ = ["bar_charts", "count_scenes", "released_statistics", "write_statistics"]

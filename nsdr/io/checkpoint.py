@@ -6,16 +6,17 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_origin, get_type_hints
 
-from nsdr.errors import CheckpointError
-from nsdr.io.files import atomic_path, read_json, write_json
+from nsdr.errors import CheckpointError, DataError
+from nsdr.io.files import atomic_path, write_json
 from nsdr.io.limits import check_limit
+from nsdr.io.reading import read_json
 
 if TYPE_CHECKING:
     from torch import nn
 
-__all__ = ["find_checkpoint", "load_checkpoint", "load_network", "save_checkpoint"]
+__all__ = ["find_checkpoint", "load_checkpoint", "load_description", "load_network", "save_checkpoint"]
 
 Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
@@ -36,6 +37,8 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
         CheckpointError: found nowhere; says where it was looked for.
     """
     name = str(path_or_id)
+    if not name.strip():
+        raise CheckpointError("the checkpoint's name is empty; expected a folder, or a name such as default")
     if name.startswith("hf:"):
         return _from_hub(name)
     roots = [Path(os.environ["NSDR_CHECKPOINTS"])] if os.environ.get("NSDR_CHECKPOINTS") else []
@@ -77,7 +80,7 @@ def save_checkpoint(
         half: store floats as float16.
     """
     import torch
-    from safetensors.torch import save_file
+    from safetensors.torch import save
 
     def stored(value: torch.Tensor) -> torch.Tensor:
         value = value.detach().cpu().contiguous()
@@ -85,7 +88,7 @@ def save_checkpoint(
 
     folder = Path(folder)
     with atomic_path(folder / f"{part}.safetensors") as temporary:
-        save_file({name: stored(value) for name, value in state.items()}, temporary)
+        temporary.write_bytes(save({name: stored(value) for name, value in state.items()}))
     write_json(folder / f"{part}.json", {"part": part, "config": asdict(config), **details}, indent=1)
 
 
@@ -100,20 +103,33 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
     from safetensors.torch import load_file
 
     folder = Path(folder)
-    details = read_json(folder / f"{part}.json", CheckpointError)
+    details = load_description(folder, part)
     weights = folder / f"{part}.safetensors"
-    if not isinstance(details, dict) or details.get("part") != part or not isinstance(details.get("config"), dict):
-        raise CheckpointError(f"{folder / part}.json: not the description of a {part}; restore it from the repository")
     if not weights.is_file():
         raise CheckpointError(f"{weights}: no such file; restore it, or train the part (`nsdr train`)")
     try:
         check_limit(weights.stat().st_size, "weights_bytes", str(weights))
         state = load_file(weights)
-    except (SafetensorError, OSError) as e:
+    except DataError as e:
+        raise CheckpointError(str(e)) from e
+    except (SafetensorError, OSError, KeyError, ValueError, RuntimeError) as e:
         raise CheckpointError(f"{weights}: corrupt ({e}); restore it, or train the part (`nsdr train`)") from e
     for name, value in state.items():
         _check_weights(value, f"{weights}: {name}")
     return {k: v.float() if v.dtype == torch.float16 else v for k, v in state.items()}, details
+
+
+def load_description(folder: str | Path, part: str) -> dict[str, Any]:
+    """The JSON's content of one part of a checkpoint: its `config`, and what else belongs to it.
+
+    Raises:
+        CheckpointError: the file is missing or not such a description; names it.
+    """
+    path = Path(folder) / f"{part}.json"
+    details = read_json(path, CheckpointError)
+    if not isinstance(details, dict) or details.get("part") != part or not isinstance(details.get("config"), dict):
+        raise CheckpointError(f"{path}: not the description of a {part}; restore it from the repository")
+    return details
 
 
 def _check_weights(value: Any, where: str) -> None:
@@ -138,19 +154,40 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
     Raises:
         CheckpointError: a file is missing or corrupt, or holds another kind of network; names the file.
     """
+    import torch
+
     state, details = load_checkpoint(folder, part)
     where, known = Path(folder) / f"{part}.json", [f.name for f in fields(kind)]  # type: ignore[arg-type]
     config: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in details["config"].items()}
-    unknown = sorted(set(config) - set(known))
-    if unknown:
+    different = sorted(set(config) ^ set(known))
+    if different:
         raise CheckpointError(
             f"{where}: expected a network of {kind.__name__} ({', '.join(known)}), found one of other settings "
-            f"({', '.join(unknown)}); give a checkpoint of that kind"
+            f"({', '.join(different)}); give a checkpoint of that kind"
         )
+    types = get_type_hints(kind)
+    for name, value in config.items():
+        expected = get_origin(types[name]) or types[name]
+        if not isinstance(value, (int, float) if expected is float else expected) or isinstance(value, bool):
+            raise CheckpointError(f"{where}: config.{name}: expected {expected.__name__}, got {value!r:.60}")
     try:
-        network = build(kind(**config))
+        settings = kind(**config)
+        with torch.device("meta"):  # no memory is taken before the sizes are known to be those of the weights
+            built = build(settings).state_dict()
+        found, wanted = _forms(state), _forms(built)
+        wrong = [name for name in {**wanted, **found} if wanted.get(name) != found.get(name)]
+        if wrong:
+            name, none = wrong[0], "none"
+            reason = f"expected {wanted.get(name, none)}, got {found.get(name, none)}"
+            raise ValueError(f"{len(wrong)} tensors do not fit; {name}: {reason}")
+        network = build(settings)
         network.load_state_dict(state)
-    except (TypeError, ValueError, RuntimeError) as e:
+    except (TypeError, ValueError, RuntimeError, ArithmeticError, LookupError) as e:
         reason = " ".join(str(e).split())[:200]
         raise CheckpointError(f"{where}: not a network of {kind.__name__} ({reason}); restore the files") from e
     return network
+
+
+def _forms(state: Mapping[str, Any]) -> dict[str, str]:
+    """What the tensors must have in common with those of the network."""
+    return {k: f"{'float' if v.is_floating_point() else 'int'} {tuple(v.shape)}" for k, v in state.items()}

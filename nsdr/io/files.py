@@ -1,22 +1,20 @@
-"""Reading JSON with clear errors, and writing files atomically."""
+"""Writing files atomically."""
 
 import errno
-import gzip
+import fcntl
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["atomic_path", "parse_json", "read_json", "remove_partial_files", "sync", "write_json"]
+__all__ = ["atomic_path", "remove_partial_files", "sync", "write_json"]
 
-GZIP_MAGIC = b"\x1f\x8b"
-"""First bytes of every gzip file."""
 PARTIAL = ".partial"
 """Part of the name of unfinished files, which begins with a dot."""
 UNWRITABLE = (
@@ -29,46 +27,16 @@ UNWRITABLE = (
     errno.EPERM,
     errno.ENOTDIR,
     errno.ENAMETOOLONG,
+    errno.EISDIR,
+    errno.ELOOP,
+    errno.EPIPE,
+    errno.EIO,
 )
 """System errors that are the target's."""
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+"""System errors of file systems that cannot lock files."""
 FILE_MODE = 0o644
-"""Permissions of written files; `tempfile.mkstemp` alone would make them readable by the owner only."""
-
-
-def read_json(path: str | Path, error: Callable[[str], Exception] = DataError) -> Any:
-    """Read a JSON file, plain or gzipped.
-
-    Args:
-        path: the file.
-        error: makes the exception from a message that names the file.
-
-    Raises:
-        DataError: the file is missing or not JSON; with `error` given, what that returns.
-    """
-    path = Path(path)
-    try:
-        data = path.read_bytes()
-        return json.loads(gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data)
-    except FileNotFoundError as e:
-        raise error(f"{path}: no such file") from e
-    except (OSError, EOFError, UnicodeDecodeError, json.JSONDecodeError) as e:
-        raise error(f"{path}: not a readable JSON file ({e})") from e
-
-
-def parse_json(data: bytes, name: str) -> Any:
-    """Parse JSON from bytes, which may be gzipped.
-
-    Args:
-        data: the bytes.
-        name: where they come from, for the error message.
-
-    Raises:
-        DataError: not JSON; names `name`.
-    """
-    try:
-        return json.loads(gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data)
-    except (OSError, EOFError, UnicodeDecodeError, json.JSONDecodeError) as e:
-        raise DataError(f"{name}: not a readable JSON file ({e})") from e
+"""Permissions of written files."""
 
 
 def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
@@ -82,45 +50,112 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error.
 
     What is no regular file, such as `/dev/null` or a pipe, is written to and never replaced; of a link, the file that it points
-    to is replaced.
+    to is replaced. What a killed process left of the same file is written over.
 
     Raises:
         DataError: `path` is a folder, or cannot be written: no permission, no space left.
     """
     path = Path(os.path.realpath(path))
-    special = path.exists() and not path.is_file()
-    if path.is_dir():
-        raise DataError(f"{path}: is a folder; expected a file")
-    temporary: Path | None = None
-    try:
-        if not special:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        folder = None if special else path.parent
-        handle, name = tempfile.mkstemp(dir=folder, prefix=f".{path.stem}-", suffix=f"{PARTIAL}{path.suffix}")
-        os.close(handle)
-        temporary = Path(name)
-        yield temporary
-        if special:
-            with temporary.open("rb") as source, path.open("wb") as target:
-                shutil.copyfileobj(source, target)
-        else:
+    with writing(path):
+        if path.is_dir():
+            raise DataError(f"{path}: is a folder; expected a file")
+        if path.exists() and not path.is_file():
+            with tempfile.TemporaryDirectory() as folder:
+                temporary = Path(folder) / path.name
+                temporary.touch()
+                yield temporary
+                with temporary.open("rb") as source, path.open("wb") as target:
+                    shutil.copyfileobj(source, target)
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _partial_file(path) as temporary:
+            yield temporary
             sync(temporary)
             temporary.chmod(FILE_MODE)
             os.replace(temporary, path)
             sync(path.parent)
+
+
+@contextmanager
+def writing(path: str | Path) -> Iterator[None]:
+    """The system's errors while `path` is written, in one line.
+
+    Raises:
+        DataError: `path` cannot be written: no permission, no space left.
+    """
+    try:
+        yield
     except OSError as e:
         if e.errno in UNWRITABLE:
             raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
         raise
+
+
+@contextmanager
+def _partial_file(path: Path) -> Iterator[Path]:
+    """An empty hidden file beside `path`, locked while it is written; deleted, unless it was renamed."""
+    temporary = path.with_name(f".{path.stem}{PARTIAL}{path.suffix}")
+    handle = hold(temporary)
+    while handle is None:  # another process writes the same file
+        temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
+        handle = hold(temporary)
+    try:
+        os.ftruncate(handle, 0)
+        yield temporary
     finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+        if _is_at(handle, temporary):
+            temporary.unlink()
+        os.close(handle)
+
+
+def hold(path: Path, create: bool = True) -> int | None:
+    """Lock a file. The system releases the lock when the returned descriptor is closed, or its process ends.
+
+    Whoever renames or deletes the file does so while holding it. File systems without locks grant all.
+
+    Args:
+        path: the file.
+        create: create it if missing.
+
+    Returns:
+        The file's descriptor; None if it is held already, or missing and not to be created.
+    """
+    while True:
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | (os.O_CREAT if create else 0), FILE_MODE)
+        except FileNotFoundError:
+            if create:
+                raise
+            return None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as e:
+            if e.errno not in NO_LOCKS:
+                os.close(handle)
+                if isinstance(e, BlockingIOError):
+                    return None
+                raise
+        if _is_at(handle, path):
+            return handle
+        os.close(handle)  # renamed or deleted meanwhile
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    """Whether the open file is the one of that name."""
+    try:
+        return os.path.samestat(os.fstat(handle), path.lstat())
+    except FileNotFoundError:
+        return False
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Delete what killed processes left in a folder; call it where no other process writes to it."""
-    for path in folder.rglob(f".*-*{PARTIAL}*"):
-        path.unlink(missing_ok=True)
+    """Delete the unfinished files in a folder that killed processes left; those that a process writes stay."""
+    for path in folder.rglob(f".*{PARTIAL}*"):
+        with suppress(PermissionError):  # of another user
+            handle = hold(path, create=False) if path.is_file() else None
+            if handle is not None:
+                path.unlink()
+                os.close(handle)
 
 
 def sync(*paths: Path) -> None:

@@ -36,8 +36,8 @@ class Limits:
         text_characters: characters of a question or choice.
     """
 
-    json_bytes: int = 2_000_000_000
-    array_bytes: int = 4_000_000_000
+    json_bytes: int = 500_000_000
+    array_bytes: int = 2_000_000_000
     yaml_bytes: int = 1_000_000
     weights_bytes: int = 4_000_000_000
     member_bytes: int = 2_000_000_000

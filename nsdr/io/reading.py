@@ -5,15 +5,18 @@ Nothing is allocated before its size is checked against `nsdr.io.limits`, and no
 
 import io
 import json
+import lzma
 import math
 import os
 import stat
+import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +24,41 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
 
-__all__ = ["parse_json", "parse_json_lines", "read_bytes", "read_json", "read_npz", "read_text", "read_yaml"]
+__all__ = [
+    "UNZIP_ERRORS",
+    "iterate_json_list",
+    "parse_json",
+    "parse_json_lines",
+    "read_bytes",
+    "read_json",
+    "read_npz",
+    "read_text",
+    "read_yaml",
+]
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
+GZIP_SIZE_BYTES = 4
+"""Last bytes of a gzip file, which say how many bytes it holds (modulo 2 ** 32)."""
+CHUNK_BYTES = 1 << 20
+"""Decompressed bytes that are held where they are only counted."""
+CHUNK_CHARACTERS = 1 << 16
+"""Smallest number of characters that `iterate_json_list` reads at a time."""
+MAX_YAML_DEPTH = 50
+"""Nesting of a YAML file: its parser takes minutes for thousands of levels."""
+UNZIP_ERRORS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    EOFError,
+    RuntimeError,
+    LookupError,
+    ValueError,
+)
+"""What damaged or encrypted zip archives raise, beside OSError."""
+HEADER_ERRORS = (SyntaxError, TypeError, tokenize.TokenError)
+"""What damaged headers of arrays raise."""
 MAX_YAML_ALIASES = 20
 """Aliases in a YAML file: nested ones can stand for exponentially much."""
 
@@ -44,7 +78,7 @@ def _named(name: str, kind: str, error: ErrorKind) -> Iterator[None]:
         raise error(f"{name}: not a readable {kind} (not UTF-8 text at byte {e.start})") from e
     except RecursionError as e:
         raise error(f"{name}: not a readable {kind} (nested too deeply)") from e
-    except (OSError, EOFError, ValueError, ArithmeticError, RuntimeError, zlib.error, zipfile.BadZipFile) as e:
+    except (*UNZIP_ERRORS, *HEADER_ERRORS, OSError, ArithmeticError, MemoryError) as e:
         reason = getattr(e, "strerror", None) or str(e) or type(e).__name__
         raise error(f"{name}: not a readable {kind} ({reason.splitlines()[0]})") from e
 
@@ -62,11 +96,15 @@ def read_bytes(path: str | Path, limit: str = "json_bytes", error: ErrorKind = D
         DataError: the file is missing, no regular file, unreadable or too large; with `error` given, what that returns.
     """
     with _named(str(path), kind, error):
-        status = os.stat(path)
-        if not stat.S_ISREG(status.st_mode):
-            raise DataError(f"{path}: is a folder or a device; expected a file")
-        check_limit(status.st_size, limit, str(path))
+        _check_regular(path, limit)
         return Path(path).read_bytes()
+
+
+def _check_regular(path: str | Path, limit: str) -> None:
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode):
+        raise DataError(f"{path}: is a folder or a device; expected a file")
+    check_limit(status.st_size, limit, str(path))
 
 
 def read_text(
@@ -120,6 +158,66 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
             yield number, parse_json(line, f"{name}, line {number}")
 
 
+def iterate_json_list(path: str | Path) -> Iterator[Any]:
+    """Yield the items of a file that holds one JSON list, without reading the whole file into memory.
+
+    Raises:
+        DataError: the file is missing, too large, no list or not JSON; names the file and the item.
+    """
+    with _named(str(path), "JSON file", DataError):
+        _check_regular(path, "json_bytes")
+        with open(path, encoding="utf-8-sig") as file:
+            yield from _items(file, str(path))
+
+
+def _items(file: IO[str], name: str) -> Iterator[Any]:
+    decoder = json.JSONDecoder(parse_constant=_refuse_constant)
+    text, offset, number = "", 0, 0
+
+    def read_more() -> bool:
+        """Read at least as much again as is left, so that a huge item is decoded only a few times; False at the end."""
+        nonlocal text, offset
+        chunk = file.read(max(CHUNK_CHARACTERS, len(text) - offset))
+        text, offset = text[offset:] + chunk, 0
+        return bool(chunk)
+
+    def next_character() -> str:
+        """The next character that is not white space; empty at the end of the file."""
+        nonlocal offset
+        while True:
+            while offset < len(text) and text[offset].isspace():
+                offset += 1
+            if offset < len(text) or not read_more():
+                return text[offset : offset + 1]
+
+    if next_character() != "[":
+        raise DataError(f"{name}: expected a JSON list")
+    offset += 1
+    closed = next_character() == "]"
+    while not closed:
+        next_character()
+        try:
+            item, end = decoder.raw_decode(text, offset)
+        except json.JSONDecodeError as e:
+            if read_more():
+                continue
+            raise DataError(f"{name}: [{number}]: not valid JSON ({e.msg}); the file may be truncated") from e
+        if end == len(text) and read_more():
+            continue  # a number at the end of the chunk may go on
+        if "\\ud" in text[offset:end].lower():
+            json.dumps(item, ensure_ascii=False).encode()  # lone surrogates cannot be encoded
+        yield item
+        offset, number = end, number + 1
+        character = next_character()
+        closed = character == "]"
+        if not closed and character != ",":
+            raise DataError(f"{name}: [{number}]: expected , or ], got {character!r}; the file may be truncated")
+        offset += not closed
+    offset += 1
+    if next_character():
+        raise DataError(f"{name}: data after the end of the list")
+
+
 def read_npz(path: str | Path, error: ErrorKind = DataError) -> dict[str, NDArray[Any]]:
     """All arrays of an NPZ file, read-only.
 
@@ -131,7 +229,7 @@ def read_npz(path: str | Path, error: ErrorKind = DataError) -> dict[str, NDArra
     with _named(str(path), "NPZ file", error), zipfile.ZipFile(data) as archive:
         members = archive.infolist()
         check_limit(sum(m.file_size for m in members), "array_bytes", str(path))
-        return {m.filename.removesuffix(".npy"): _read_array(archive, m) for m in members}
+        return {m.filename.removesuffix(".npy"): _read_array(archive, m, str(path)) for m in members}
 
 
 def read_yaml(path: str | Path) -> Any:
@@ -145,35 +243,51 @@ def read_yaml(path: str | Path) -> Any:
     text = read_text(path, "yaml_bytes", kind="YAML file")
     with _named(str(path), "YAML file", DataError):
         try:
-            aliases = sum(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader))
-            if aliases > MAX_YAML_ALIASES:
-                raise DataError(f"{path}: {aliases} aliases; write the values out")
+            aliases = depth = 0
+            for event in yaml.parse(text, yaml.SafeLoader):
+                aliases += isinstance(event, yaml.AliasEvent)
+                depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+                if aliases > MAX_YAML_ALIASES:
+                    raise DataError(f"{path}: more than {MAX_YAML_ALIASES} aliases; write the values out")
+                if depth > MAX_YAML_DEPTH:
+                    raise DataError(f"{path}: nested more than {MAX_YAML_DEPTH} deep")
             return yaml.safe_load(text)
         except yaml.YAMLError as e:
             raise ValueError(" ".join(str(e).split())) from e
 
 
 def _gunzipped(data: bytes, name: str) -> bytes:
+    size = int.from_bytes(data[-GZIP_SIZE_BYTES:], "little")
+    if size > limits().json_bytes:
+        _check_decompressed(data, f"{name}, decompressed")
     stream = zlib.decompressobj(wbits=31)
-    content = stream.decompress(data, limits().json_bytes + 1)
-    check_limit(len(content), "json_bytes", f"{name}, decompressed")
-    if not stream.eof:
-        raise EOFError("compressed data end too early")
+    content = stream.decompress(data, min(size, limits().json_bytes) + 1)
     if stream.unused_data:
         raise ValueError("data after the end of the compressed data")
+    if not stream.eof or len(content) != size:
+        raise EOFError("compressed data end too early, or are of another size than their end says")
     return content
 
 
-def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    with archive.open(member) as file:
+def _check_decompressed(data: bytes, what: str) -> None:
+    """Count the decompressed bytes, of which few are held at a time, up to the limit."""
+    stream, count = zlib.decompressobj(wbits=31), 0
+    while data and not stream.eof:
+        count += len(stream.decompress(data, CHUNK_BYTES))
+        check_limit(count, "json_bytes", what)
+        data = stream.unconsumed_tail
+
+
+def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:
+    with _named(f"{name}: {member.filename}", "array", DataError), archive.open(member) as file:
         version = np.lib.format.read_magic(file)
         read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
         if version not in read_header:
-            raise ValueError(f"{member.filename}: version {version} of the NPY format")
+            raise ValueError(f"version {version} of the NPY format")
         shape, fortran_order, dtype = read_header[version](file)
         needed, stored = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
         if dtype.hasobject or min(shape, default=0) < 0 or needed != stored:
-            raise ValueError(f"{member.filename}: shape {shape} of {dtype} does not fit the {stored} stored bytes")
+            raise ValueError(f"shape {shape} of {dtype} does not fit the {stored} stored bytes")
         array = np.frombuffer(file.read(), dtype, math.prod(shape))
     return array.reshape(shape[::-1]).T if fortran_order else array.reshape(shape)
 

@@ -10,14 +10,16 @@ from typing import Any, Generic, TypeVar
 
 from tqdm import tqdm
 
-from nsdr.io.files import remove_partial_files, write_json
+from nsdr.errors import DataError
+from nsdr.io.files import remove_partial_files, sync, write_json, writing
 from nsdr.io.lock import locked
 from nsdr.io.tasks import run_tasks
 
-__all__ = ["Job", "Summary", "run_jobs"]
+__all__ = ["FAILURES", "Job", "Summary", "run_jobs"]
 
 LEDGER = ".fingerprints.jsonl"
 FAILURES = "failures.json"
+"""File with the error messages of a folder's failed jobs, by name."""
 Item = TypeVar("Item")
 log = logging.getLogger(__name__)
 
@@ -53,6 +55,19 @@ class Summary:
     skipped: tuple[str, ...]
     failed: Mapping[str, str]
 
+    def succeeded(self, jobs: Sequence[Job[Item]], folder: str | Path, keep_going: bool) -> list[Job[Item]]:
+        """The jobs that did not fail.
+
+        Raises:
+            DataError: some failed and `keep_going` is False, or all did; names how many, and the first one with its error.
+        """
+        left = [job for job in jobs if job.name not in self.failed]
+        if self.failed and not (keep_going and left):
+            name, message = min(self.failed.items())
+            remedy = "run the command again, or with --keep-going" if left else "nothing is left to go on with"
+            raise DataError(f"{folder}: {len(self.failed)} of {len(jobs)} failed, such as {name}: {message}; {remedy}")
+        return left
+
 
 def run_jobs(
     function: Callable[[Item, Path], Any],
@@ -61,6 +76,7 @@ def run_jobs(
     engine: str = "processes",
     workers: int = 0,
     unit: str = "video",
+    wait: bool = False,
 ) -> Summary:
     """Do `function(item, output)` for every job whose output is missing or was made under another fingerprint.
 
@@ -75,11 +91,12 @@ def run_jobs(
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
         unit: what a job is called in the progress bar.
+        wait: wait for another process that works in the folder, in place of an error.
 
     Raises:
-        DataError: an unknown engine, or another process works in the folder.
+        DataError: an unknown engine, another process works in the folder, or it cannot be written (no space left).
     """
-    with locked(folder):
+    with locked(folder, wait=wait):
         remove_partial_files(Path(folder))
         return _run_jobs(function, jobs, Path(folder), engine, workers, unit)
 
@@ -96,24 +113,19 @@ def _run_jobs(
     failed: dict[str, str] = {}
     outcomes = run_tasks(partial(_do, function), left, engine, workers)
     bar = tqdm(outcomes, total=len(jobs), initial=len(skipped), unit=unit, desc=f"{unit}s")
-    with open(folder / LEDGER, "a", encoding="utf-8") as ledger:
-        if _is_torn(folder / LEDGER):
-            ledger.write("\n")
-        for job in left:  # from here on no earlier line vouches for what a kill may leave half replaced
-            ledger.write(_line(keys[job.output], ""))
-        ledger.flush()
-        for outcome in bar:
-            job = outcome.item
-            if outcome.error:
-                failed[job.name] = outcome.error
-                log.debug("%s failed: %s", job.name, outcome.error)
-                continue
-            done.append(job.name)
-            ledger.write(_line(keys[job.output], job.fingerprint))
-            ledger.flush()
+    # From here on no earlier line vouches for what a kill may leave half replaced.
+    _append(folder, {keys[job.output]: "" for job in left})
+    for outcome in bar:
+        job = outcome.item
+        if outcome.error:
+            failed[job.name] = outcome.error
+            log.debug("%s failed: %s", job.name, outcome.error)
+            continue
+        done.append(job.name)
+        _append(folder, {keys[job.output]: job.fingerprint})
     if failed:
         write_json(folder / FAILURES, dict(sorted(failed.items())), indent=1)
-        log.warning("%d of %d %ss failed; see %s", len(failed), len(jobs), unit, folder / FAILURES)
+        log.info("%d of %d %ss failed; see %s", len(failed), len(jobs), unit, folder / FAILURES)
     else:
         (folder / FAILURES).unlink(missing_ok=True)
     return Summary(tuple(sorted(done)), tuple(job.name for job in skipped), failed)
@@ -123,22 +135,24 @@ def _do(function: Callable[[Item, Path], Any], job: Job[Item]) -> None:
     function(job.item, job.output)
 
 
-def _line(output: str, value: str) -> str:
-    return json.dumps([output, value]) + "\n"
-
-
-def _is_torn(path: Path) -> bool:
-    """Whether a kill left the last line unfinished."""
-    content = path.read_bytes()
-    return bool(content) and not content.endswith(b"\n")
+def _append(folder: Path, fingerprints: Mapping[str, str]) -> None:
+    """Write lines of the ledger to the disk, after what a kill or a full disk left unfinished."""
+    path = folder / LEDGER
+    lines = "".join(json.dumps([output, value]) + "\n" for output, value in fingerprints.items())
+    with writing(path):
+        with path.open("ab+") as ledger:
+            end = ledger.tell()
+            ledger.seek(max(end - 1, 0))
+            ledger.write((b"\n" if ledger.read() not in (b"", b"\n") else b"") + lines.encode())
+        sync(path)
 
 
 def _ledger(folder: Path) -> Iterator[tuple[str, str]]:
     """(output, fingerprint) pairs, the newest last; a line that a kill left unfinished is passed over."""
     path = folder / LEDGER
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
         try:
             output, value = json.loads(line)
-        except ValueError:
+        except (TypeError, ValueError):
             continue
         yield output, value

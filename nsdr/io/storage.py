@@ -2,25 +2,44 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from types import NoneType, UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr import types
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, read_json, write_json
+from nsdr.io.files import atomic_path, write_json
+from nsdr.io.limits import check_limit
+from nsdr.io.reading import parse_json, read_json, read_npz
+from nsdr.types import DynamicsPrediction, Scene
 
 __all__ = ["load", "save"]
 
 T = TypeVar("T")
 _KINDS: dict[str, type] = {name: getattr(types, name) for name in types.__all__}
+DTYPES = ("bool", "float16", "float32", "float64", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64)))
+"""Types of arrays in JSON files."""
+PAIR = 2
+"""Length of a row of a map: key and value."""
+NAMES: dict[Any, str] = {
+    int: "a whole number",
+    str: "a text",
+    tuple: "a list",
+    Mapping: "a map",
+    np.ndarray: "an array",
+    NoneType: "null",
+}
+"""What a field holds, in messages."""
 
 
 def save(value: Any, path: str | Path) -> None:
-    """Write a value to `path`, atomically: `.json` (readable) or `.npz` (compact).
+    """Write a value to `path`, atomically: `.json` (readable; also what is no regular file) or `.npz` (compact).
 
     Args:
         value: an instance of a type of `nsdr.types`.
@@ -32,7 +51,8 @@ def save(value: Any, path: str | Path) -> None:
     path = Path(path)
     if type(value).__name__ not in _KINDS:
         raise DataError(f"cannot save a {type(value).__name__}; expected one of {', '.join(_KINDS)}")
-    if path.suffix == ".json":
+    is_special = path.exists() and not path.is_file()  # such as /dev/null
+    if path.suffix == ".json" or is_special:
         write_json(path, _encoded(value, None))
     elif path.suffix == ".npz":
         arrays: dict[str, NDArray[Any]] = {}
@@ -56,18 +76,17 @@ def load(kind: type[T], path: str | Path) -> T:
     path = Path(path)
     arrays: dict[str, NDArray[Any]] = {}
     if path.suffix == ".npz":
-        try:
-            with np.load(path) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            tree = json.loads(str(arrays.pop("tree")))
-        except (OSError, KeyError, ValueError, EOFError) as e:
-            raise DataError(f"{path}: not a readable NPZ file of nsdr ({e})") from e
+        arrays = read_npz(path)
+        if "tree" not in arrays:
+            raise DataError(f"{path}: not a file of nsdr: it has no array `tree`")
+        tree = parse_json(str(arrays.pop("tree")).encode(), f"{path}: tree")
     else:
         tree = read_json(path)
     try:
-        value = _decoded(tree, arrays)
-    except (KeyError, TypeError, ValueError, AttributeError) as e:
-        raise DataError(f"{path}: not a {kind.__name__} ({e})") from e
+        value = _decoded(tree, arrays, "")
+        _check_sizes(value)
+    except (DataError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as e:
+        raise DataError(f"{path}: not a {kind.__name__} ({str(e).splitlines()[0]:.300})") from e
     if not isinstance(value, kind):
         found = type(value).__name__ if type(value).__name__ in _KINDS else "something else"
         raise DataError(f"{path}: holds {found}; expected a {kind.__name__}")
@@ -100,23 +119,100 @@ def _listed(array: NDArray[Any]) -> Any:
     return array.ravel().tolist()
 
 
-def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+def _check_sizes(value: Any) -> None:
+    """Check what is read against `nsdr.io.limits`."""
+    if isinstance(value, Scene):
+        later = [*(value.unseen or ()), *(e for events in (value.counterfactual or {}).values() for e in events)]
+        check_limit(len(value.events) + len(later), "events", "events")
+        check_limit(max((e.frame for e in later), default=0), "frames", "unseen and counterfactual events: frame")
+    if isinstance(value, Scene | DynamicsPrediction):
+        check_limit(len(value.objects), "scene_objects", "objects")
+
+
+def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
+    """The value of a tree; `where` is its place in the file, for error messages."""
     if isinstance(tree, list):
-        return tuple(_decoded(v, arrays) for v in tree)
+        return tuple(_decoded(v, arrays, f"{where}[{i}]") for i, v in enumerate(tree))
     if not isinstance(tree, dict):
         return tree
     if "array" in tree:
-        return arrays[tree["array"]]
+        name = tree["array"]
+        if not isinstance(name, str) or name not in arrays:
+            raise DataError(f"{where}: there is no array {name!r:.60}")
+        return arrays[name]
     if "map" in tree:
-        return {_decoded(k, arrays): _decoded(v, arrays) for k, v in tree["map"]}
+        rows = tree["map"]
+        if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) != PAIR for row in rows):
+            raise DataError(f"{where}.map: expected a list of [key, value], got {rows!r:.60}")
+        return {_key(k, where): _decoded(v, arrays, f"{where}.map[{i}][1]") for i, (k, v) in enumerate(rows)}
     if "dtype" in tree:
-        values = tree["values"]
-        if tree["dtype"] == "bool":
-            values = [c == "1" for c in values]
-        elif tree["dtype"].startswith("float"):
-            values = [np.nan if v is None else v for v in values]
-        return np.array(values, tree["dtype"]).reshape(tree["shape"])
-    if tree.get("type") not in _KINDS:
-        raise DataError(f"unknown type {tree.get('type')!r}")
-    content = {name: _decoded(v, arrays) for name, v in tree.items() if name != "type"}
-    return _KINDS[tree["type"]](**content)
+        return _decoded_array(tree, where)
+    kind = tree.get("type")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        expected = f"a type of {', '.join(_KINDS)}, an array with dtype, shape and values, or a map"
+        raise DataError(f"{where or 'file'}: expected {expected}, got type {kind!r:.60}")
+    found, hints = {k: v for k, v in tree.items() if k != "type"}, _hints(kind)
+    required = {
+        f.name for f in dataclasses.fields(_KINDS[kind]) if f.default is f.default_factory is dataclasses.MISSING
+    }
+    for name in sorted((required - found.keys()) | (found.keys() - hints.keys())):
+        raise DataError(f"{where or 'file'}: {'missing' if name in hints else 'unknown'} key {name!r:.60} of a {kind}")
+    content = {}
+    for name, tree in found.items():
+        place = f"{where}.{name}".removeprefix(".")
+        content[name] = _decoded(tree, arrays, place)
+        _check_kind(content[name], hints[name], place, tree)
+        if name == "n_frames":
+            check_limit(content[name], "frames", place)
+    try:
+        return _KINDS[kind](**content)
+    except DataError as e:
+        raise DataError(f"{where}: {e}" if where else str(e)) from e
+
+
+@cache
+def _hints(kind: str) -> dict[str, Any]:
+    return get_type_hints(_KINDS[kind])
+
+
+def _check_kind(value: Any, hint: Any, where: str, shown: Any) -> None:
+    """Check a field's value, and the items of a list, against the field's type."""
+    options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+    for option in options:
+        kind = get_origin(option) or option
+        if kind is Any or (isinstance(value, kind) and not (kind is int and isinstance(value, bool))):
+            items = get_args(option)
+            if kind is tuple and Ellipsis in items:
+                for i, item in enumerate(value):
+                    _check_kind(item, items[0], f"{where}[{i}]", item)
+            return
+    names = " or ".join(NAMES.get(get_origin(o) or o, getattr(o, "__name__", str(o))) for o in options)
+    raise DataError(f"{where}: expected {names}, got {shown!r:.60}")
+
+
+def _key(key: Any, where: str) -> int:
+    if type(key) is not int:
+        raise DataError(f"{where}.map: expected object ids as keys, got {key!r:.60}")
+    return key
+
+
+def _decoded_array(tree: dict[str, Any], where: str) -> NDArray[Any]:
+    dtype, shape, values = (tree.get(name) for name in ("dtype", "shape", "values"))
+    if dtype not in DTYPES:
+        raise DataError(f"{where}.dtype: expected one of {', '.join(DTYPES)}, got {dtype!r:.60}")
+    if not isinstance(shape, list) or any(type(n) is not int or n < 0 for n in shape):
+        raise DataError(f"{where}.shape: expected a list of sizes, got {shape!r:.60}")
+    if dtype == "bool":
+        if not isinstance(values, str) or set(values) - {"0", "1"}:
+            raise DataError(f"{where}.values: expected a text of 0 and 1, got {values!r:.60}")
+        values = [c == "1" for c in values]
+    elif not isinstance(values, list) or any(type(v) not in (int, float, NoneType) for v in values):
+        raise DataError(f"{where}.values: expected a list of numbers, got {values!r:.60}")
+    elif dtype.startswith("float"):
+        values = [np.nan if v is None else v for v in values]
+    if math.prod(shape) != len(values):
+        raise DataError(f"{where}: expected {math.prod(shape)} values of the shape {shape}, got {len(values)}")
+    try:
+        return np.array(values, dtype).reshape(shape)
+    except (TypeError, ValueError, OverflowError) as e:
+        raise DataError(f"{where}.values: expected numbers of {dtype} ({e})") from e

@@ -3,12 +3,12 @@
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from signal import SIG_IGN, SIGINT, Signals, signal
+from signal import SIG_BLOCK, SIG_SETMASK, SIGINT, Signals, pthread_sigmask
 from threading import Thread
 from typing import Any, Generic, TypeVar
 
@@ -56,6 +56,8 @@ def run_tasks(
     """
     if engine not in ENGINES:
         raise DataError(f"engine is {engine!r}; expected one of {', '.join(ENGINES)}")
+    if workers < 0:
+        raise DataError(f"workers is {workers}; expected 0 for one per CPU core, or more")
     if engine == "ray":
         yield from _with_ray(function, items)
     elif workers == 1 or len(items) <= 1:
@@ -171,7 +173,7 @@ class _Worker:
         context = get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, function, threads), daemon=True)
-        with child_threads(threads):
+        with child_threads(threads), _blocked(SIGINT):
             self.process.start()
         theirs.close()
 
@@ -194,6 +196,16 @@ class _Worker:
         self.connection.close()
 
 
+@contextmanager
+def _blocked(number: Signals) -> Iterator[None]:
+    """Keep a signal from this thread, and from the processes that it starts meanwhile: Ctrl-C is for the program alone."""
+    before = pthread_sigmask(SIG_BLOCK, {number})
+    try:
+        yield
+    finally:
+        pthread_sigmask(SIG_SETMASK, before)
+
+
 def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
     """Wait for messages or deaths of workers."""
     of_handle: dict[Any, _Worker] = {}
@@ -206,7 +218,6 @@ def _serve(connection: Any, function: Callable[[Any], Any], threads: int) -> Non
     """The program of a worker process."""
     import cv2
 
-    signal(SIGINT, SIG_IGN)  # Ctrl-C is for the program that started it
     cv2.setNumThreads(threads)
     Thread(target=_end_with_parent, daemon=True).start()
     connection.send(None)

@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError, VideoError
 from nsdr.io.files import atomic_path
+from nsdr.io.limits import check_limit
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.timeline import FPS, VIDEO_FRAMES
 
 __all__ = ["read_frames", "read_video", "write_video"]
 
+RATES = (1.0, 1000.0)
+"""Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
 RATE_TOLERANCE = 0.1
 """Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
+REPRODUCIBLE = {"threads": "1", "mbtree": "0"}
+"""Options without which x264 encodes the same frames differently from run to run, or from one number of cores to another."""
 
 
 def read_video(path: str | Path) -> NDArray[np.uint8]:
@@ -30,16 +35,20 @@ def read_video(path: str | Path) -> NDArray[np.uint8]:
     (the same array). Both warn, and so does a video shorter than CLEVRER's 128 frames.
 
     Raises:
-        VideoError: no such file, not a video, or no frames.
+        VideoError: no such file, not a video, no frames, or more or larger ones than `nsdr.io.limits` allows.
     """
-    return np.stack(list(read_frames(path)))
+    frames = []
+    for frame in read_frames(path):
+        frames.append(frame)
+        _check(len(frames) * frame.nbytes, "array_bytes", path)
+    return np.stack(frames)
 
 
 def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
     """Frames of `read_video` one by one, (320, 480, 3) each; the same warnings and errors."""
     path = Path(path)
     if not path.is_file():
-        raise VideoError(f"{path}: no such file")
+        raise VideoError(f"{path}: {'is a folder or a device; expected a video' if path.exists() else 'no such file'}")
     # OpenCV and FFmpeg print their own complaints about broken files; ours follow.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel() if hasattr(cv2, "utils") else None
@@ -51,11 +60,16 @@ def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
             raise VideoError(
                 f"{path}: not a video that OpenCV can read; convert it to H.264 mp4, for example with ffmpeg"
             )
+        _check(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path)
+        _check(capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT), "image_pixels", path)
         rate = float(capture.get(cv2.CAP_PROP_FPS)) or float(FPS)
+        if not RATES[0] <= rate <= RATES[1]:
+            raise VideoError(f"{path}: {rate:g} frames per second, expected {RATES[0]:g} to {RATES[1]:g}; convert it")
         if abs(rate - FPS) > RATE_TOLERANCE:
             warnings.warn(f"{path}: {rate:g} frames per second, resampled to {FPS}", stacklevel=2)
         count = 0
-        for frame in _at_rate(_decoded(capture), rate):
+        for frame in _at_rate(_decoded(capture, path), rate):
+            _check(count + 1, "frames", path)
             height, width = frame.shape[:2]
             if (height, width) != (HEIGHT_PX, WIDTH_PX):
                 if count == 0:
@@ -73,11 +87,22 @@ def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
             cv2.utils.logging.setLogLevel(level)
 
 
-def _decoded(capture: cv2.VideoCapture) -> Iterator[NDArray[np.uint8]]:
+def _check(value: float, limit: str, path: str | Path) -> None:
+    try:
+        check_limit(value, limit, str(path))
+    except DataError as e:
+        raise VideoError(str(e)) from e
+
+
+def _decoded(capture: cv2.VideoCapture, path: Path) -> Iterator[NDArray[np.uint8]]:
     while True:
-        ok, frame = capture.read()
+        try:
+            ok, frame = capture.read()
+        except (cv2.error, MemoryError) as e:
+            raise VideoError(f"{path}: cannot be decoded ({str(e).splitlines()[0]})") from e
         if not ok:
             return
+        _check(frame.shape[0] * frame.shape[1], "image_pixels", path)
         yield cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)  # type: ignore[misc]
 
 
@@ -124,7 +149,7 @@ def write_video(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: int 
                 if stream is None:
                     stream = container.add_stream("libx264", rate=Fraction(fps))
                     stream.height, stream.width, stream.pix_fmt = *frame.shape[:2], "yuv420p"
-                    stream.options = {"crf": str(crf), "preset": "slow"}
+                    stream.options = {"crf": str(crf), "preset": "slow", **REPRODUCIBLE}
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
             if stream is None:
                 raise DataError(f"{path}: no frames to write")

@@ -7,10 +7,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
+from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.tokenizer import END, PAD, START
 
 __all__ = ["ParserNetwork", "QuestionParserConfig"]
+
+MAX_LAYERS = 100
+"""Largest `QuestionParserConfig.layers`."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,9 @@ class QuestionParserConfig:
     layers: int = 2
     dropout: float = 0.0
     max_tokens: int = 40
+
+    def __post_init__(self) -> None:
+        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), layers=(1, MAX_LAYERS), dropout=SHARE, max_tokens=SIZE)
 
 
 class ParserNetwork(nn.Module):

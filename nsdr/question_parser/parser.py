@@ -1,6 +1,7 @@
 """Programs of questions and choices."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -8,12 +9,13 @@ import torch
 from torch import nn
 
 from nsdr.errors import CheckpointError, ProgramError, QuestionError
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import load_description, load_network
 from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
+from nsdr.question_parser.coverage import check_coverage, check_text
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
-from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer
+from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer, split_words
 from nsdr.symbolic.program import Program
 
 __all__ = ["QuestionParser", "build_networks", "pad"]
@@ -82,14 +84,17 @@ class QuestionParser(PretrainedPart):
             CheckpointError: `question_parser.safetensors` or `question_parser.json` is missing or corrupt, or the parser was
                 trained with other program tokens.
         """
-        state, details = load_checkpoint(folder, "question_parser")
-        if tuple(details.get("program_tokens", ())) != PROGRAM_TOKENS:
-            raise CheckpointError(
-                f"{folder}: the question parser was trained with other program tokens; train it again"
-            )
-        tokenizer = Tokenizer(details["words"])
-        networks = build_networks(len(tokenizer), QuestionParserConfig(**details["config"]))
-        networks.load_state_dict(state)
+        path, details = Path(folder) / f"{cls.part}.json", load_description(folder, cls.part)
+        tokens, words = details.get("program_tokens"), details.get("words")
+        if not isinstance(tokens, list) or tuple(tokens) != PROGRAM_TOKENS:
+            raise CheckpointError(f"{path}: the question parser was trained with other program tokens; train it again")
+        if not isinstance(words, list) or not all(isinstance(w, str) and split_words(w) == [w] for w in words):
+            raise CheckpointError(f"{path}: words: expected a list of single words in lower case; restore the file")
+        if not words or len(set(words)) < len(words):
+            raise CheckpointError(f"{path}: words: expected at least one word, each once; restore the file")
+        tokenizer = Tokenizer(words)
+        build = partial(build_networks, len(tokenizer))
+        networks = load_network(folder, cls.part, QuestionParserConfig, build)
         return cls(tokenizer, networks, **options)
 
     @property
@@ -109,12 +114,16 @@ class QuestionParser(PretrainedPart):
             kind: "descriptive", "multiple_choice" or "choice".
 
         Raises:
-            QuestionError: an unknown kind, an empty text, an unknown word, a text of another kind, or one without a program.
+            QuestionError: an unknown kind, an empty text, an unknown word or character, a text of another kind, or one that no
+                program stands for.
+            DataError: a text longer than `Limits.text_characters`.
         """
         return self.parse_batch([text], kind)[0]
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program]:
         """Programs of many texts of one kind; raises the errors of `parse`."""
+        for text in texts:
+            check_text(text)
         found = self.candidates(texts, kind)
         return [self._program(t, tokens, kind, p) for t, (tokens, p) in zip(texts, found, strict=True)]
 
@@ -155,4 +164,5 @@ class QuestionParser(PretrainedPart):
             raise QuestionError(
                 f"{text!r} fits no program (the best one has a probability of {probability:.0%}); {REMEDY}"
             )
+        check_coverage(text, tokens)
         return program

@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from nsdr.errors import ProgramError
+from nsdr.io.limits import limits
 from nsdr.symbolic.modules import ARITY, DISPATCH, MODULES, WORDS, Kind, Module
 
 __all__ = ["Node", "Program", "ProgramSource", "Step", "program_tokens"]
@@ -161,7 +162,7 @@ def _checked(source: tuple[str, ...]) -> Program:
         else:
             arity = ARITY.get(token)
             if arity is None:
-                raise ProgramError(f"token {index + 1}: unknown module or word {token!r}")
+                raise ProgramError(f"token {index + 1}: unknown module or word {token!r:.60}")
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)
@@ -217,15 +218,26 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
             `Count(Filter_shape(Objects, "cube"))`.
 
     Raises:
-        ProgramError: an unreadable tree.
+        ProgramError: an unreadable tree, a token that is no text, or more tokens than `Limits.program_tokens`.
     """
     return source.tokens if isinstance(source, Program) else _data_set_names(_spelled(source))
 
 
 def _spelled(source: str | Sequence[str]) -> tuple[str, ...]:
     if not isinstance(source, str):
-        return tuple(source)
-    return _tree_tokens(source) if re.search(r"[()]", source) else tuple(re.findall(r"[^\s,]+", source.lower()))
+        tokens = tuple(source)
+        if not all(isinstance(token, str) for token in tokens):
+            raise ProgramError(f"a token is {next(t for t in tokens if not isinstance(t, str))!r:.60}; expected texts")
+        return _limited(tokens)
+    is_tree = re.search(r"[()]", source)
+    return _tree_tokens(source) if is_tree else _limited(tuple(re.findall(r"[^\s,]+", source.lower())))
+
+
+def _limited(tokens: tuple[str, ...]) -> tuple[str, ...]:
+    most = limits().program_tokens
+    if len(tokens) > most:
+        raise ProgramError(f"the program has more than {most} tokens; the limit program_tokens allows more")
+    return tokens
 
 
 def _data_set_names(source: tuple[str, ...]) -> tuple[str, ...]:
@@ -250,12 +262,15 @@ def _tree_tokens(text: str) -> tuple[str, ...]:
     tokens: list[str] = []
     calls: list[str] = []
     name, offset = "", 0
-    while text[offset:].strip():
+    text = text.rstrip()
+    while offset < len(text):
         match = _TREE_TOKEN.match(text, offset)
         if match is None:
             raise ProgramError(f"cannot parse the program at {text[offset : offset + EXCERPT_CHARACTERS]!r}")
         offset = match.end()
         punctuation, *words = match.groups()
+        if len(tokens) + len(calls) > limits().program_tokens:
+            return _limited((*tokens, *calls))
         if punctuation == "(":
             calls.append(name)
             name = ""

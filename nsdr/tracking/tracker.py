@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import VisibilityConfig, cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
@@ -66,6 +67,13 @@ class TrackerConfig:
     duplicate_iou: float = 0.5
     duplicate_share: float = 0.9
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+
+    def __post_init__(self) -> None:
+        check_ranges(
+            self, score=SHARE, late_share=SHARE, velocity_memory=SHARE, duplicate_iou=SHARE, duplicate_share=SHARE
+        )
+        check_ranges(self, min_frames=COUNT, min_late_frames=COUNT, late_end_frames=COUNT, max_gap_frames=MANY)
+        check_ranges(self, gate_world=NOT_NEGATIVE, gate_world_per_frame=NOT_NEGATIVE, mismatch_world=NOT_NEGATIVE)
 
 
 @dataclass

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.io.validation import NOT_NEGATIVE, check_ranges
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
@@ -38,6 +39,9 @@ class VisibilityConfig:
 
     cut_margin_px: float = 2.0
     touch_px: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self, cut_margin_px=NOT_NEGATIVE, touch_px=NOT_NEGATIVE)
 
 
 def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Camera = CLEVRER_CAMERA) -> BoolArray:

@@ -7,11 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from nsdr.clevrer.annotations import read_truth_file
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.evaluation.score import evaluate
-from nsdr.io.files import atomic_path, read_json
+from nsdr.io.files import atomic_path
+from nsdr.io.listing import find_files
+from nsdr.io.lock import locked
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
@@ -62,7 +65,7 @@ def run_ablation(config: QuestionParserTraining, sizes: Sequence[int]) -> str:
         The path of the CSV file.
 
     Raises:
-        DataError: no questions or scenes to evaluate on, or a missing or unreadable file.
+        DataError: no questions or scenes to evaluate on, a missing or unreadable file, or another process writes to the folder.
     """
     if not config.evaluation_questions or not config.evaluation_scenes:
         raise DataError(
@@ -71,25 +74,26 @@ def run_ablation(config: QuestionParserTraining, sizes: Sequence[int]) -> str:
     scenes = read_questions(config.evaluation_questions)
     executors = dict(_executors(scenes, Path(config.evaluation_scenes)))
     run_dir = Path(config.run_dir)
-    rows: list[dict[str, Any]] = []
-    for size in sizes:
-        name = "all" if size == ALL else str(size)
-        size_config = replace(config, samples=size, run_dir=str(run_dir / name), output="")
-        checkpoint = train_question_parser(size_config)
-        parser = QuestionParser.from_checkpoint(checkpoint, min_probability=0.0, unknown="ignore")
-        rows += [{"programs": name, **row} for row in _accuracies(parser, scenes, executors)]
-        _write_csv(run_dir / "ablation.csv", rows)
-    _write_figure(run_dir / "ablation.png", rows)
+    with locked(run_dir):
+        rows: list[dict[str, Any]] = []
+        for size in sizes:
+            name = "all" if size == ALL else str(size)
+            size_config = replace(config, samples=size, run_dir=str(run_dir / name), output="")
+            checkpoint = train_question_parser(size_config)
+            parser = QuestionParser.from_checkpoint(checkpoint, min_probability=0.0, unknown="ignore")
+            rows += [{"programs": name, **row} for row in _accuracies(parser, scenes, executors)]
+            _write_csv(run_dir / "ablation.csv", rows)
+        _write_figure(run_dir / "ablation.png", rows)
     return str(run_dir / "ablation.csv")
 
 
 def _executors(scenes: Sequence[SceneQuestions], folder: Path) -> Iterator[tuple[int, Executor]]:
     """Scene index and executor on the true scene, for every scene of the question file."""
-    paths = {int("".join(c for c in p.stem if c.isdigit())): p for p in folder.rglob("truth_*.json")}
+    paths = {int("".join(c for c in p.stem if c.isdigit())): p for p in find_files(folder, "truth_*.json")}
     for scene in scenes:
         if scene.scene_index not in paths:
             raise DataError(f"{folder}: has no truth_{scene.scene_index:05d}.json")
-        yield scene.scene_index, Executor(scene_from_truth(read_json(paths[scene.scene_index])))
+        yield scene.scene_index, Executor(scene_from_truth(read_truth_file(paths[scene.scene_index])))
 
 
 def _accuracies(

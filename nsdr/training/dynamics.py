@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
 from nsdr.training.loop import train_part
 from nsdr.training.patch_dynamics import PatchModelTask
@@ -19,8 +18,6 @@ def main(argv: Sequence[str] | None = None) -> str:
         DataError: an unknown network, or unreadable training data.
     """
     config = parse_config(DynamicsTraining, argv, "nsdr train dynamics")
-    if config.network not in ("state", "paper"):
-        raise DataError(f"network is {config.network!r}; expected state or paper")
     if config.network == "state":
         return train_part("dynamics", StateModelTask(config), config, config.model, {"network": config.network})
     return train_part("dynamics", PatchModelTask(config), config, config.patches, {"network": config.network})

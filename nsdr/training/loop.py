@@ -31,6 +31,7 @@ from nsdr.io.device import resolve_device
 from nsdr.io.lock import locked
 from nsdr.io.validation import check_choices, check_ranges
 from nsdr.training.run_folder import RunFolder, TrainingState
+from nsdr.training.tensorboard import EventFile
 
 __all__ = ["LoopConfig", "LossTerm", "Task", "learning_rate_at", "train", "train_part"]
 
@@ -178,8 +179,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
 
     Raises:
         FloatingPointError: a loss is not finite; the message names the step and the terms.
-        DataError: `run_dir` was started with another configuration or another process writes to it, or the device cannot be
-            used.
+        DataError: `run_dir` was started with another configuration, another process writes to it, or it cannot be written;
+            or the device cannot be used.
     """
     accelerator = _accelerator(config)
     with locked(run_dir) if accelerator.is_main_process else nullcontext():
@@ -196,7 +197,7 @@ def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accel
     evaluated = task.model if average is None else average.module
     state = TrainingState(task.model, optimizer, average, accelerator.scaler)
     start, record = folder.restore(state)
-    writer = _tensorboard(folder.path, start) if accelerator.is_main_process else None
+    writer = _event_file(folder.path, start) if accelerator.is_main_process else None
     rank, processes = accelerator.process_index, accelerator.num_processes
 
     def batch_of(step: int) -> Any:
@@ -211,7 +212,7 @@ def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accel
             log.info("step %d: %s", step, metrics)
             if writer is not None:
                 for name, image in task.images(evaluated).items():
-                    writer.add_image(name, image, step, dataformats="HWC")
+                    writer.add_image(name, image, step)
         if record:
             folder.write_line(step, record)
             if writer is not None:
@@ -262,8 +263,6 @@ def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accel
             finish(done, record)
     if average is not None:
         task.model.load_state_dict(average.module.state_dict())
-    if writer is not None:
-        writer.close()
     return folder.metrics(config.steps) or {}
 
 
@@ -287,7 +286,8 @@ def train_part(part: str, task: Task, config: Any, model_config: Any, details: M
     output: str = config.output or f"{config.run_dir}/checkpoint"
     processes = PartialState()
     if processes.is_main_process:
-        more = {**(details or {}), "metrics": metrics, "training": described(config)}
+        known = {k: v if math.isfinite(v) else None for k, v in metrics.items()}  # JSON has no NaN
+        more = {**(details or {}), "metrics": known, "training": described(config)}
         save_checkpoint(output, part, task.model.state_dict(), model_config, more, half=True)
     processes.wait_for_everyone()
     return output
@@ -319,11 +319,10 @@ def _optimizer(model: nn.Module, config: LoopConfig) -> torch.optim.Optimizer:
     )
 
 
-def _tensorboard(folder: Path, start: int) -> Any:
-    """Writer of events that follow step `start`."""
+def _event_file(folder: Path, start: int) -> EventFile | None:
+    """For TensorBoard, where that is installed."""
     try:
-        from torch.utils.tensorboard import SummaryWriter  # heavy
+        return EventFile(folder, start)
     except ImportError:
         log.warning("TensorBoard is not installed (pip install 'nsdr[train]'); metrics.jsonl has the same numbers")
         return None
-    return SummaryWriter(str(folder), purge_step=start + 1)

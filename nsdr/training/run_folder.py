@@ -1,23 +1,25 @@
 """The folder of a training run: configuration, metrics and checkpoints, from which a killed run goes on."""
 
+import hashlib
 import json
 import logging
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors import torch as safetensors
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, read_json, remove_partial_files, sync, write_json
+from nsdr.io.files import atomic_path, remove_partial_files, sync, write_json, writing
 from nsdr.io.fingerprint import code_revision
+from nsdr.io.reading import read_json
 
 __all__ = ["RunFolder", "TrainingState"]
 
@@ -46,7 +48,11 @@ class TrainingState:
     scaler: Any = None
 
     def save(self, folder: Path) -> dict[str, Any]:
-        """Write the tensors as safetensors files; returns the scaler's state, plain values."""
+        """Write the tensors as safetensors files; returns the scaler's state, plain values.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
         values = self.optimizer.state_dict()["state"]
         flat = {f"{i}.{name}": torch.as_tensor(value) for i, state in values.items() for name, value in state.items()}
         tensors = {"model": self.model.state_dict(), "optimizer": flat}
@@ -54,20 +60,19 @@ class TrainingState:
             tensors["average"] = self.average.state_dict()
         for name, part in tensors.items():
             # Copies: safetensors refuses tensors that share memory.
-            save_file(
-                {k: v.detach().cpu().clone().contiguous() for k, v in part.items()}, folder / f"{name}.safetensors"
-            )
+            copies = {k: v.detach().cpu().clone().contiguous() for k, v in part.items()}
+            (folder / f"{name}.safetensors").write_bytes(safetensors.save(copies))
         return {} if self.scaler is None else dict(self.scaler.state_dict())
 
     def load(self, folder: Path, scaler: Mapping[str, Any]) -> None:
         """Take over what `save` wrote."""
         optimizer: dict[int, dict[str, Tensor]] = {}
-        for key, value in load_file(folder / "optimizer.safetensors").items():
+        for key, value in safetensors.load_file(folder / "optimizer.safetensors").items():
             index, name = key.split(".", 1)
             optimizer.setdefault(int(index), {})[name] = value
-        self.model.load_state_dict(load_file(folder / "model.safetensors"))
+        self.model.load_state_dict(safetensors.load_file(folder / "model.safetensors"))
         if self.average is not None:
-            self.average.load_state_dict(load_file(folder / "average.safetensors"))
+            self.average.load_state_dict(safetensors.load_file(folder / "average.safetensors"))
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": optimizer, "param_groups": groups})
         if self.scaler is not None:
@@ -121,22 +126,38 @@ class RunFolder:
             state: what to save.
             step: number of finished steps, N.
             record: the losses of this step, for its line in `metrics.jsonl`, which is written later.
+
+        Raises:
+            DataError: it cannot be written, such as on a full disk; the earlier checkpoints stay.
         """
         if not self.writes:
             return
         folder, temporary = self.path / f"step_{step:07d}", self.path / f".step_{step:07d}"
-        for leftover in (folder, *self.path.glob(".step_*")):
+        for leftover in (folder, temporary):
             shutil.rmtree(leftover, ignore_errors=True)
-        temporary.mkdir()
-        scaler = state.save(temporary)
-        write_json(temporary / "state.json", {"step": step, "record": record, "scaler": scaler})
-        sync(*temporary.iterdir(), temporary)
-        os.replace(temporary, folder)
-        sync(self.path)
-        kept = [p for p in self._checkpoints() if _step_of(p) <= step][:KEPT_CHECKPOINTS]
+        with writing(folder):
+            try:
+                temporary.mkdir()
+                scaler = state.save(temporary)
+                content = {"step": step, "record": record, "scaler": scaler, "sha256": _checksums(temporary)}
+                write_json(temporary / "state.json", content)
+                sync(*temporary.iterdir(), temporary, *self.path.glob(self._metrics.name))
+                os.replace(temporary, folder)
+                sync(self.path)
+            finally:
+                shutil.rmtree(temporary, ignore_errors=True)
+        self._delete_all_but(self._checkpoints(), step)
+
+    def _delete_all_but(self, checkpoints: Sequence[Path], step: int) -> None:
+        """Delete the checkpoints but for the newest ones up to a step, and what kills left of others."""
+        kept = [p for p in checkpoints if _step_of(p) <= step][:KEPT_CHECKPOINTS]
         for old in self.path.glob("step_*"):
-            if old not in kept:
-                shutil.rmtree(old)
+            if old not in kept:  # hidden before it is taken apart
+                shutil.rmtree(self.path / f".{old.name}", ignore_errors=True)
+                with writing(self.path):
+                    os.replace(old, self.path / f".{old.name}")
+        for leftover in self.path.glob(".step_*"):
+            shutil.rmtree(leftover, ignore_errors=True)
 
     def restore(self, state: TrainingState) -> tuple[int, dict[str, float]]:
         """Load the newest checkpoint that is whole, and drop the lines of later steps from `metrics.jsonl`.
@@ -145,12 +166,14 @@ class RunFolder:
             The number of finished steps (0 without a checkpoint), and the losses of the last one as given to `save`.
 
         Raises:
-            DataError: there are checkpoints, and all are damaged.
+            DataError: there are checkpoints, and all are damaged; or the folder cannot be written.
         """
         folders, step, record = self._checkpoints(), 0, {}
         for folder in folders:
             try:
                 content = read_json(folder / "state.json")
+                if content.get("sha256", sums := _checksums(folder)) != sums:
+                    raise DataError("its files do not have the checksums in state.json")
                 state.load(folder, content["scaler"])
                 step, record = int(content["step"]), dict(content["record"])
                 break
@@ -161,15 +184,17 @@ class RunFolder:
                 raise DataError(f"{self.path}: no checkpoint can be read; delete the folder to start again")
         if step:
             log.info("%s: resumes at step %d", self.path, step)
+        if self.writes:
+            self._delete_all_but(folders, max((_step_of(p) for p in folders), default=0))
         if self.writes and self._metrics.exists():
             with atomic_path(self._metrics) as temporary:
                 temporary.write_text("".join(json.dumps(line) + "\n" for line in self._lines() if line["step"] <= step))
         return step, record
 
     def write_line(self, step: int, record: Mapping[str, float]) -> None:
-        """Append a step's losses and metrics to `metrics.jsonl`."""
+        """Append a step's losses and metrics to `metrics.jsonl`; raises `DataError` if it cannot be written."""
         if self.writes:
-            with open(self._metrics, "a") as file:
+            with writing(self._metrics), open(self._metrics, "a") as file:
                 file.write(json.dumps({"step": step, **record}) + "\n")
 
     def metrics(self, step: int) -> dict[str, float] | None:
@@ -181,11 +206,16 @@ class RunFolder:
 
     def _lines(self) -> Iterator[dict[str, Any]]:
         """The lines of `metrics.jsonl`; one that a kill left unfinished is passed over."""
-        for line in self._metrics.read_text().splitlines() if self._metrics.exists() else ():
+        for line in self._metrics.read_text(errors="replace").splitlines() if self._metrics.exists() else ():
             try:
                 yield json.loads(line)
             except ValueError:
                 continue
+
+
+def _checksums(folder: Path) -> dict[str, str]:
+    """SHA-256 of the tensors' files, by name."""
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.glob("*.safetensors"))}
 
 
 def _step_of(checkpoint: Path) -> int:

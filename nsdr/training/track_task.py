@@ -18,6 +18,7 @@ from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.dynamics.propnet.state_predictor import StatePredictor
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -72,6 +73,12 @@ class DynamicsTraining:
     model: StateModelConfig = field(default_factory=StateModelConfig)
     patches: PatchModelConfig = field(default_factory=PatchModelConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
+
+    def __post_init__(self) -> None:
+        check_choices(self, network=("state", "paper"))
+        check_ranges(
+            self, limit=COUNT, rollout_steps=(1, VIDEO_FRAMES), noise_world=NOT_NEGATIVE, evaluation_scenes=MANY
+        )
 
 
 class TrackTask(Task):

@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.errors import DataError
+from nsdr.io.files import atomic_path
 from nsdr.io.video import read_frames
 from nsdr.pipeline import Perception
 from nsdr.types import Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS_RGB, attributes_of
 
-__all__ = ["annotated_image", "write_annotated_image"]
+__all__ = ["annotated_image", "write_annotated_image", "write_image"]
+
+IMAGE_SUFFIXES = (".png", ".jpg")
+"""Endings of image files."""
 
 SCALE = 2
 """Size of an annotated image relative to the video's frames."""
@@ -105,13 +109,29 @@ def write_annotated_image(path: str | Path, video: str | Path, perception: Perce
         for index, frame in enumerate(read_frames(video)):
             last_index, last_frame = index, frame
     image = annotated_image(last_frame, last_index, perception.proposals, perception.tracks, perception.scene)
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        written = cv2.imwrite(str(path), image[..., ::-1])
-    except (OSError, cv2.error) as e:
-        raise DataError(f"{path}: cannot write an image; expected a name ending in .png or .jpg ({e})") from e
-    if not written:
-        raise DataError(f"{path}: cannot write an image; expected a name ending in .png or .jpg")
+    write_image(path, image)
+
+
+def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
+    """Write an RGB image (H, W, 3), atomically; missing folders are created.
+
+    Args:
+        path: file ending in .png or .jpg; what is no regular file gets a PNG.
+        image: uint8 RGB.
+
+    Raises:
+        DataError: another ending, or the file cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in IMAGE_SUFFIXES:
+        if Path(path).is_file() or not Path(path).exists():
+            raise DataError(f"{path}: cannot write an image; expected a name ending in {' or '.join(IMAGE_SUFFIXES)}")
+        suffix = IMAGE_SUFFIXES[0]
+    done, encoded = cv2.imencode(suffix, image[..., ::-1])
+    if not done:
+        raise DataError(f"{path}: the image of shape {image.shape} cannot be encoded as {suffix}")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(encoded.tobytes())
 
 
 def _annotation_color(color: str) -> Color:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitConfig, fit_trajectories
+from nsdr.io.validation import COUNT, NOT_NEGATIVE, check_ranges
 from nsdr.types import Event
 
 __all__ = ["CollisionSearchConfig", "search_collisions"]
@@ -28,6 +29,9 @@ class CollisionSearchConfig:
     max_loss: float = 0.1
     trials: int = 4
     fit: TrajectoryFitConfig = field(default_factory=TrajectoryFitConfig)
+
+    def __post_init__(self) -> None:
+        check_ranges(self, doubt=(0.0, 0.5), min_gain=NOT_NEGATIVE, max_loss=NOT_NEGATIVE, trials=COUNT)
 
 
 def search_collisions(

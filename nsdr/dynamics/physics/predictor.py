@@ -25,12 +25,15 @@ from nsdr.dynamics.track_smoothing import (
     with_smoothed_tracks,
 )
 from nsdr.io.threads import limit_threads
+from nsdr.io.validation import COUNT, NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.physics_constants import LOG_MASS_STD, OBJECT_RADIUS_WORLD
 
 __all__ = ["CollisionDetector", "PhysicsConfig", "PhysicsPredictor"]
 
 FloatArray = NDArray[np.floating[Any]]
+MAX_RUNS = 10_000
+"""Largest `PhysicsConfig.runs`."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,11 @@ class PhysicsConfig:
     seed: int = 0
     closeness_world: float = 0.4
     search: CollisionSearchConfig = field(default_factory=CollisionSearchConfig)
+
+    def __post_init__(self) -> None:
+        check_ranges(self, runs=(1, MAX_RUNS), collision_threshold=SHARE, seed=COUNT, closeness_world=POSITIVE)
+        noise = ("position_noise_world", "velocity_noise_world_per_s", "yaw_noise", "mass_noise", "unmet_mass_noise")
+        check_ranges(self, **dict.fromkeys(noise, NOT_NEGATIVE))
 
 
 class CollisionDetector(Protocol):

@@ -5,7 +5,7 @@ motion a smooth function of the initial state (see `simulator`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_OUTLINE
 from nsdr.dynamics.physics.numba_cache import cached_njit
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion, simulate
 from nsdr.dynamics.sliding import fit_sliding, slide
+from nsdr.io.validation import MANY, NOT_NEGATIVE, POSITIVE, check_ranges
 from nsdr.types import Event
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD, OBJECT_RADIUS_WORLD
@@ -88,6 +89,11 @@ class TrajectoryFitConfig:
     restarts: int = 6
     restart_yaw_noise_px: float = 0.7
     restart_log_mass_scale: float = 0.7
+
+    def __post_init__(self) -> None:
+        check_ranges(self, **dict.fromkeys([f.name for f in fields(self)], NOT_NEGATIVE))
+        check_ranges(self, position_noise_world=POSITIVE, edge_noise_px=POSITIVE, mass_deviation=POSITIVE)
+        check_ranges(self, rebound_deviation=POSITIVE, robust_scale=POSITIVE, evaluations=MANY, yaw_guesses=MANY)
 
 
 @dataclass(frozen=True)
@@ -360,14 +366,8 @@ class _Problem:
             return np.stack([(residuals(step + d) - base) / DIFFERENCE for d in DIFFERENCE * np.eye(len(step))], 1)
 
         # The first trust region is the norm of the start: by optimising the change from it, one unit.
-        solution = least_squares(
-            residuals,
-            np.zeros(len(x)),
-            jacobian,
-            loss="soft_l1",
-            f_scale=self.config.robust_scale,
-            max_nfev=self.config.evaluations,
-        )
+        options: Any = {"f_scale": self.config.robust_scale, "max_nfev": self.config.evaluations}
+        solution = least_squares(residuals, np.zeros(len(x)), jacobian, loss="soft_l1", **options)
         return np.asarray(x + solution.x)
 
     def result(self, x: FloatArray) -> TrajectoryFit:

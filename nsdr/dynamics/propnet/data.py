@@ -4,18 +4,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from nsdr.clevrer.annotations import read_truth_file
 from nsdr.clevrer.proposals import read_compact_proposals
 from nsdr.clevrer.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, read_json
+from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.listing import find_files
+from nsdr.io.reading import read_npz
 from nsdr.tracking.tracker import track
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import Event, SceneObject
@@ -109,7 +111,7 @@ def read_motion_dataset(
     Raises:
         DataError: a missing or unreadable file, a video without truth, or no scene that fits.
     """
-    files = sorted(Path(simulated).rglob("truth_*.json")) if simulated else []
+    files = find_files(simulated, "truth_*.json") if simulated else []
     if simulated and not files:
         raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
     made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=limit)
@@ -153,19 +155,21 @@ def read_motion_dataset(
 def _read_cache(path: Path, made_from: str) -> MotionDataset | None:
     """The kept data; None if they are missing, broken or of other inputs."""
     try:
-        with path.open("rb") as file, np.load(file) as arrays:  # np.load would leave a broken file open
-            if str(arrays["fingerprint"]) != made_from:
-                return None
-            return MotionDataset(**{name: arrays[name] for name in MotionDataset.__dataclass_fields__})
-    except (OSError, EOFError, KeyError, ValueError, BadZipFile):
+        arrays = read_npz(path)
+    except DataError:
         return None
+    if str(arrays.pop("fingerprint", "")) != made_from or arrays.keys() != MotionDataset.__dataclass_fields__.keys():
+        return None
+    return MotionDataset(**arrays)
 
 
 def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
     """Scene number, states and ground-truth block of the two windows of every truth file, as `_row` takes them."""
     rng = np.random.default_rng(SIMULATED_NOISE_SEED)
     for file in tqdm(files, desc="simulated", unit="scene", disable=not files):
-        truth = read_json(file)
+        truth = read_truth_file(file)
+        if len(truth["frames"]) < VIDEO_FRAMES:
+            raise DataError(f"{file}: frames: expected {VIDEO_FRAMES} or more, got {len(truth['frames'])}")
         try:
             for first in (0, len(truth["frames"]) - VIDEO_FRAMES):
                 tracks = tracks_from_motion(truth["objects"], truth["frames"][first : first + VIDEO_FRAMES])

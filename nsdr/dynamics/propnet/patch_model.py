@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.layers import PropNet
+from nsdr.io.validation import POSITIVE, SHARE, SIZE, check_ranges
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["BOX_SCALE", "PatchModel", "PatchModelConfig"]
@@ -45,6 +46,10 @@ class PatchModelConfig:
     cell_px: float = 4.0
     channels: tuple[int, int, int] = (16, 32, 64)
     collision_threshold: float = 0.3
+
+    def __post_init__(self) -> None:
+        sizes = ("hidden", "propagation_steps", "stride_frames", "window", "patch_cells", "channels")
+        check_ranges(self, collision_threshold=SHARE, cell_px=POSITIVE, **dict.fromkeys(sizes, SIZE))
 
 
 class PatchEncoder(nn.Module):

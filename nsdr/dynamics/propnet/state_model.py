@@ -1,13 +1,12 @@
 """The state backend's networks: one detects collisions in observed motion, one predicts the next positions."""
 
-import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.layers import PropNet, mlp
-from nsdr.io.validation import check_ranges
+from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["StateModel", "StateModelConfig"]
 
@@ -44,8 +43,8 @@ class StateModelConfig:
     collision_threshold: float = 0.5
 
     def __post_init__(self) -> None:
-        sizes = dict.fromkeys(("hidden", "propagation_steps", "stride_frames", "side_steps"), (1, math.inf))
-        check_ranges(self, past_steps=(INERTIA_STEPS + 1, math.inf), collision_threshold=(0, 1), **sizes)
+        sizes = dict.fromkeys(("hidden", "propagation_steps", "stride_frames", "side_steps"), SIZE)
+        check_ranges(self, past_steps=(INERTIA_STEPS + 1, MAX_SIZE), collision_threshold=SHARE, **sizes)
 
 
 class StateModel(nn.Module):

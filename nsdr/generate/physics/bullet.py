@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
+from nsdr.io.validation import NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
 from nsdr.world.physics_constants import (
     GRAVITY,
     GROUND_FRICTION,
@@ -63,6 +64,11 @@ class BulletConfig:
     spinning_friction: float = SPINNING_FRICTION
     restitution: float = OBJECT_RESTITUTION
     ground_restitution: float = GROUND_RESTITUTION
+
+    def __post_init__(self) -> None:
+        check_ranges(self, step_s=POSITIVE, steps_per_frame=(1, 1_000), restitution=SHARE, ground_restitution=SHARE)
+        others = ("gravity", "friction", "sphere_friction", "spinning_friction")
+        check_ranges(self, **dict.fromkeys(others, NOT_NEGATIVE))
 
 
 @dataclass(frozen=True)

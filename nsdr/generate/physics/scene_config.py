@@ -1,13 +1,16 @@
 """What generated scenes look like: numbers of objects, attributes, start states and the planned collisions."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import BulletConfig
+from nsdr.io.limits import limits
+from nsdr.io.validation import NOT_NEGATIVE, POSITIVE, SHARE, check_interval, check_ranges
 from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S
 from nsdr.world.timeline import VIDEO_FRAMES, simulated_frames
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 __all__ = ["SceneConfig", "Triple", "matches_any", "of_participant"]
 
@@ -85,17 +88,11 @@ class SceneConfig:
         ):
             if not words or set(words) - set(known):
                 raise DataError(f"{name}: expected some of {', '.join(known)}, got {', '.join(words) or 'none'}")
-        if (
-            not self.objects
-            or min(self.objects) < MIN_OBJECTS
-            or min(self.objects.values()) < 0
-            or not any(self.objects.values())
-        ):
-            raise DataError(
-                f"objects: expected probabilities of {MIN_OBJECTS} objects or more, got {dict(self.objects)}"
-            )
-        if self.n_frames < MIN_FRAMES:
-            raise DataError(f"n_frames: expected at least {MIN_FRAMES}, got {self.n_frames}")
+        self._check_numbers()
+        for pattern in (*self.held_out, *self.only):
+            kinds = [{w: k for k, words in ATTRIBUTES.items() for w in words}.get(w, "") for w in pattern.split()]
+            if not kinds or "" in kinds or len(set(kinds)) < len(kinds):
+                raise DataError(f"held_out and only: expected combinations such as red metal cube, got {pattern!r}")
         if len(self.triples) < max(self.objects):
             raise DataError(
                 f"shapes, colors, materials and held_out leave {len(self.triples)} combinations for scenes of "
@@ -105,6 +102,28 @@ class SceneConfig:
             raise DataError(
                 f"only: shapes, colors, materials and held_out leave no combination that matches {', '.join(self.only)}"
             )
+
+    def _check_numbers(self) -> None:
+        most = limits().scene_objects
+        if (
+            not self.objects
+            or not all(MIN_OBJECTS <= n <= most for n in self.objects)
+            or not any(self.objects.values())
+        ):
+            expected = f"probabilities of {MIN_OBJECTS} to {most} objects"
+            raise DataError(f"objects: expected {expected}, got {dict(self.objects)}")
+        check_ranges(self, n_frames=(MIN_FRAMES, limits().frames), participants=(MIN_OBJECTS, most))
+        check_ranges(self, objects=NOT_NEGATIVE, static_fraction=SHARE, late_fraction=SHARE, extra_fraction=SHARE)
+        check_ranges(self, partner_weights=NOT_NEGATIVE, first_meeting=NOT_NEGATIVE, resting_delay=NOT_NEGATIVE)
+        check_ranges(self, first_heading_degrees=(0.0, 180.0), heading_degrees=(0.0, 180.0), far_world=POSITIVE)
+        check_ranges(self, speed=POSITIVE, mass=POSITIVE, first_distance=NOT_NEGATIVE, area=(-math.inf, math.inf))
+        check_interval(self, "speed", "mass", "first_distance")
+        low_x, high_x, low_y, high_y = self.area
+        if low_x > high_x or low_y > high_y:
+            raise DataError(f"area is {self.area}; expected min x, max x, min y, max y")
+        for name in ("static_fraction", "partner_weights", "late_fraction"):
+            if not getattr(self, name):
+                raise DataError(f"{name} is empty; expected one value per participant, the last for all further ones")
 
     @property
     def triples(self) -> list[Triple]:

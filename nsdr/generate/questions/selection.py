@@ -20,6 +20,7 @@ from nsdr.generate.questions.candidates import (
     descriptive_questions,
     multiple_choice_questions,
 )
+from nsdr.io.validation import COUNT, MAX_SIZE, NOT_NEGATIVE, check_ranges
 from nsdr.types import Scene
 
 __all__ = ["Candidates", "QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
@@ -80,8 +81,7 @@ class QuestionConfig:
     def __post_init__(self) -> None:
         if set(self.per_video) - set(PER_VIDEO):
             raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
-        if self.max_options < MIN_OPTIONS:
-            raise DataError(f"max_options: expected at least {MIN_OPTIONS}, got {self.max_options}")
+        check_ranges(self, per_video=NOT_NEGATIVE, max_options=(MIN_OPTIONS, MAX_SIZE), seed=COUNT)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import random
 from dataclasses import dataclass, field
 
 from nsdr.errors import DataError
+from nsdr.io.validation import NOT_NEGATIVE, SIZE, check_ranges
 from nsdr.world.camera import EYE_WORLD, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.timeline import FPS
 
@@ -13,6 +14,10 @@ N_LAMPS = 3
 """Lamps whose positions vary with `RenderConfig.light_jitter`."""
 MIN_SIDE_PX = 16
 """Smallest image width and height."""
+MAX_SIDE_PX = 4096
+"""Largest image width and height that H.264 encoders take at every level."""
+MAX_FPS, MAX_CRF = 1000, 51
+"""Largest frame rate (1/s), and H.264's largest rate factor."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,9 @@ class RenderConfig:
     crf: int = 20
 
     def __post_init__(self) -> None:
-        if min(self.width, self.height) < MIN_SIDE_PX or self.width % 2 or self.height % 2:
+        check_ranges(self, camera_jitter=NOT_NEGATIVE, light_jitter=NOT_NEGATIVE, samples=SIZE, fps=(1, MAX_FPS))
+        check_ranges(self, crf=(0, MAX_CRF), width=(MIN_SIDE_PX, MAX_SIDE_PX), height=(MIN_SIDE_PX, MAX_SIDE_PX))
+        if self.width % 2 or self.height % 2:
             raise DataError(
                 f"width and height: expected even numbers of at least {MIN_SIDE_PX}, got {self.width}x{self.height}"
             )

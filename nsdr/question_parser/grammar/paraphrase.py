@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 from typing import Any
 
-from nsdr.io.files import parse_json
+from nsdr.io.reading import parse_json
 
 __all__ = ["paraphrased", "read_paraphrases"]
 

@@ -1,0 +1,27 @@
+"""The data types that stages exchange. All are frozen dataclasses, validated on construction.
+
+video -> `VideoProposals` -> `VideoTracks` -> `DynamicsPrediction` -> `Scene` -> `Answer`
+
+Frames count from 0; the video shows frames below `n_frames`, later ones are unseen. Pixels are those of the 480x320
+image, (column, row); world units are CLEVRER's ground plane (x towards the camera, y to the right of the image).
+
+Arrays are stored as read-only views of the arrays passed in.
+"""
+
+from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
+from nsdr.types.scenes import DynamicsPrediction, Event, Rollout, Scene
+from nsdr.types.tracks import SceneObject, Track, VideoProposals, VideoTracks
+
+__all__ = [
+    "Answer",
+    "ChoiceAnswer",
+    "DynamicsPrediction",
+    "Event",
+    "Rollout",
+    "Scene",
+    "SceneObject",
+    "TraceStep",
+    "Track",
+    "VideoProposals",
+    "VideoTracks",
+]

@@ -1,0 +1,67 @@
+"""Answers and how they were found."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from nsdr.types.scenes import Event
+
+__all__ = ["Answer", "ChoiceAnswer", "TraceStep"]
+
+
+@dataclass(frozen=True)
+class TraceStep:
+    """One executed module.
+
+    Attributes:
+        module: the module's token.
+        inputs: indices of the steps that gave its arguments.
+        kind: type of the result (`nsdr.symbolic.Kind`).
+        value: the result: a word, number or truth value, object ids, or `Event`s.
+        text: the result in words.
+        objects: ids of the objects in the result, or for a word or number those of its inputs.
+        events: the events in the result, or for a word or number those of its inputs.
+    """
+
+    module: str
+    inputs: tuple[int, ...]
+    kind: str
+    value: Any
+    text: str
+    objects: tuple[int, ...] = ()
+    events: tuple[Event, ...] = ()
+
+
+@dataclass(frozen=True)
+class ChoiceAnswer:
+    """The judgement of one choice of a multiple-choice question.
+
+    Attributes:
+        choice: text of the choice.
+        answer: "correct" or "wrong"; with the official semantics also "error".
+        program: postfix tokens of the choice's program followed by the question's.
+        trace: executed steps.
+    """
+
+    choice: str
+    answer: str
+    program: tuple[str, ...]
+    trace: tuple[TraceStep, ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a question.
+
+    Attributes:
+        question: text of the question; "" when only a program was given.
+        program: postfix tokens of the question's program.
+        answer: the answer word; None for a multiple-choice question.
+        trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
+        choices: the judged choices; empty for a descriptive question.
+    """
+
+    question: str
+    program: tuple[str, ...]
+    answer: str | None
+    trace: tuple[TraceStep, ...] = ()
+    choices: tuple[ChoiceAnswer, ...] = ()

@@ -1,0 +1,224 @@
+"""Wrong arrays in NPZ files, and hostile zip archives."""
+
+import gzip
+import io
+import pickle
+import struct
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.robustness.case import Case, text_writer
+from tests.robustness.files import Damage, flipped, from_good
+from tests.robustness.good import COMMANDS, COUNT, EVALUATE, compact_arrays
+
+__all__ = ["archive_cases"]
+
+
+def _npz_bytes(arrays: dict[str, Any]) -> bytes:
+    """An NPZ file with these arrays; bytes are written as a member's raw content."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, array in arrays.items():
+            member = io.BytesIO()
+            if isinstance(array, bytes):
+                member.write(array)
+            else:
+                np.lib.format.write_array(member, np.asarray(array), allow_pickle=True)
+            archive.writestr(f"{name}.npy", member.getvalue())
+    return buffer.getvalue()
+
+
+def _npy_header(shape: str, dtype: str = "<f8") -> bytes:
+    """An NPY member that promises more than it holds."""
+    header = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header.encode() + b"\x00" * 64
+
+
+ARRAY_CHANGES: dict[str, Callable[[Any], Any]] = {
+    "text": lambda a: a.astype(str),
+    "objects": lambda a: a.astype(object),
+    "fractions": lambda a: a.astype(float) + 0.5,
+    "NaN": lambda a: np.full(a.shape, np.nan),
+    "complex": lambda a: a.astype(complex),
+    "times": lambda a: a.astype("datetime64[s]"),
+    "one row missing": lambda a: a[:-1],
+    "one axis more": lambda a: a[..., None],
+    "single number": lambda a: a.ravel()[0],
+    "empty": lambda a: a[:0],
+    "negative": lambda a: -a.astype(np.int64) - 1,
+    "huge": lambda a: a.astype(np.int64) + 2**40,
+    "header of 10^11 numbers": lambda a: _npy_header("(100000000000,)"),
+    "header of negative shape": lambda a: _npy_header("(-8,)"),
+    "header of words": lambda a: _npy_header("('a',)"),
+    "header of objects": lambda a: _npy_header("(8,)", "|O"),
+    "header of an unknown type": lambda a: _npy_header("(8,)", "zebra"),
+    "header without end": lambda a: b"\x93NUMPY\x01\x00\xff\xff{",
+    "member is no array": lambda a: b"zebra",
+    "member is empty": lambda a: b"",
+}
+"""Ways to make an array wrong."""
+ROW_CHANGES: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "unsorted frames": ("frame", lambda a: a[::-1]),
+    "unsorted videos": ("video", lambda a: np.r_[a[:-1], a[-1] - 1]),
+    "frame beyond the limit": ("frame", lambda a: np.r_[a[:-1], 65_000]),
+    "unknown attributes": ("attr", lambda a: np.full(len(a), 200)),
+    "score above 255": ("score", lambda a: np.full(len(a), 300)),
+    "box inverted": ("box", lambda a: a[:, [2, 3, 0, 1]]),
+    "box outside the image": ("box", lambda a: a + 5000),
+    "box of three sides": ("box", lambda a: a[:, :3]),
+    "centroid outside the image": ("cx64", lambda a: np.full(len(a), 65_000)),
+    "area of zero": ("area", lambda a: a * 0),
+    "area larger than the image": ("area", lambda a: np.full(len(a), 4_000_000_000, np.uint32)),
+}
+
+
+def _npz_cases() -> Iterator[Case]:
+    argv, file = COMMANDS["compact"], "proposals.npz"
+    good = compact_arrays()
+    for array in good:
+        rest = {k: v for k, v in good.items() if k != array}
+        yield Case("compact, remove", array, argv, text_writer(file, _npz_bytes(rest)), file, array)
+        for name, change in ARRAY_CHANGES.items():
+            place = "" if name in ("one row missing", "empty") else array  # the others do not fit either
+            data = _npz_bytes({**good, array: change(good[array])})
+            yield Case("compact, array", f"{array}: {name}", argv, text_writer(file, data), file, place)
+    for name, (array, change) in ROW_CHANGES.items():
+        data = _npz_bytes({**good, array: change(good[array])})
+        yield Case("compact, value", name, argv, text_writer(file, data), file)
+    many = {k: np.concatenate([v[:1]] * 240 + [v]) for k, v in good.items()}
+    yield Case("compact, value", "240 objects in a frame", argv, text_writer(file, _npz_bytes(many)), file)
+    for kind, file, argv in (
+        ("compact", "proposals.npz", COMMANDS["compact"]),
+        ("scene npz", "scene.npz", ("execute", "--scene", "scene.npz", *COUNT)),
+    ):
+        for name, damage in NPZ_DAMAGES.items():
+            yield Case(f"{kind}, file", name, argv, from_good(file, damage), file)
+    for name, change in SCENE_NPZ_CHANGES.items():
+        yield Case("scene npz, array", name, argv, from_good(file, lambda d, c=change: _changed_npz(d, c)), file)
+
+
+def _changed_npz(data: bytes, change: Callable[[dict[str, Any]], object]) -> bytes:
+    with np.load(io.BytesIO(data)) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    change(arrays)
+    return _npz_bytes(arrays)
+
+
+SCENE_NPZ_CHANGES: dict[str, Callable[[dict[str, Any]], object]] = {
+    "tree missing": lambda a: a.pop("tree"),
+    "tree is no JSON": lambda a: a.update(tree=np.array("zebra")),
+    "tree is a list": lambda a: a.update(tree=np.array("[]")),
+    "tree of numbers": lambda a: a.update(tree=np.arange(5)),
+    "tree of 100,000 brackets": lambda a: a.update(tree=np.array("[" * 100_000)),
+    "tree of objects": lambda a: a.update(tree=np.array({"a": 1}, object)),
+    "array missing": lambda a: a.pop("array_0"),
+    "array of text": lambda a: a.update(array_0=a["array_0"].astype(str)),
+    "array of numbers": lambda a: a.update(array_0=a["array_0"].astype(float) * np.nan),
+    "array of another shape": lambda a: a.update(array_0=a["array_0"][:-1]),
+    "array of one axis": lambda a: a.update(array_0=a["array_0"].ravel()),
+    "header of 10^11 numbers": lambda a: a.update(array_0=_npy_header("(100000000000,)", "|b1")),
+}
+
+
+def _with_field(data: bytes, local: int, central: int, value: int) -> bytes:
+    """Sets a field of two bytes in the header of every member, at these offsets of its two copies."""
+    changed = bytearray(data)
+    for signature, offset in ((b"PK\x03\x04", local), (b"PK\x01\x02", central)):
+        start = changed.find(signature)
+        while start >= 0:
+            changed[start + offset : start + offset + 2] = struct.pack("<H", value)
+            start = changed.find(signature, start + 4)
+    return bytes(changed)
+
+
+def _encrypted(data: bytes) -> bytes:
+    return _with_field(data, 6, 8, 1)
+
+
+def _unknown_method(data: bytes) -> bytes:
+    return _with_field(data, 8, 10, 99)
+
+
+NPZ_DAMAGES: dict[str, Damage] = {
+    "empty": lambda data: b"",
+    "half": lambda data: data[: len(data) // 2],
+    "last byte missing": lambda data: data[:-1],
+    "byte flipped": flipped,
+    "zero bytes": lambda data: b"\x00" * len(data),
+    "text": lambda data: b"zebra",
+    "JSON": lambda data: b"{}",
+    "single array": lambda data: _npy_header("(8,)"),
+    "pickle": lambda data: pickle.dumps([1]),
+    "empty archive": lambda data: _npz_bytes({}),
+    "encrypted": _encrypted,
+    "unknown method": _unknown_method,
+    "compressed": gzip.compress,
+}
+"""Ways to damage an NPZ file."""
+
+
+def _zip(members: dict[str, bytes]) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def _link_zip() -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        info = zipfile.ZipInfo("video_10000-11000/video_10000.mp4")
+        info.external_attr = 0o120777 << 16
+        archive.writestr(info, "/etc/passwd")
+    return buffer.getvalue()
+
+
+def _zip_bomb() -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("video_10000-11000/video_10000.mp4", b"\x00" * 1_000_000)
+    data = bytearray(buffer.getvalue())
+    central = data.find(b"PK\x01\x02")
+    data[central + 24 : central + 28] = struct.pack("<I", 4_000_000_000)
+    return bytes(data)
+
+
+MEMBER = "video_10000-11000/video_10000.mp4"
+ARCHIVES: dict[str, Callable[[], bytes]] = {
+    "leaves the folder": lambda: _zip({"../../x/video_10000.mp4": b"x"}),
+    "leaves the folder by backslashes": lambda: _zip({"..\\..\\x\\video_10000.mp4": b"x"}),
+    "leaves the folder further in": lambda: _zip({"a/../../../video_10000.mp4": b"x"}),
+    "absolute path": lambda: _zip({"/tmp/robustness/video_10000.mp4": b"x"}),
+    "drive letter": lambda: _zip({"C:/video_10000.mp4": b"x"}),
+    "link": _link_zip,
+    "encrypted": lambda: _encrypted(_zip({MEMBER: b"x" * 100})),
+    "unknown method": lambda: _unknown_method(_zip({MEMBER: b"x" * 100})),
+    "size that lies": _zip_bomb,
+    "half": lambda: _zip({MEMBER: b"x" * 10_000})[:5_000],
+    "byte flipped": lambda: flipped(_zip({MEMBER: b"x" * 10_000})),
+    "text": lambda: b"zebra",
+    "empty file": lambda: b"",
+}
+"""Bad `video_validation.zip` files."""
+
+
+def _archive_cases() -> Iterator[Case]:
+    argv = (*EVALUATE, "--root", "root", "--source", "videos", "--types", "descriptive")
+    for name, content in ARCHIVES.items():
+
+        def write(folder: Path, good: Path, content: Callable[[], bytes] = content) -> None:
+            text_writer("root/videos/validation/video_validation.zip", content())(folder, good)
+            (folder / "root/questions").symlink_to(good / "root/questions")
+
+        yield Case("zip, archive", name, argv, write, "video_validation.zip")
+
+
+def archive_cases() -> Iterator[Case]:
+    """All wrong arrays and archives."""
+    yield from _npz_cases()
+    yield from _archive_cases()

@@ -1,0 +1,164 @@
+"""Wrong options, and outputs that cannot be written."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import yaml
+
+from nsdr.clevrer.example import TRUTH
+from tests.robustness.case import Case, Write, text_writer
+from tests.robustness.good import ANSWER, COUNT, EVALUATE_TRUTH, GENERATE, MOTION, PARSE, PARSE_ONE, PREDICT, ROW, TRAIN
+
+__all__ = ["option_cases"]
+
+OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
+    "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", "hf://a/b", "hf://../x@main", "hf://a/b@main", ""),
+                        "--device": ("zebra", "cuda:99", "cuda:x", ""), "--zebra": ("1",), "--set": ("tracker.score",),
+                        "--dynamics": ("zebra",)}),
+    "evaluate": (EVALUATE_TRUTH, {
+        "--types": ("zebra", ""), "--limit": ("-1", "x", "1.5", ""), "--every": ("0", "-1", "x"),
+        "--stride": ("0", "-1", "x", "2"), "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
+        "--source": ("zebra", ""), "--split": ("zebra", "train"), "--exclude": ("x", "[x]", "[1.5]"),
+        "--semantics": ("zebra", "official"), "--collisions": ("zebra", "velocity"), "--engine": ("zebra",),
+        "--device": ("zebra",), "--checkpoint": ("nowhere",), "--data": ("nowhere",), "--questions": ("nowhere.json",),
+        "--root": ("nowhere",), "--truth_source": ("zebra", "truth"), "--truth": ("nowhere",), "--limits": (
+            "zebra=5", "frames", "frames=0", "frames=-1", "frames=x", "frames=nan", "frames=inf")}),
+    "predict-dynamics": (PREDICT, {
+        "--workers": ("-1", "x"), "--form": ("zebra",), "--dynamics": ("zebra", "nowhere.yaml"), "--engine": ("zebra",),
+        "--config": ("nowhere.yaml",), "--set": (
+            "zebra=1", "tracker=1", "tracker.score", "tracker.score=x", "tracker.score=2", "tracker.score=-1",
+            "tracker.score=nan", "stride=0", "stride=-1", "batch_size=0", "batch_size=x", "dynamics.backend=zebra",
+            "dynamics.collisions=zebra", "dynamics.horizon_frame=-1", "dynamics.horizon_frame=1000000",
+            "dynamics.physics.runs=0", "dynamics.physics.runs=1000000000", "=", "")}),
+    "parse-videos": (PARSE, {"--stride": ("0", "-1", "x"), "--workers": ("-1", "x"), "--engine": ("zebra",),
+                             "--device": ("zebra",), "--checkpoint": ("nowhere",)}),
+    "execute": (("execute", "--scene", str(TRUTH), *COUNT), {"--semantics": ("zebra",), "--collisions": ("zebra", "velocity"),
+                                                             "--scene": ("nowhere.json", "/dev/null", ".", "")}),
+    "parse-question": (("parse-question", "How many collisions happen?"),
+                       {"--kind": ("zebra", "choice", "multiple_choice"), "--checkpoint": ("nowhere",),
+                        "--device": ("zebra",)}),
+    "visualize": (("visualize", "{good}/video.mp4", "-o", "x.png"), {"--image": ("zebra",), "--removed": ("x", "1"),
+                                                                    "--checkpoint": ("nowhere",)}),
+    "data motion": (MOTION, {"--split": ("zebra", "train"), "--workers": ("-1", "x"), "--engine": ("zebra",),
+                             "--every": ("2",)}),
+    "data download": (("data", "download", "out", "--split", "validation"), {"--split": ("zebra",), "--what": ("zebra",)}),
+    "data frames": (("data", "frames", "{good}", "--proposals", "{good}/root/derender_proposals", "-o", "out"),
+                    {"--every": ("0", "-1", "x"), "--proposals": ("nowhere",)}),
+    "generate dataset": (GENERATE, {
+        "--videos": ("0", "-1", "x", "1000000"), "--seed": ("-1", "x"), "--first_scene": ("-1", "1000000"),
+        "--renderer": ("zebra",), "--workers": ("-1",), "--engine": ("zebra",), "--zebra": ("1",),
+        "--splits": ("{zebra: 1}", "{train: 0}", "{train: -1}", "{train: x}", "5", "{}", "{train: .nan}"),
+        "--scene.objects": ("{0: 1}", "{1: 1}", "{4: -1}", "{4: x}", "{x: 1}", "{400: 1}", "{}"),
+        "--scene.held_out": ("[qube]", "[red qube]", "qube"), "--scene.only": ("[qube]",),
+        "--scene.shapes": ("[qube]", "[]"), "--scene.colors": ("[]", "[pink]"), "--scene.materials": ("[wood]", "[]"),
+        "--scene.speed": ("[3, 2]", "[-1, 2]", "[1]", "[.nan, 1]"), "--scene.mass": ("[0, 1]", "[2, 1]", "[-1, 1]"),
+        "--scene.first_distance": ("[4, 3]",), "--scene.area": ("[1, -1, -1, 1]",), "--scene.n_frames": ("0", "1000000"),
+        "--scene.static_fraction": ("[2]", "[-1]", "[]"), "--scene.late_fraction": ("[1.5]",),
+        "--scene.extra_fraction": ("1.5", "-0.1"), "--scene.participants": ("0", "1", "100"),
+        "--questions.per_video": ("{zebra: 1}", "{count: -1}"), "--questions.max_options": ("0", "-1"),
+        "--render.width": ("0", "-2", "481", "100000"), "--render.fps": ("0", "-1"), "--render.crf": ("-1", "99"),
+        "--render.samples": ("0", "-1")}),
+    "train": (TRAIN, {
+        "--loop.steps": ("0", "-1", "x", "1.5"), "--loop.batch_size": ("0", "-1", "x"), "--loop.save_every": ("0", "-1"),
+        "--loop.log_every": ("0", "-1"), "--loop.evaluate_every": ("-1",),
+        "--loop.learning_rate": ("0", "-1", "nan", "inf", "x"),
+        "--loop.weight_decay": ("-1", "nan"), "--loop.clip_norm": ("0", "-1"), "--loop.ema": ("1", "-0.1", "2"),
+        "--loop.precision": ("zebra", "bf17"), "--loop.optimizer": ("zebra",), "--loop.schedule": ("zebra",),
+        "--loop.seed": ("-1", "x"), "--loop.device": ("zebra", "cuda:99"), "--device": ("zebra",), "--zebra": ("1",),
+        "--paraphrase": ("-1", "1.5", "nan"), "--other": ("-1", "1.5"), "--samples": ("-1",),
+        "--evaluation_texts": ("0", "-1"), "--ablation": ("zebra", "-1", "0", ",")}),
+}  # fmt: skip
+"""Wrong values of options, with a command that is right without them."""
+COMMANDS_WRONG = {
+    "unknown command": ("zebra",), "empty command": ("",), "command missing an argument": ("answer",),
+    "no question": ("answer", str(TRUTH)), "argument too much": (*ANSWER, "zebra"),
+    "unknown part": ("train", "zebra"), "no part": ("train",), "unknown thing": ("generate", "zebra"),
+    "no thing": ("generate",), "unknown action": ("data", "zebra", "."), "no action": ("data",),
+    "action without output": ("data", "motion", "."), "no run folder": ("train", "question-parser"),
+    "no frames": ("train", "frame-parser", "--run_dir", "run"), "missing folder": ("data", "verify", "nowhere"),
+    "missing data set": ("data", "motion", "nowhere", "-o", "out"),
+    "missing proposals": ("predict-dynamics", "nowhere", "-o", "out"),
+    "missing scenes": ("generate", "questions", "--scenes", "nowhere", "-o", "out.json"),
+}  # fmt: skip
+
+
+def _wrong_options() -> Iterator[Case]:
+    for command, (argv, options) in OPTIONS.items():
+        for option, values in options.items():
+            for value in values:
+                setting = (value.split("=")[0] if option == "--set" else option).split(".")[-1].lstrip("-")
+                named = f"{setting}|{value or option}|{value.replace('_', '-') or option}"
+                yield Case(f"option, {command}", f"{option} {value!r}", (*argv, f"{option}={value}"), named=named)
+    for name, argv in COMMANDS_WRONG.items():
+        yield Case("option, command", name, argv)
+
+
+OUTPUTS: dict[str, tuple[str, Write, str]] = {
+    "missing device": ("/proc/nowhere/{file}", lambda folder, _: None, "/proc"),
+    "below a file": ("file/{file}", text_writer("file", "x"), "file"),
+    "read-only": ("/sys/{file}", lambda folder, _: None, "/sys"),
+    "name too long": ("x" * 300 + "{file}", lambda folder, _: None, "xxx"),
+    "empty": ("", lambda folder, _: None, ""),
+    "zero byte": ("a\x00{file}", lambda folder, _: None, "a"),
+}
+"""Targets that cannot be written to, for files and folders, and what the error must hold."""
+WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "evaluate": (EVALUATE_TRUTH[:-2], "-o", "out.json"),
+    "evaluate submission": (EVALUATE_TRUTH[:-2], "--submission", "out.json"),
+    "parse-video": (PARSE_ONE, "-o", "scene.json"),
+    "parse-video proposals": ((*PARSE_ONE, "-o", "scene.json"), "--proposals-out", "proposals.json"),
+    "parse-video image": ((*PARSE_ONE, "-o", "scene.json"), "--image", "image.png"),
+    "visualize": (("visualize", "{good}/video.mp4"), "-o", "image.png"),
+    "visualize video": (("visualize", "{good}/video.mp4"), "-o", "out.mp4"),
+    "demo": (("demo",), "-o", "demo.png"),
+    "generate scene": (("generate", "scene"), "--output", "out.json"),
+    "generate questions": (("generate", "questions", "--scenes", "{good}/truth", "--workers", "1"), "--output", "out.json"),
+}  # fmt: skip
+FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {
+    "parse-videos": (PARSE[:2] + PARSE[4:], "-o"),
+    "predict-dynamics": (PREDICT[:2] + PREDICT[4:], "-o"),
+    "data motion": (("data", "motion", "{good}/root", "--split", "validation", "--workers", "1"), "-o"),
+    "generate dataset": (("generate", "dataset", *GENERATE[4:]), "--output"),
+    "experiment": (("experiment", "rows.yaml"), "-o"),
+    "train": (("train", "question-parser", *TRAIN[4:]), "--run_dir"),
+}
+ENDING_DECIDES = ("parse-video", "parse-video image", "visualize", "demo")
+"""Outputs whose form the ending decides."""
+NO_ENDINGS = ("visualize video",)
+"""Outputs whose endings are tried by another of these commands."""
+
+
+def _output_cases() -> Iterator[Case]:
+    for name, (argv, option, file) in WRITERS.items():
+        for label, (target, write, named) in OUTPUTS.items():
+            path = target.format(file=file)
+            yield Case(f"output, {label}", name, (*argv, f"{option}={path}"), write, named)
+        folder = lambda f, _, file=file: (f / file).mkdir()  # noqa: E731
+        yield Case("output, folder instead of a file", name, (*argv, f"{option}={file}"), folder, file)
+        if name not in NO_ENDINGS:
+            yield Case("output, unknown ending", name, (*argv, f"{option}=x.zebra"), named="x.zebra")
+        if name in ENDING_DECIDES:
+            yield Case("output, no ending", name, (*argv, f"{option}=zebra"), named="zebra")
+    for name, (argv, option) in FOLDER_WRITERS.items():
+        for label, (target, write, named) in OUTPUTS.items():
+            path = target.format(file="out")
+            yield Case(f"output, {label}", name, (*argv, f"{option}={path}"), _with_rows(write), named)
+        write = _with_rows(text_writer("out", "x"))
+        yield Case("output, file instead of a folder", name, (*argv, f"{option}=out"), write, "out")
+
+
+def _with_rows(write: Write) -> Write:
+    """Also writes an experiment."""
+
+    def both(folder: Path, good: Path) -> None:
+        content = yaml.safe_dump({"title": "x", "rows": [ROW]})
+        (folder / "rows.yaml").write_text(content.replace("{good}", str(good)))
+        write(folder, good)
+
+    return both
+
+
+def option_cases() -> Iterator[Case]:
+    """All wrong options and outputs."""
+    yield from _wrong_options()
+    yield from _output_cases()

@@ -1,0 +1,54 @@
+"""Programs and texts that mean nothing."""
+
+from collections.abc import Iterator
+
+from nsdr.clevrer.example import TRUTH
+from tests.robustness.case import Case
+from tests.robustness.good import ANSWER
+
+__all__ = ["text_cases"]
+
+PROGRAMS = {
+    "empty": "", "blanks": "   ", "unknown token": "zebra", "underflow": "count", "leftovers": "objects objects",
+    "wrong type": "objects red filter_shape", "wrong type of a module": "objects query_color", "number": "5",
+    "no answer": "objects", "unclosed tree": "Count(Objects", "closed twice": "Count(Objects))", "no argument": "Count()",
+    "two arguments": "Count(Objects, Objects)", "emoji": "🙂", "control characters": "objects\x01count",
+    "word of another kind": "objects cube filter_color count", "too long": "objects " * 20_000 + "count",
+    "nested deeply": "Count(" * 20_000 + "Objects" + ")" * 20_000, "quotes": 'Count(Filter_shape(Objects, "cube))',
+    "SQL": "'; DROP TABLE objects; --",
+    "unique of none": "objects purple filter_color rubber filter_material cube filter_shape "
+    "cube filter_shape sphere filter_shape unique query_color", "capital letters": "OBJECTS COUNT ZEBRA",
+    "question for choices": "unseen_events belong_to", "right to left": "\u202eobjects count",
+}  # fmt: skip
+TEXTS = {
+    "empty": "", "blanks": "   ", "unknown word": "How many zebras enter the scene?", "emoji": "🙂",
+    "emoji at the end": "How many collisions happen? 🙂", "control characters": "How many\x01collisions happen?",
+    "negated": "How many collisions do not happen?", "too long": "How many " + "red " * 20_000 + "cubes enter the scene?",
+    "another language": "Wie viele Kollisionen gibt es?", "number": "5", "punctuation": "???", "a word": "cube",
+    "lone surrogate": "How many \udcff collisions happen?", "zero width": "How many col\u200blisions happen?",
+    "repeated": "How many collisions happen? How many collisions happen?", "code": "__import__('os').system('true')",
+    "no question": "The weather is nice today", "other letters": "How m\u0430ny c\u043ellisions h\u0430ppen?",
+    "unknown colour": "How many pink cubes enter the scene?", "unknown shape": "Are there any pyramids that enter the scene?",
+    "cut off": "How many collisions happen before the", "order": "happen collisions many How?",
+}  # fmt: skip
+
+
+def text_cases() -> Iterator[Case]:
+    """All wrong programs and texts."""
+    for name, text in PROGRAMS.items():
+        yield Case("program", name, ("execute", "--scene", str(TRUTH), f"--program={text}"))
+    for name, text in TEXTS.items():
+        yield Case("text, parse-question", name, ("parse-question", text))
+        yield Case("text, answer", name, ("answer", str(TRUTH), f"-q={text}"))
+    for name, choices in {"descriptive question with choices": ["the presence of the cube"]}.items():
+        yield Case("text, choice", name, (*ANSWER, *(f"-c={c}" for c in choices)))
+    for name, text in TEXTS.items():
+        argv = (
+            "answer",
+            str(TRUTH),
+            "-q",
+            "What will happen next?",
+            "-c",
+            "The brown cylinder and the metal cube collide",
+        )
+        yield Case("text, choice", name, (*argv, f"-c={text}"))

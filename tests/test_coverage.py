@@ -1,0 +1,102 @@
+"""A program says what its text says: the check between both, without the network."""
+
+import random
+import warnings
+
+import pytest
+
+from nsdr import DataError, ProgramError, QuestionError
+from nsdr.question_parser.coverage import check_coverage, check_text
+from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
+from nsdr.question_parser.parser import QuestionParser
+from nsdr.symbolic import Program
+
+
+@pytest.fixture(scope="module")
+def parser() -> QuestionParser:
+    return QuestionParser.from_pretrained()
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "message"),
+    [
+        ("How many collisions do not happen?", "descriptive", "the negation 'not' was not used"),
+        ("Are there no collisions?", "descriptive", "the negation 'no' was not used"),
+        ("How many cubes do not enter the scene?", "descriptive", "the negation 'not' was not used"),
+        ("How many objects are there?", "descriptive", "no word of the text stands for 'filter_stationary'"),
+        ("What color is the sphere?", "descriptive", "no word of the text stands for 'filter_stationary'"),
+        ("The cube does not collide with the sphere", "choice", "the negation 'not' was not used"),
+        ("What will happen if the cube is not removed?", "multiple_choice", "the negation 'not' was not used"),
+        ("What will happen with the cube?", "multiple_choice", "no word of the text stands for 'get_counterfact'"),
+        ("How many cubes enter the scene? \U0001f389", "descriptive", "party popper"),
+        ("How many \x00cubes enter the scene?", "descriptive", r"'\\x00'"),
+        ("How many \u202ecubes enter the scene?", "descriptive", "right-to-left override"),
+    ],
+)
+def test_texts_that_no_program_stands_for_are_refused(parser, text, kind, message) -> None:
+    with pytest.raises(QuestionError, match=message):
+        parser.parse(text, kind)
+
+
+def test_long_texts_are_refused(parser) -> None:
+    with pytest.raises(DataError, match="text_characters"):
+        parser.parse("How many cubes enter the scene? " * 100)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("How many cubes are not moving?", "descriptive"),
+        (
+            "Which of the following is not responsible for the collision between the cube and the sphere?",
+            "multiple_choice",
+        ),
+        ("What would not happen if there were no sphere?", "multiple_choice"),
+        ("How many balls enter the scene?", "descriptive"),
+        ("What is the shape of the last object to collide with the metal ball?", "descriptive"),
+    ],
+)
+def test_other_wordings_are_still_parsed(parser, text, kind) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        parser.parse(text, kind)
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_no_text_of_the_grammar_is_refused(kind) -> None:
+    rng = random.Random(kind)
+    for _ in range(2000):
+        text, program = sample(kind, rng)
+        check_text(text)
+        check_coverage(text, program)
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_a_lost_or_invented_attribute_word_is_refused(kind) -> None:
+    rng = random.Random(kind)
+    for _ in range(300):
+        text, program = sample(kind, rng)
+        if "red" not in text.split() and "red" not in program:
+            with pytest.raises(QuestionError, match="'red'"):
+                check_coverage(f"{text} red", program)
+            with pytest.raises(QuestionError, match="'red'"):
+                check_coverage(text, ["red", "filter_color", *program])
+
+
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [
+        ("Count(" * 100_000, "more than 1000 tokens"),
+        ("Count(" * 100_000 + "Objects" + ")" * 100_000, "more than 1000 tokens"),
+        ("objects " * 100_000, "more than 1000 tokens"),
+        (["objects"] * 100_000, "more than 1000 tokens"),
+        (["objects", 1], "a token is 1; expected texts"),
+        ([["objects"]], "expected texts"),
+        ("objects \U0001f389 count", "unknown module or word"),
+        ("x" * 1_000_000, "unknown module or word 'xxx"),
+    ],
+)
+def test_hostile_programs_are_refused_in_a_short_line(program, message) -> None:
+    with pytest.raises(ProgramError, match=message) as caught:
+        Program.parse(program)
+    assert len(str(caught.value)) < 200

@@ -1,0 +1,231 @@
+"""Full disks: at every single write of a run, and at any size of a file."""
+
+import builtins
+import errno
+import io
+import json
+import os
+import resource
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nsdr import DataError, save
+from nsdr.evaluation.experiments import run_experiment
+from nsdr.io.checkpoint import save_checkpoint
+from nsdr.io.files import atomic_path, write_json
+from nsdr.io.lock import locked
+from nsdr.io.runner import Job, run_jobs
+from nsdr.io.video import write_video
+from nsdr.training import run_folder
+from nsdr.training.loop import LoopConfig, LossTerm, Task, train
+from nsdr.visualize.figures import causal_figure, figure_png
+
+
+class Disk:
+    """Counts writes, and fails the one of number `full`, which leaves half of what was to be written."""
+
+    def __init__(self, monkeypatch, full: int) -> None:
+        self.writes, self.full = 0, full
+        for module, name in ((os, "fsync"), (os, "replace"), (os, "mkdir"), (os, "write")):
+            monkeypatch.setattr(module, name, self.failing(getattr(module, name)))
+        opened = io.open
+
+        def open_(file, mode="r", *rest, **more):
+            if set(mode) & set("wax+") and self.is_full():
+                with opened(file, mode, *rest, **more) as half:
+                    half.write(b'{"st' if "b" in mode else '{"st')
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), file)
+            return opened(file, mode, *rest, **more)
+
+        monkeypatch.setattr(io, "open", open_)
+        monkeypatch.setattr(builtins, "open", open_)
+
+    def is_full(self) -> bool:
+        self.writes += 1
+        return self.writes == self.full
+
+    def failing(self, function: Callable) -> Callable:
+        def call(*args, **options):
+            if self.is_full():
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return function(*args, **options)
+
+        return call
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files but TensorBoard's, of which each start has one, and the ledger."""
+    files = (p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(("events", ".fingerprints")))
+    return {str(p.relative_to(folder)): p.read_bytes() for p in files}
+
+
+class Line(Task):
+    """Fits y = w x."""
+
+    def __init__(self) -> None:
+        torch.manual_seed(0)
+        self.model = torch.nn.Linear(1, 1)
+
+    def draw(self, count: int, rng: np.random.Generator) -> list[float]:
+        return rng.normal(size=count).tolist()
+
+    def collate(self, examples):
+        return torch.tensor(examples)[:, None]
+
+    def losses(self, model, batch):
+        return {"fit": LossTerm((model(batch) - 3 * batch).square().sum(), len(batch))}
+
+    def evaluate(self, model):
+        return {"weight": model.weight.item()}
+
+
+def test_a_training_survives_a_full_disk_at_every_write(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(run_folder, "KEPT_CHECKPOINTS", 1)
+    config = LoopConfig(steps=2, log_every=1, save_every=1, device="cpu")
+    train(Line(), config, tmp_path / "whole", {})
+    expected, full, is_over = contents(tmp_path / "whole"), 0, False
+    assert [name for name in expected if "state.json" in name] == ["step_0000002/state.json"]
+    while not is_over:
+        full += 1
+        run = tmp_path / str(full)
+        with pytest.MonkeyPatch.context() as patch:
+            disk = Disk(patch, full)
+            try:
+                train(Line(), config, run, {})
+            except DataError as e:
+                assert "cannot be written (No space left on device)" in str(e)  # noqa: PT017
+                assert str(run) in str(e)  # noqa: PT017
+            is_over = disk.writes < full
+        train(Line(), config, run, {})
+        assert contents(run) == expected, full
+    assert full > 40
+
+
+def work(item: str, output: Path) -> None:
+    write_json(output, item * 1000)
+
+
+def test_jobs_survive_a_full_disk_at_every_write(tmp_path) -> None:
+    old, new = (
+        [(name, letter, tmp_path / name, letter) for name, letter in zip("123", letters, strict=True)]
+        for letters in ("abc", "ABC")
+    )
+    full, is_over = 0, False
+    while not is_over:
+        full += 1
+        run_jobs(work, [Job(*values) for values in old], tmp_path, workers=1)
+        with pytest.MonkeyPatch.context() as patch:
+            disk = Disk(patch, full)
+            try:
+                summary = run_jobs(work, [Job(*values) for values in new], tmp_path, workers=1)
+                assert all("No space left on device" in message for message in summary.failed.values())
+            except DataError as e:
+                assert "cannot be written (No space left on device)" in str(e)  # noqa: PT017
+            is_over = disk.writes < full
+        for (_, before, output, _), (_, after, _, _) in zip(old, new, strict=True):
+            assert json.loads(output.read_text()) in (before * 1000, after * 1000)
+        again = run_jobs(work, [Job(*values) for values in new], tmp_path, workers=1)
+        assert (len(again.done) + len(again.skipped), again.failed) == (3, {})
+        assert [json.loads(v[2].read_text())[0] for v in new] == ["A", "B", "C"], full
+        assert {p.name for p in tmp_path.iterdir()} == {"1", "2", "3", ".fingerprints.jsonl"}
+    assert full > 20
+
+
+def test_what_a_full_disk_left_of_the_ledgers_last_line_costs_one_job(tmp_path) -> None:
+    run_jobs(work, [Job("1", "a", tmp_path / "1", "f")], tmp_path, workers=1)
+    for torn in (b'["1", "f', b"5\n", b"\xff\xfe\n"):
+        with (tmp_path / ".fingerprints.jsonl").open("ab") as ledger:
+            ledger.write(torn)
+        summary = run_jobs(work, [Job(n, "a", tmp_path / n, "f") for n in "12"], tmp_path, workers=1)
+        assert "1" in summary.skipped
+        assert run_jobs(work, [Job(n, "a", tmp_path / n, "f") for n in "12"], tmp_path, workers=1).done == ()
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Every file, by whatever library, can grow to this size only (bytes)."""
+    before, stderr = resource.getrlimit(resource.RLIMIT_FSIZE), sys.stderr
+    sys.stderr = io.StringIO()  # pytest's is a file, too
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.stderr = stderr
+
+
+@dataclass(frozen=True)
+class Config:
+    size: int = 1
+
+
+def _figure(path: Path, scene) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(figure_png(causal_figure(scene)))
+
+
+def _video(path: Path, _) -> None:
+    rng = np.random.default_rng(0)
+    write_video(path, [rng.integers(0, 255, (80, 120, 3)).astype(np.uint8) for _ in range(12)])
+
+
+WRITERS = {
+    "scene.json": lambda path, scene: save(scene, path),
+    "scene.npz": lambda path, scene: save(scene, path),
+    "figure.png": _figure,
+    "video.mp4": _video,
+    "part.safetensors": lambda path, _: save_checkpoint(path.parent, "part", {"a": torch.arange(9000.0)}, Config(), {}),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_kind_of_file_is_whole_or_as_before(name: str, small_scene, tmp_path) -> None:
+    path, write = tmp_path / name, WRITERS[name]
+    write(path, small_scene)
+    whole = path.read_bytes()
+    path.write_bytes(b"before")
+    for size in sorted({0, 1, 100, 4096, len(whole) // 2, len(whole) - 1}):
+        if size < len(whole):
+            with largest_file(size), pytest.raises(DataError, match=r"cannot be written \(File too large\)"):
+                write(path, small_scene)
+            assert path.read_bytes() == b"before", size
+            assert not [p.name for p in tmp_path.iterdir() if p.name.startswith(".")]
+    write(path, small_scene)
+    assert path.read_bytes() == whole
+
+
+def test_a_full_disk_takes_no_row_of_an_experiment(tmp_path) -> None:
+    rows = "".join(f"  - {{name: r{k}, published: [1, 2, 3, 4, 5, 6, {k}]}}\n" for k in range(3))
+    (tmp_path / "e.yaml").write_text(f"title: T\nrows:\n{rows}")
+    run_experiment(tmp_path / "e.yaml", tmp_path / "results")
+    expected, full, is_over = contents(tmp_path / "results"), 0, False
+    changed = rows.replace("r1, published: [1", "r1, published: [9")
+    while not is_over:
+        full += 1
+        (tmp_path / "e.yaml").write_text(f"title: T\nrows:\n{changed}")
+        with pytest.MonkeyPatch.context() as patch:
+            disk = Disk(patch, full)
+            try:
+                run_experiment(tmp_path / "e.yaml", tmp_path / "results")
+            except DataError as e:
+                assert "cannot be written (No space left on device)" in str(e)  # noqa: PT017
+            is_over = disk.writes < full
+        kept = {row["settings"]["name"] for row in json.loads((tmp_path / "results" / "e.json").read_text())["rows"]}
+        assert {"r0", "r2"} <= kept
+        (tmp_path / "e.yaml").write_text(f"title: T\nrows:\n{rows}")
+        run_experiment(tmp_path / "e.yaml", tmp_path / "results")
+        assert contents(tmp_path / "results") == expected, full
+
+
+def test_the_lock_of_a_full_disk_holds(tmp_path) -> None:
+    with largest_file(0), locked(tmp_path), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nsdr.io.lock._held", __import__("contextvars").ContextVar("other", default=frozenset()))
+        with pytest.raises(DataError, match="another process writes to it"), locked(tmp_path):
+            pass

@@ -1,0 +1,243 @@
+"""Options and configurations are refused before work starts, in one line; exit statuses; limits."""
+
+import os
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from nsdr import DataError
+from nsdr.clevrer.example import TRUTH, VIDEO
+from nsdr.cli.main import main
+from nsdr.cli.status import failures_line, outcome_of
+from nsdr.dynamics.physics.predictor import PhysicsConfig
+from nsdr.dynamics.physics.trajectory_fit import TrajectoryFitConfig
+from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.state_model import StateModelConfig
+from nsdr.dynamics.registry import BackendConfig
+from nsdr.dynamics.track_smoothing import SmoothingConfig
+from nsdr.dynamics.velocity_events import VelocityConfig
+from nsdr.evaluation import EvaluationConfig
+from nsdr.evaluation.experiments import read_experiment
+from nsdr.frame_parser.dataset import AugmentConfig
+from nsdr.frame_parser.model import FrameParserConfig
+from nsdr.generate.dataset import DatasetConfig
+from nsdr.generate.physics.bullet import BulletConfig
+from nsdr.generate.physics.scene_config import SceneConfig
+from nsdr.generate.questions.selection import QuestionConfig
+from nsdr.generate.render.view import RenderConfig
+from nsdr.io.configuration import parse_config
+from nsdr.io.limits import VARIABLE, limits
+from nsdr.pipeline import PipelineConfig
+from nsdr.question_parser.model import QuestionParserConfig
+from nsdr.tracking.tracker import TrackerConfig
+from nsdr.training.frame_parser import FrameParserTraining
+from nsdr.training.loop import LoopConfig
+from nsdr.training.question_parser_task import QuestionParserTraining
+from nsdr.training.track_task import DynamicsTraining
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "name"),
+    [
+        (TrackerConfig, {"score": 1.1}, "score"),
+        (TrackerConfig, {"max_gap_frames": 0}, "max_gap_frames"),
+        (TrackerConfig, {"gate_world": NAN}, "gate_world"),
+        (TrackerConfig, {"min_frames": 1.5}, "min_frames"),
+        (PipelineConfig, {"stride": 0}, "stride"),
+        (PipelineConfig, {"batch_size": -1}, "batch_size"),
+        (BackendConfig, {"horizon_frame": 10**6}, "horizon_frame"),
+        (BackendConfig, {"collisions": "zebra"}, "collisions"),
+        (PhysicsConfig, {"runs": 0}, "runs"),
+        (PhysicsConfig, {"closeness_world": 0.0}, "closeness_world"),
+        (TrajectoryFitConfig, {"robust_scale": 0.0}, "robust_scale"),
+        (TrajectoryFitConfig, {"evaluations": 0}, "evaluations"),
+        (SmoothingConfig, {"max_residual_world": -1.0}, "max_residual_world"),
+        (VelocityConfig, {"rule": "zebra"}, "rule"),
+        (VelocityConfig, {"span_frames": 0}, "span_frames"),
+        (StateModelConfig, {"hidden": 10**9}, "hidden"),
+        (StateModelConfig, {"collision_threshold": True}, "collision_threshold"),
+        (PatchModelConfig, {"channels": (16, 0, 64)}, "channels"),
+        (FrameParserConfig, {"widths": (16, -16, 16, 16)}, "widths"),
+        (FrameParserConfig, {"image_std": (0.1, 0.0, 0.1)}, "image_std"),
+        (FrameParserConfig, {"backbone": "zebra"}, "backbone"),
+        (QuestionParserConfig, {"layers": 0}, "layers"),
+        (QuestionParserConfig, {"dropout": 1.5}, "dropout"),
+        (AugmentConfig, {"jpeg": 2.0}, "jpeg"),
+        (LoopConfig, {"steps": 0}, "steps"),
+        (LoopConfig, {"batch_size": 0}, "batch_size"),
+        (LoopConfig, {"log_every": 0}, "log_every"),
+        (LoopConfig, {"save_every": -1}, "save_every"),
+        (LoopConfig, {"learning_rate": NAN}, "learning_rate"),
+        (LoopConfig, {"weight_decay": -0.1}, "weight_decay"),
+        (LoopConfig, {"precision": "fp8"}, "precision"),
+        (FrameParserTraining, {"frames": "f", "run_dir": "r", "evaluation_frames": 0}, "evaluation_frames"),
+        (DynamicsTraining, {"proposals": "p", "truth": "t", "run_dir": "r", "network": "zebra"}, "network"),
+        (DynamicsTraining, {"proposals": "p", "truth": "t", "run_dir": "r", "noise_world": INF}, "noise_world"),
+        (QuestionParserTraining, {"run_dir": "r", "other": 1.1}, "other"),
+        (QuestionParserTraining, {"run_dir": "r", "samples": -1}, "samples"),
+        (SceneConfig, {"held_out": ("qube",)}, "held_out"),
+        (SceneConfig, {"held_out": ("red blue",)}, "held_out"),
+        (SceneConfig, {"speed": (4.0, 3.0)}, "speed"),
+        (SceneConfig, {"area": (1.0, 0.0, -1.0, 1.0)}, "area"),
+        (SceneConfig, {"late_fraction": (0.5, 1.5)}, "late_fraction"),
+        (SceneConfig, {"static_fraction": ()}, "static_fraction"),
+        (SceneConfig, {"objects": {10**6: 1.0}}, "objects"),
+        (SceneConfig, {"objects": {4: NAN}}, "objects"),
+        (SceneConfig, {"n_frames": 10**8}, "n_frames"),
+        (BulletConfig, {"step_s": 0.0}, "step_s"),
+        (BulletConfig, {"restitution": 1.5}, "restitution"),
+        (RenderConfig, {"width": 48_000, "height": 32_000}, "width"),
+        (RenderConfig, {"crf": 99}, "crf"),
+        (RenderConfig, {"samples": 0}, "samples"),
+        (QuestionConfig, {"per_video": {"count": -1.0}}, "per_video"),
+        (DatasetConfig, {"output": "o", "splits": {"train": NAN}}, "splits"),
+        (DatasetConfig, {"output": "o", "workers": -1}, "workers"),
+        (DatasetConfig, {"output": "o", "engine": "zebra"}, "engine"),
+        (DatasetConfig, {"output": "o", "videos": 0}, "videos"),
+        (EvaluationConfig, {"questions": "q", "data": "d", "types": ("zebra",)}, "zebra"),
+        (EvaluationConfig, {"questions": "q", "data": "d", "types": ()}, "question type"),
+        (EvaluationConfig, {"questions": "q", "data": "d", "limit": -1}, "limit"),
+        (EvaluationConfig, {"questions": "q", "data": "d", "every": -1}, "every"),
+        (EvaluationConfig, {"questions": "q", "data": "d", "programs": "zebra"}, "programs"),
+        (EvaluationConfig, {"root": "r", "split": "zebra"}, "split"),
+    ],
+)
+def test_configurations_check_themselves(kind, values, name) -> None:
+    with pytest.raises(DataError, match=name):
+        kind(**values)
+
+
+def test_every_field_of_the_fit_is_a_number_in_range() -> None:
+    for field in fields(TrajectoryFitConfig):
+        with pytest.raises(DataError, match=field.name):
+            TrajectoryFitConfig(**{field.name: -1})
+
+
+PARSE = ["parse-video", VIDEO, "-o", "OUT/scene.json"]
+EVALUATE = ["evaluate", "--questions", "none.json", "--data", "none", "--source", "scenes"]
+DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir", "OUT/run"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([*EVALUATE, "--types", "zebra"], "zebra"),
+        ([*EVALUATE, "--limit", "-1"], "limit"),
+        ([*EVALUATE, "--every", "0"], "every"),
+        ([*EVALUATE, "--workers", "-1"], "workers"),
+        ([*EVALUATE, "--exclude", "abc"], "exclude"),
+        ([*EVALUATE, "--engine", "zebra"], "engine"),
+        (["parse-videos", "OUT", "-o", "OUT/new", "--stride", "0"], "stride"),
+        (["parse-videos", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),
+        ([*PARSE, "--set", "tracker.score=2"], "score is 2"),
+        ([*PARSE, "--set", "tracker.score=abc"], "tracker.score"),
+        ([*PARSE, "--set", "zebra=1"], "zebra"),
+        ([*PARSE, "--set", "help=1"], "--set help=1"),
+        ([*PARSE, "--set", "tracker.score=" + "[" * 100_000], "brackets"),
+        ([*PARSE, "--config", "OUT/binary.yaml"], "binary.yaml"),
+        ([*PARSE, "--config", "OUT/list.yaml"], "list.yaml"),
+        ([*PARSE, "--config", "OUT/nested.yaml"], "nested.yaml"),
+        ([*PARSE, "--dynamics", "OUT/nested.yaml"], "nested.yaml"),
+        ([*DYNAMICS, "--loop.steps", "0"], "steps"),
+        ([*DYNAMICS, "--loop.steps", "abc"], "loop.steps"),
+        ([*DYNAMICS, "--loop", "5"], "loop"),
+        (["train", "dynamics"], "proposals"),
+        (["generate", "dataset", "-o", "OUT/new", "--scene.held_out", "[qube]"], "qube"),
+        (["generate", "dataset", "-o", "OUT/new", "--config", "OUT"], "a folder"),
+        (["data", "frames", "OUT", "--proposals", "OUT", "-o", "OUT/new", "--every", "0"], "every"),
+        (["data", "verify", "OUT", "--keep-going"], "--keep-going does nothing here"),
+        (["--limits", "zebra=1", *PARSE], "zebra=1"),
+        (["--limits", "frames=-1", *PARSE], "frames=-1"),
+        ([*PARSE, "--limits"], "--limits"),
+    ],
+)
+def test_options_are_refused_in_one_line_and_nothing_is_written(capsys, tmp_path, arguments, message) -> None:
+    (tmp_path / "binary.yaml").write_bytes(bytes(range(256)))
+    (tmp_path / "list.yaml").write_text("- a\n- b\n")
+    (tmp_path / "nested.yaml").write_text("a: " + "[" * 100_000)
+    before = sorted(tmp_path.iterdir())
+    code = main([str(a).replace("OUT", str(tmp_path)) for a in arguments])
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert message in err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_parsed_configuration_names_what_is_wrong(tmp_path) -> None:
+    (tmp_path / "a.yaml").write_text("tracker: 5\n")
+    with pytest.raises(DataError, match="tracker"):
+        parse_config(PipelineConfig, ["--config", str(tmp_path / "a.yaml")], "nsdr")
+    with pytest.raises(DataError, match="no such file"):
+        parse_config(PipelineConfig, [f"--config={tmp_path / 'b.yaml'}"], "nsdr")
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("{name: a, programs: zebra}", "row 'a': programs"),
+        ("{name: a, every: -1}", "row 'a': every"),
+        ("{name: a, types: descriptive}", "row 'a': .*types"),
+        ("{name: a, limit: 1.5}", "row 'a': .*limit"),
+        ("{name: a, published: [1, 2]}", "row 'a': published"),
+        ("{name: a, published: [.nan, 2, 3, 4, 5, 6, 7]}", "row 'a': published"),
+        ("{name: a}\n  - {name: a}", "two rows are named 'a'"),
+        ("{name: 5}", "a row is"),
+        ("a", "a row is"),
+    ],
+)
+def test_experiments_are_checked_before_any_row_is_measured(tmp_path, row, message) -> None:
+    path = tmp_path / "e.yaml"
+    path.write_text(f"title: T\ncommon: {{questions: q.json, data: d, source: scenes}}\nrows:\n  - {row}\n")
+    with pytest.raises(DataError, match=rf"e\.yaml: .*{message}"):
+        read_experiment(path)
+
+
+def test_limits_hold_for_one_command(capsys, monkeypatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    arguments = ["execute", "--scene", str(TRUTH), "--program", "objects red filter_color count"]
+    assert main(arguments) == 0
+    assert main(["--limits", "program_tokens=3", *arguments]) == 2
+    assert "more than 3 tokens" in capsys.readouterr().err
+    assert main([*arguments, "--limits=program_tokens=4"]) == 0
+    assert VARIABLE not in os.environ
+    assert limits().program_tokens == 1000
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (DataError("a\nb"), 2, "error: a b"),
+        (FileNotFoundError(2, "No such file or directory", "x.json"), 2, "error: x.json: No such file or directory"),
+        (MemoryError(), 2, "error: not enough memory"),
+        (RecursionError("deep"), 2, "nested too deeply"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (KeyError("x"), 70, "a bug in nsdr, please report it: KeyError"),
+        (SystemExit(0), 0, ""),
+    ],
+)
+def test_every_exception_is_one_line(error, status, line) -> None:
+    found, message = outcome_of(error)
+    assert found == status
+    assert line in message
+    assert "\n" not in message
+
+
+def test_the_last_line_counts_failures(capsys) -> None:
+    assert failures_line(0, 5, "questions", "", keep_going=False) == 0
+    assert capsys.readouterr() == ("", "")
+    assert failures_line(3, 120, "questions", "scene 1:\na", keep_going=False) == 1
+    line = "3 of 120 questions failed, such as scene 1: a"
+    assert capsys.readouterr() == ("", f"error: {line}; --keep-going accepts that\n")
+    assert failures_line(3, 120, "questions", "scene 1: a", keep_going=True) == 0
+    assert capsys.readouterr() == (f"{line}\n", "")
+
+
+def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path) -> None:
+    assert main(["execute", "--scene", str(tmp_path), "--program", "objects count"]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
+    assert Path(tmp_path).is_dir()

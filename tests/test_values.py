@@ -1,0 +1,523 @@
+"""Values of files and types that are out of range, unknown, repeated or contradictory are refused by name."""
+
+import copy
+import json
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pycocotools import mask as rle
+
+from nsdr import DataError, Event, Rollout, Scene, SceneObject, VideoError, VideoProposals, load
+from nsdr.clevrer.annotations import check_truth
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.example import QUESTIONS, TRUTH
+from nsdr.clevrer.masks import mask_numbers, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.parsed_programs import with_parsed_programs
+from nsdr.clevrer.predictions import check_predictions
+from nsdr.clevrer.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
+from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.submissions import read_submission
+from nsdr.clevrer.truth_blocks import check_truth_blocks
+from nsdr.frame_parser.frame_files import read_frame_records
+from nsdr.io.limits import VARIABLE
+from nsdr.io.video import read_video, write_video
+
+RED, BLUE = (
+    {"color": "red", "material": "metal", "shape": "cube"},
+    {"color": "blue", "material": "metal", "shape": "cube"},
+)
+
+
+def counts(mask: np.ndarray) -> str:
+    return str(rle.encode(np.asfortranarray(mask.astype(np.uint8)))["counts"].decode())
+
+
+def proposals() -> dict[str, Any]:
+    mask = np.zeros((320, 480), np.uint8)
+    mask[10:20, 30:50] = 1
+    row = {"mask": {"size": [320, 480], "counts": counts(mask)}, **RED, "score": 0.9}
+    frames = [{"frame_index": f, "objects": [copy.deepcopy(row)]} for f in range(3)]
+    truth = {"objects": [{"id": 0, **RED}, {"id": 1, **BLUE}], "in_outs": [], "collisions": []}
+    return {"frames": frames, "ground_truth": truth}
+
+
+def truth() -> dict[str, Any]:
+    row = {"velocity": [0, 0, 0], "inside_camera_view": True}
+    frame = {"objects": [{"object_id": i, **row} for i in (0, 1)]}
+    hit = {"object_ids": [0, 1], "frame_id": 40}
+    objects = [{"object_id": 0, **RED}, {"object_id": 1, **BLUE}]
+    frames = [copy.deepcopy(frame) for _ in range(128)]
+    return {"objects": objects, "frames": frames, "collisions": [hit], "counterfactual": {"0": [], "1": []}}
+
+
+def predictions() -> dict[str, Any]:
+    samples = [{"frame_index": f, "objects": [{"x": 1.0, "y": 2, **RED}, {"x": 1.0, "y": 2, **BLUE}]} for f in (0, 5)]
+    hits = [{"frame": 5, "objects": [RED, BLUE]}]
+    rows = [{"what_if": i, "trajectory": copy.deepcopy(samples), "collisions": hits} for i in (-1, 0, 1)]
+    return copy.deepcopy({"objects": [{"id": 0, **RED}, {"id": 1, **BLUE}], "predictions": rows})
+
+
+def question_file() -> list[dict[str, Any]]:
+    return list(json.loads(QUESTIONS.read_text()))
+
+
+def test_the_good_documents_are_accepted() -> None:
+    assert proposals_from_document(proposals(), "p").n_frames == 3
+    assert ground_truth_of(proposals(), "p")["collisions"] == []
+    check_truth(truth())
+    check_predictions(predictions())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(frames=[]), "frames: expected at least 1, got none"),
+        (lambda d: d["frames"][2].update(frame_index=100_000), "expected a frame from 0 to 9999, got 100000"),
+        (lambda d: d["frames"][0].update(frame_index=-1), "expected a frame from 0 to 9999, got -1"),
+        (lambda d: d.update(n_frames=10**9), r"n_frames: expected 3 to 10000, got 1000000000"),
+        (lambda d: d.update(n_frames=2), "n_frames: expected 3 to 10000, got 2"),
+        (lambda d: d["frames"][0]["objects"].extend(d["frames"][0]["objects"] * 240), "241 frame_objects, more than 100"),
+        (lambda d: d["frames"][1]["objects"][0].update(score=float("inf")), "score: expected a number from 0 to 1"),
+        (lambda d: d["frames"][1]["objects"][0].update(score=10**400), "score: expected a number from 0 to 1"),
+        (lambda d: d["frames"][1]["objects"][0]["mask"].update(size=[10**6, 10**6]), r"size: expected \[320, 480\]"),
+        (lambda d: d["frames"][1]["objects"][0]["mask"].update(counts="zebra"), "counts: expected .*run"),
+        (lambda d: d["frames"][1]["objects"][0]["mask"].update(counts=""), "counts: expected COCO run lengths"),
+        (lambda d: d["frames"][1]["objects"][0]["mask"].update(counts="\u00e9"), "counts: expected COCO run lengths"),
+        (lambda d: d["frames"][1]["objects"][0]["mask"].update(counts="oooo1"), "counts: expected runs of the image"),
+        (lambda d: d["frames"][1]["objects"][0]["mask"].update(counts="oooooooooo1"), "found a larger number"),
+    ],
+)  # fmt: skip
+def test_bad_proposals(change, message) -> None:
+    document = proposals()
+    change(document)
+    with pytest.raises(DataError, match=f"p.json.*{message}"):
+        proposals_from_document(document, "p.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda b: b.update(objects=[]), "objects: expected at least 1 object"),
+        (lambda b: b.update(collisions=[{"object": [0, 1], "frame": 3}]), "frame: expected a frame from 0 to 2, got 3"),
+        (lambda b: b.update(collisions=[{"object": [0, 7], "frame": 1}]), "expected object ids from 0 to 1, got 7"),
+        (lambda b: b.update(in_outs=[{"object": 0, "frame": 1, "type": "in"}] * 2), "is there twice"),
+    ],
+)
+def test_bad_ground_truth(change, message) -> None:
+    document = proposals()
+    change(document["ground_truth"])
+    with pytest.raises(DataError, match=message):
+        ground_truth_of(document, "p.json")
+    rows = [{"video": 1, "n_frames": 3, **document["ground_truth"]}]
+    with pytest.raises(DataError, match=rf"b\.json: \[0\].*{message}"):
+        check_truth_blocks(rows, "b.json")
+
+
+def test_bad_lists_of_truth_blocks() -> None:
+    block = {"video": 1, "n_frames": 3, **proposals()["ground_truth"]}
+    for rows, message in (
+        ([], "at least one block"),
+        ([block, block], r"\[1\]\.video: 1 is there twice"),
+        ([{**block, "n_frames": 0}], "n_frames: expected 1 to 10000, got 0"),
+        ([{**block, "video": -1}], "video: expected 0 to"),
+    ):
+        with pytest.raises(DataError, match=message):
+            check_truth_blocks(rows, "b.json")
+    # The released block of this video has 115 frames, and events after them.
+    late = {**block, "video": 7648, "collisions": [{"object": [0, 1], "frame": 116}]}
+    assert check_truth_blocks([late], "b.json")[7648] is late
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d["frames"].pop(), "frames: expected 128 or more, got 127"),
+        (lambda d: d.update(n_frames=129), "n_frames: expected 1 to 128, got 129"),
+        (lambda d: d["frames"][5]["objects"].pop(), r"frames\[5\]\.objects: expected all 2 objects, \[1\] are missing"),
+        (lambda d: d["frames"][5]["objects"][1].update(object_id=0), r"frames\[5\].*0 is there twice"),
+        (lambda d: d["frames"][5]["objects"][1].update(velocity=[1e300, 0, 0]), "velocity: expected 3 numbers from -1000"),
+        (lambda d: d["frames"][5]["objects"][1].update(velocity=[True, 0, 0]), "velocity: expected 3 numbers"),
+        (lambda d: d["counterfactual"].update({"9": []}), "counterfactual.9: expected an object id from 0 to 1"),
+        (lambda d: d["counterfactual"].update({"0": d["collisions"]}), "expected no collision of the removed object 0"),
+        (lambda d: d["collisions"][0].update(frame_id=128), "frame_id: expected a frame from 0 to 127, got 128"),
+    ],
+)  # fmt: skip
+def test_bad_truth_files(change, message) -> None:
+    document = truth()
+    change(document)
+    with pytest.raises(DataError, match=message):
+        check_truth(document)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(predictions=[]), "predictions: expected at least 1"),
+        (lambda d: d["objects"].append({"id": 2, **RED}), "a second red metal cube"),
+        (lambda d: d["predictions"][2].update(what_if=0), r"predictions\[2\]\.what_if: 0 is there twice"),
+        (lambda d: d["predictions"][0]["trajectory"].reverse(), r"trajectory\[1\]\.frame_index: expected more than 5"),
+        (lambda d: d["predictions"][0]["trajectory"][1].update(frame_index=10**9), "expected a frame from 0 to 9999"),
+        (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(x=1e300), "x: expected a number from -1000"),
+        (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(BLUE), "blue metal cube is there twice"),
+        (lambda d: d["predictions"][0]["collisions"][0].update(objects=[RED, RED]), "expected two different objects"),
+        (lambda d: d["predictions"][0]["collisions"][0].update(frame=-1), "frame: expected a frame from 0"),
+    ],
+)  # fmt: skip
+def test_bad_predictions(change, message) -> None:
+    document = predictions()
+    change(document)
+    with pytest.raises(DataError, match=message):
+        check_predictions(document)
+
+
+def first(kind: str, d: Any) -> Any:
+    return next(q for q in d[0]["questions"] if ("choices" in q) == (kind == "choices"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.append(d[0]), r"\[1\]\.scene_index: 500002 is there twice"),
+        (lambda d: d.clear(), "expected at least 1 question, found 0 scenes"),
+        (lambda d: d[0].update(questions=[]), "expected at least 1 question, found 1 scenes"),
+        (lambda d: d[0]["questions"].append(d[0]["questions"][0]), "question_id: .* is there twice"),
+        (lambda d: first("choices", d)["choices"].append(first("choices", d)["choices"][0]), "choice_id: 0 is there twice"),
+        (lambda d: first("choices", d)["choices"][0].update(answer=None), "some choices have answers and some have none"),
+        (lambda d: first("choices", d)["choices"][0].update(answer="yes"), "answer: 'yes'; expected correct or wrong"),
+        (lambda d: first("", d).update(answer="17"), "answer: '17'; expected 0 to 15, yes, no or an attribute word"),
+        (lambda d: first("", d).update(answer=["yes"]), "answer: .*expected 0 to 15"),
+        (lambda d: first("", d).update(program="count"), "expected a list of tokens, got 'count'"),
+        (lambda d: first("", d).update(program=[]), "expected a list of tokens"),
+        (lambda d: first("", d).update(program=["events"] * 100_000), r"\(scene 500002\): 100,000 program_tokens"),
+        (lambda d: first("", d).update(question="a " * 100_000), "200,000 text_characters"),
+        (lambda d: first("", d).update(question="How many\x00 cubes?"), "question: expected a line of text"),
+        (lambda d: first("", d).update(question=" "), "question: expected a line of text"),
+        (lambda d: d[0].update(video_filename="../../etc/passwd"), "video_filename: expected the name of a file"),
+        (lambda d: d[0].update(scene_index=-1), "scene_index: expected 0 to"),
+    ],
+)  # fmt: skip
+def test_bad_questions(change, message, tmp_path) -> None:
+    content = question_file()
+    change(content)
+    path = tmp_path / "q.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=rf"q\.json: .*{message}"):
+        read_questions(path)
+
+
+def test_question_files_end_after_their_list(tmp_path) -> None:
+    (tmp_path / "q.json").write_text(QUESTIONS.read_text() + "[]")
+    with pytest.raises(DataError, match=r"q\.json: data after the end of the list"):
+        read_questions(tmp_path / "q.json")
+    (tmp_path / "q.json").write_bytes(b"\xef\xbb\xbf" + QUESTIONS.read_bytes())
+    assert read_questions(tmp_path / "q.json") == read_questions(QUESTIONS)
+
+
+def test_bad_parsed_programs_and_submissions(tmp_path) -> None:
+    path = tmp_path / "x.json"
+    for content, message in (
+        ([], "expected an object with scene indices"),
+        ({"zebra": 1}, "expected the index of a scene"),
+        ({"7": {"questions": []}}, "holds none of the 1 scenes, such as 500002"),
+        ({"500002": {"questions": [5]}}, r"500002\.questions\[0\]: expected an object, got 5"),
+    ):
+        path.write_text(json.dumps(content))
+        with pytest.raises(DataError, match=rf"x\.json.*{message}"):
+            with_parsed_programs(read_questions(QUESTIONS), [path])
+    row = {"question_id": 0, "answer": "yes"}
+    for content, message in (
+        ([{"scene_index": 1, "questions": [row, row]}], r"questions\[1\]\.question_id: 0 is there twice"),
+        ([{"scene_index": 1, "questions": [row]}] * 2, r"\[1\]\.scene_index: 1 is there twice"),
+    ):
+        path.write_text(json.dumps(content))
+        with pytest.raises(DataError, match=rf"x\.json: .*{message}"):
+            read_submission(path)
+
+
+COMPACT = {"video": [1, 1], "frame": [0, 1], "attr": [3, 3], "score": [255, 255], "cx64": [64, 64], "cy64": [64, 64],
+           "area": [9, 9], "box": [[0, 0, 3, 3]] * 2}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frame": [1, 0]}, "row 1: expected ascending videos and frames, got video 1, frame 0 after"),
+        ({"frame": [0, 20_000]}, "frame: expected 0 to 9999, found 0 to 20000"),
+        ({"frame": [0, 5]}, "video 1 has 3 frames, row 1 frame 5"),
+        ({"attr": [48, 0]}, "attr: expected 0 to 47"),
+        ({"score": [-1, 0]}, "score: expected 0 to 255"),
+        ({"score": [0.5, 0.5]}, "score: expected whole numbers"),
+        ({"area": [9]}, "area: expected whole numbers of the shape"),
+        ({"box": [[0, 0, 3, 3], [3, 0, 3, 3]]}, r"box: row 1: expected left < right.*got \[3, 0, 3, 3\]"),
+        ({"box": [[0, 0, 3, 321]] * 2}, "bottom up to 320"),
+        ({name: [] for name in COMPACT}, "expected at least 1 row"),
+    ],
+)
+def test_bad_compact_files(changes, message, tmp_path) -> None:
+    np.savez(tmp_path / "good.npz", **COMPACT)
+    assert [v for v, _ in read_compact_proposals(tmp_path / "good.npz", {1: 3})] == [1]
+    np.savez(tmp_path / "c.npz", **{**COMPACT, **changes})
+    with pytest.raises(DataError, match=rf"c\.npz: .*{message}"):
+        list(read_compact_proposals(tmp_path / "c.npz", {1: 3}))
+
+
+def test_masks_give_the_same_numbers_from_runs_and_pixels() -> None:
+    rng = np.random.default_rng(0)
+    masks = [rng.random((7, 5)) < share for share in (0, 0.1, 0.5, 0.9, 1)]
+    masks += [cv2.circle(np.zeros((320, 480), np.uint8), (x, 300), 30, 1, -1) for x in (0, 200, 479)]
+    for mask in masks:
+        runs = runs_of_mask(counts(mask), *mask.shape, "x")
+        assert runs.sum() == mask.size
+        assert numbers_of_runs(runs, mask.shape[0]) == mask_numbers(mask)
+
+
+@settings(max_examples=300, deadline=None)
+@given(text=st.text(st.characters(min_codepoint=40, max_codepoint=130), max_size=12))
+def test_any_text_is_a_mask_or_an_error(text) -> None:
+    with suppress(DataError):
+        runs = runs_of_mask(text, 4, 3, "x")
+        assert runs.sum() == 12
+        assert rle.decode({"size": [4, 3], "counts": text.encode()}).shape == (4, 3)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_changed_values_never_crash_a_reader(data, tmp_path) -> None:
+    values = st.one_of(
+        st.none(), st.booleans(), st.integers(), st.floats(allow_nan=False), st.text(max_size=5), st.just([]), st.just({})
+    )  # fmt: skip
+    readers = {
+        "questions": (question_file, lambda d, p: (p.write_text(json.dumps(d)), read_questions(p))),
+        "proposals": (proposals, lambda d, _: (proposals_from_document(d, "p"), ground_truth_of(d, "p"))),
+        "truth": (truth, lambda d, _: check_truth(d)),
+        "predictions": (predictions, lambda d, _: check_predictions(d)),
+        "scene": (
+            lambda: json.loads(TRUTH.read_text()),
+            lambda d, p: (p.write_text(json.dumps(d)), load(Scene, p)),
+        ),
+    }
+    make, read = readers[data.draw(st.sampled_from(sorted(readers)))]
+    document = make()
+    for _ in range(data.draw(st.integers(1, 2))):
+        place = document
+        while True:
+            keys = sorted(place) if isinstance(place, dict) else list(range(len(place)))
+            if not keys:
+                break
+            key = data.draw(st.sampled_from(keys))
+            if isinstance(place[key], dict | list) and place[key] and data.draw(st.integers(0, 4)):
+                place = place[key]
+                continue
+            place[key] = data.draw(values)
+            break
+    with suppress(DataError):
+        read(document, tmp_path / "x.json")
+
+
+def scene_document() -> dict[str, Any]:
+    return dict(json.loads(TRUTH.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(objects=5), "objects: expected a list, got 5"),
+        (lambda d: d.update(zebra=5), "unknown key 'zebra' of a Scene"),
+        (lambda d: d.pop("events"), "missing key 'events' of a Scene"),
+        (lambda d: d.update(n_frames=500), r"Scene.visible: expected shape \(6, 500\)"),
+        (lambda d: d.update(n_frames=True), "n_frames: expected a whole number, got True"),
+        (lambda d: d["events"][0].update(frame=1.5), r"events\[0\]\.frame: expected a whole number, got 1.5"),
+        (lambda d: d["events"][0].update(frame=9999), "is after the video's 128 frames"),
+        (lambda d: d["events"][0].update(frame=-1), "or no frame"),
+        (lambda d: d["events"][0].update(objects=[0, 99]), "outside 0-5"),
+        (lambda d: d["events"].append(7), r"events\[7\]: expected Event, got 7"),
+        (lambda d: d["unseen"][0].update(frame=10**12), "unseen and counterfactual events: frame: 1,000,000,000,000 frames"),
+        (lambda d: d["counterfactual"].update(map={}), r"counterfactual\.map: expected a list"),
+        (lambda d: d["counterfactual"]["map"].append([99, []]), "counterfactual: expected object ids from 0 to 5 as keys"),
+        (lambda d: d["visible"].update(dtype="object"), r"visible\.dtype: expected one of bool"),
+        (lambda d: d["visible"].update(shape=[10**6, 10**6]), "visible: expected 1000000000000 values"),
+        (lambda d: d["visible"].update(shape=[-1, 128]), r"visible\.shape: expected a list of sizes"),
+        (lambda d: d["visible"].update(values="x" * 768), r"visible\.values: expected a text of 0 and 1"),
+        (lambda d: d.update(visible={"array": "array_0"}), "visible: there is no array 'array_0'"),
+    ],
+)  # fmt: skip
+def test_bad_saved_scenes(change, message, tmp_path) -> None:
+    document = scene_document()
+    change(document)
+    (tmp_path / "s.json").write_text(json.dumps(document))
+    with pytest.raises(DataError, match=rf"s\.json: not a Scene \(.*{message}"):
+        load(Scene, tmp_path / "s.json")
+
+
+def test_types_refuse_values_out_of_range() -> None:
+    ints, floats = np.zeros(1, int), np.zeros(1)
+    box, centre = np.zeros((1, 4), int), np.zeros((1, 2))
+    for score, place, message in (
+        (2.0, 0.0, "score: expected 0 to 1, got 2.0"),
+        (1.0, np.nan, "centroid_px: expected finite"),
+    ):
+        with pytest.raises(DataError, match=message):
+            VideoProposals(1, ints, ints, floats + score, centre + place, ints, box)
+    with pytest.raises(DataError, match="processed: expected 0 to 0, got 5"):
+        VideoProposals(1, ints, ints, floats, centre, ints, box, processed=np.array([5]))
+    with pytest.raises(DataError, match=r"SceneObject\.id: expected a whole number from 0 on, got '0'"):
+        SceneObject("0", "red", "metal", "cube")  # type: ignore[arg-type]
+    with pytest.raises(DataError, match=r"frame: expected a whole number from -1 on, got 1\.5"):
+        Event("in", 1.5, (0,))  # type: ignore[arg-type]
+    where, seen = np.full((1, 2, 2), np.nan), np.zeros((1, 2), bool)
+    Rollout(where, seen, ())  # NaN is where an object is absent
+    with pytest.raises(DataError, match="location_world: expected finite numbers, got inf"):
+        Rollout(np.full_like(where, np.inf), seen, ())
+    with pytest.raises(DataError, match="unseen_scores: expected 0 to 1, got nan"):
+        Rollout(where, seen, (), np.array([[np.nan]]))
+
+
+def archive(folder: Path, name: str, change: Any = None, content: bytes = b"x") -> Path:
+    path = folder / "videos" / "train" / "video_train.zip"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    info = zipfile.ZipInfo(name)
+    with zipfile.ZipFile(path, "w") as opened:
+        if change is not None:
+            change(info)
+        opened.writestr(info, content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("../../x/video_00000.mp4", None, "leads out of the folder"),
+        ("/abs/video_00000.mp4", None, "leads out of the folder"),
+        ("a/../../video_00000.mp4", None, "leads out of the folder"),
+        ("C:/video_00000.mp4", None, "leads out of the folder"),
+        ("video_00000.mp4", lambda info: setattr(info, "external_attr", 0o120777 << 16), "is a link"),
+    ],
+)
+def test_hostile_zips_are_refused(name, change, message, tmp_path) -> None:
+    archive(tmp_path, name, change)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(DataError, match=rf"video_train\.zip: .*{message}"):
+        CLEVRER(tmp_path).split("train").video(0)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("offset", "value", "message"), [(8, 1, "is encrypted"), (10, 99, "unknown compression method 99")]
+)
+def test_unreadable_members_are_refused(offset, value, message, tmp_path) -> None:
+    path = archive(tmp_path, "video_00000.mp4")
+    data = bytearray(path.read_bytes())
+    entry = data.index(b"PK\x01\x02")  # of the central directory
+    data[entry + offset] = value
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=rf"video_train\.zip: 'video_00000\.mp4': {message}"):
+        CLEVRER(tmp_path).split("train").video(0)
+
+
+def test_large_and_damaged_members_are_refused(tmp_path, monkeypatch) -> None:
+    path = archive(tmp_path, "video_00000.mp4", content=b"video" * 100)
+    assert CLEVRER(tmp_path).split("train").video(0).read_bytes() == b"video" * 100
+    (path.parent / path.stem / "video_00000.mp4").unlink()
+    path.write_bytes(path.read_bytes().replace(b"videovideo", b"videoaudio", 1))
+    with pytest.raises(DataError, match=r"video_train\.zip: not a readable zip \(Bad CRC"):
+        CLEVRER(tmp_path).split("train").video(0)
+    monkeypatch.setenv(VARIABLE, "member_bytes=100")
+    with pytest.raises(DataError, match=r"video_train\.zip: 'video_00000\.mp4': 500 member_bytes, more than 100"):
+        CLEVRER(tmp_path).split("train").video(0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"splits": {"train": [0, 10**12]}}, "splits.train: expected first and last"),
+        ({"splits": {"train": [5, 3]}}, "splits.train: expected first and last"),
+        ({"splits": {"train": [-5, 3]}}, "splits.train: expected first and last"),
+        ({"kinds": ["zebra"]}, "kinds: expected different ones of videos"),
+        ({"kinds": [5]}, "kinds: expected different ones of videos"),
+        ({"n_frames": 10**9}, "n_frames: expected 1 to 10000"),
+    ],
+)
+def test_bad_manifests(changes, message, tmp_path) -> None:
+    splits = {"train": [0, 2], "validation": [10000, 10000], "test": [15000, 15000]}
+    manifest = {"splits": splits, "kinds": ["videos"], "n_frames": 128}
+    for key, value in changes.items():
+        manifest[key] = {**manifest[key], **value} if isinstance(value, dict) else value  # type: ignore[dict-item]
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(DataError, match=rf"manifest\.json.*{message}"):
+        CLEVRER(tmp_path)
+
+
+def test_videos_that_are_too_long_large_or_slow(tmp_path, monkeypatch) -> None:
+    path = tmp_path / "v.mp4"
+    write_video(path, [np.zeros((320, 480, 3), np.uint8)] * 6)
+    for limit, message in (
+        ("frames=5", "6 frames, more than 5"),
+        ("image_pixels=1000", "153,600 image_pixels, more than 1,000"),
+        ("array_bytes=1000000", "array_bytes, more than 1,000,000"),
+    ):
+        monkeypatch.setenv(VARIABLE, limit)
+        with pytest.raises(VideoError, match=rf"v\.mp4: .*{message}"):
+            read_video(path)
+    monkeypatch.delenv(VARIABLE)
+    writer = cv2.VideoWriter(str(tmp_path / "slow.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 0.1, (480, 320))
+    for _ in range(3):
+        writer.write(np.zeros((320, 480, 3), np.uint8))
+    writer.release()
+    with pytest.raises(VideoError, match=r"slow\.avi: 0.1 frames per second, expected 1 to 1000"):
+        read_video(tmp_path / "slow.avi")
+
+
+def frame_line(**changes: Any) -> dict[str, Any]:
+    mask = np.zeros((4, 6), np.uint8)
+    mask[1:3, 1:4] = 1
+    o = {**RED, "segmentation": {"size": [4, 6], "counts": counts(mask)}}
+    return {"file_name": "a.jpg", "scene": 1, "objects": [o], **changes}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"file_name": "../../a.jpg"}, "file_name: expected a file below images/"),
+        ({"file_name": "/a.jpg"}, "file_name: expected a file below images/"),
+        ({"scene": -1}, "scene: expected 0"),
+        ({"objects": [{**RED, "segmentation": {"size": [10**6, 10**6], "counts": "1"}}]}, "image_pixels, more than"),
+        ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": "11"}}]}, "expected runs of the image's 4x6"),
+        ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": 5}}]}, "counts: expected str"),
+    ],
+)
+def test_bad_frame_records(changes, message, tmp_path) -> None:
+    path = tmp_path / "annotations_0.jsonl"
+    path.write_text(json.dumps(frame_line()) + "\n")
+    assert [r["scene"] for r in read_frame_records(tmp_path)] == [1]
+    path.write_text(json.dumps(frame_line()) + "\n" + json.dumps(frame_line(**changes)) + "\n")
+    with pytest.raises(DataError, match=rf"annotations_0\.jsonl, line 2.*{message}"):
+        list(read_frame_records(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("segmentation", "message"),
+    [
+        ([[0, 0, 3]], "expected a list of x and y of 3 or more corners"),
+        ([[0, 0, 3, 0, 3, 1e9]], "expected a number from -1 to 7"),
+        ([], "expected at least one polygon"),
+        ({"size": [4, 6], "counts": [3, -3, 24]}, "counts: expected runs of the image's 4x6"),
+        ({"size": [4, 6], "counts": [3, 4]}, "counts: expected runs of the image's 4x6"),
+        ({"size": [9, 9], "counts": [24]}, r"size: expected \[4, 6\]"),
+    ],
+)
+def test_bad_coco_masks(segmentation, message, tmp_path) -> None:
+    document = {
+        "categories": [{"id": 1, "name": "red metal cube"}],
+        "images": [{"id": 1, "file_name": "a.jpg", "height": 4, "width": 6}],
+        "annotations": [{"image_id": 1, "category_id": 1, "segmentation": segmentation}],
+    }
+    (tmp_path / "coco.json").write_text(json.dumps(document))
+    with pytest.raises(DataError, match=rf"coco\.json: annotations\[0\]\.segmentation.*{message}"):
+        list(read_frame_records(tmp_path))
