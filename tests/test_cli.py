@@ -133,7 +133,7 @@ def _truth(folder):
         (["answer", TRUTH, "-q", "How many collisions happen?", "--dynamics", "state"], "--dynamics would do nothing"),
         (
             ["answer", TRUTH, "-q", "Who?", "--set", "tracker.score=0.8", "--config", "x.yaml"],
-            "--config, --set would do",
+            "--config, --set tracker.score=0.8 would do",
         ),
         (["visualize", VIDEO, "-o", "x.mp4", "-q", "Who?"], "they need an output ending in .html"),
         (["visualize", VIDEO, "-o", "x.html", "-c", "this"], "--choice does nothing without --question"),

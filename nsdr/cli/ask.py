@@ -15,7 +15,8 @@ __all__ = ["answer", "demo", "execute", "parse_question"]
 def answer(options: Any) -> int:
     """`nsdr answer`: a question about a video or a saved scene."""
     is_scene = Path(options.video).suffix in (".json", ".npz")
-    given = [f"--{name}" for name in ("dynamics", "config", "set") if getattr(options, name)]
+    given = [f"--{name}" for name in ("dynamics", "config") if getattr(options, name)]
+    given += [f"--set {value}" for value in options.set]
     if is_scene and given:
         raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
     pipeline = make_pipeline(options)
@@ -64,6 +65,8 @@ def execute(options: Any) -> int:
     from nsdr.clevrer.predictions import read_predictions
     from nsdr.symbolic import Executor
 
+    if not options.scene:
+        raise DataError("--scene is empty; expected a file")
     scene: Any = read_predictions(options.scene) if options.semantics == "official" else load_scene(options.scene)
     executor = Executor(scene, options.semantics, options.collisions)
     _print_answer(executor.answer(options.program), options.trace)

@@ -127,7 +127,7 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
     else:
         config = BackendConfig(str(settings))
     if config.backend not in BACKENDS.names():
-        raise DataError(f"dynamics {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
+        raise DataError(f"dynamics backend {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
     if config.backend == "paper" and not config.shortcut:
         raise DataError("shortcut: false does nothing with dynamics 'paper', which has no shortcut")
     if config.backend in ("state", "paper") and config.physics != PhysicsConfig():

@@ -94,7 +94,7 @@ class EvaluationConfig:
     def __post_init__(self) -> None:
         unknown = sorted(set(self.types) - set(QUESTION_TYPES)) if self.types else ["nothing"]
         if unknown:
-            raise DataError(f"unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
+            raise DataError(f"types: unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
         check_choices(self, semantics=("paper", "official"), collisions=("predicted", "velocity"))
         check_choices(self, split=SPLITS, engine=ENGINES, source=SOURCES.names())
         if self.truth_source:

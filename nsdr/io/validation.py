@@ -18,6 +18,7 @@ __all__ = [
     "SIZE",
     "check_choices",
     "check_interval",
+    "check_paths",
     "check_ranges",
 ]
 
@@ -62,6 +63,18 @@ def check_choices(config: Any, **choices: Collection[Any] | Mapping[Any, Any]) -
     for name, known in choices.items():
         if getattr(config, name) not in known:
             raise DataError(f"{name} is {getattr(config, name)!r}; expected {' or '.join(map(str, known))}")
+
+
+def check_paths(config: Any, *names: str) -> None:
+    """Each named attribute must be a path: some text without null characters.
+
+    Raises:
+        DataError: one is not; names it and its value.
+    """
+    for name in names:
+        value = getattr(config, name)
+        if not str(value).strip() or "\0" in str(value):
+            raise DataError(f"{name} is {str(value)!r}; expected a path")
 
 
 def check_interval(config: Any, *names: str) -> None:

@@ -15,7 +15,7 @@ from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.io.checkpoint import load_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.validation import MANY, check_ranges
+from nsdr.io.validation import MANY, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.world.vocabulary import attributes_of
 
@@ -60,6 +60,7 @@ class FrameParserTraining:
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
+        check_paths(self, "frames", "run_dir")
         check_ranges(self, evaluation_frames=MANY)
 
 

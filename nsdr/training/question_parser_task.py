@@ -13,7 +13,7 @@ from torch.nn import functional as F
 
 from nsdr.clevrer.questions import iterate_questions
 from nsdr.errors import DataError
-from nsdr.io.validation import COUNT, MANY, SHARE, check_ranges
+from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
 from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
 from nsdr.question_parser.grammar.templates import TEXT_KINDS, Pair, sample
 from nsdr.question_parser.model import QuestionParserConfig
@@ -67,6 +67,7 @@ class QuestionParserTraining:
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
+        check_paths(self, "run_dir")
         check_ranges(self, samples=COUNT, paraphrase=SHARE, other=SHARE, evaluation_texts=MANY)
 
 

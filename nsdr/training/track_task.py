@@ -18,7 +18,7 @@ from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.dynamics.propnet.state_predictor import StatePredictor
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_ranges
+from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -76,6 +76,7 @@ class DynamicsTraining:
 
     def __post_init__(self) -> None:
         check_choices(self, network=("state", "paper"))
+        check_paths(self, "proposals", "truth", "run_dir")
         check_ranges(
             self, limit=COUNT, rollout_steps=(1, VIDEO_FRAMES), noise_world=NOT_NEGATIVE, evaluation_scenes=MANY
         )

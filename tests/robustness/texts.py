@@ -29,7 +29,7 @@ TEXTS = {
     "repeated": "How many collisions happen? How many collisions happen?", "code": "__import__('os').system('true')",
     "no question": "The weather is nice today", "other letters": "How m\u0430ny c\u043ellisions h\u0430ppen?",
     "unknown colour": "How many pink cubes enter the scene?", "unknown shape": "Are there any pyramids that enter the scene?",
-    "cut off": "How many collisions happen before the", "order": "happen collisions many How?",
+    "cut off": "How many collisions happen before the",
 }  # fmt: skip
 
 
