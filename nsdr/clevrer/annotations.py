@@ -15,12 +15,12 @@ from nsdr.clevrer.schema import (
     get_pair,
     get_scene_index,
     get_whole,
+    read_checked,
     shown,
 )
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import read_json
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = [
@@ -48,12 +48,7 @@ def read_annotation(path: str | Path) -> dict[str, Any]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    annotation = read_json(path)
-    try:
-        check_annotation(annotation)
-    except DataError as e:
-        raise DataError(f"{path}: {e}") from e
-    return dict(annotation)
+    return read_checked(path, check_annotation)
 
 
 def write_annotation(path: str | Path, annotation: dict[str, Any], n_frames: int = VIDEO_FRAMES) -> None:
@@ -88,12 +83,7 @@ def read_truth_file(path: str | Path) -> dict[str, Any]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    truth = read_json(path)
-    try:
-        check_truth(truth)
-    except DataError as e:
-        raise DataError(f"{path}: {e}") from e
-    return dict(truth)
+    return read_checked(path, check_truth)
 
 
 def check_truth(truth: Any) -> None:

@@ -21,12 +21,12 @@ from nsdr.clevrer.schema import (
     get,
     get_frame,
     get_number,
+    read_checked,
     scene_object,
     shown,
 )
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
-from nsdr.io.reading import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
 from nsdr.world.camera import (
     HEIGHT_PX,
@@ -62,12 +62,7 @@ def read_predictions(path: str | Path) -> dict[str, Any]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    document = read_json(path)
-    try:
-        check_predictions(document)
-    except DataError as e:
-        raise DataError(f"{path}: {e}") from e
-    return dict(document)
+    return read_checked(path, check_predictions)
 
 
 def check_predictions(document: Any) -> None:

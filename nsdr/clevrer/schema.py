@@ -1,11 +1,13 @@
 """Checked access to values in JSON documents: errors name the location in the file and what was expected there."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
+from nsdr.io.reading import read_json
 from nsdr.types import SceneObject
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -22,6 +24,7 @@ __all__ = [
     "get_scene_index",
     "get_text",
     "get_whole",
+    "read_checked",
     "scene_object",
     "shown",
 ]
@@ -31,6 +34,20 @@ LARGEST_ID = 10**9
 """Largest index of a video, and largest id of a question or choice."""
 LARGEST_COORDINATE = 1000.0
 """Largest magnitude of a coordinate, angle or velocity in files (CLEVRER's are below 20, the grid has 150)."""
+
+
+def read_checked(path: str | Path, check: Callable[[Any], None]) -> dict[str, Any]:
+    """A JSON file's content, after `check(content)`, whose errors get the file's name.
+
+    Raises:
+        DataError: the file is missing or not JSON, or what `check` raises; names the file.
+    """
+    content = read_json(path)
+    try:
+        check(content)
+    except DataError as e:
+        raise DataError(f"{path}: {e}") from e
+    return dict(content)
 
 
 def get(holder: Any, key: str, kind: type[T] | tuple[type[T], ...], where: str) -> T:

@@ -193,7 +193,7 @@ ARCHIVES: dict[str, Callable[[], bytes]] = {
     "leaves the folder": lambda: _zip({"../../x/video_10000.mp4": b"x"}),
     "leaves the folder by backslashes": lambda: _zip({"..\\..\\x\\video_10000.mp4": b"x"}),
     "leaves the folder further in": lambda: _zip({"a/../../../video_10000.mp4": b"x"}),
-    "absolute path": lambda: _zip({"/tmp/robustness/video_10000.mp4": b"x"}),
+    "absolute path": lambda: _zip({"/outside/video_10000.mp4": b"x"}),
     "drive letter": lambda: _zip({"C:/video_10000.mp4": b"x"}),
     "link": _link_zip,
     "encrypted": lambda: _encrypted(_zip({MEMBER: b"x" * 100})),
@@ -208,12 +208,12 @@ ARCHIVES: dict[str, Callable[[], bytes]] = {
 
 
 def _archive_cases() -> Iterator[Case]:
-    argv = (*EVALUATE, "--root", "root", "--source", "videos", "--types", "descriptive")
+    argv = (*EVALUATE, "--root", "release", "--source", "videos", "--types", "descriptive")
     for name, content in ARCHIVES.items():
 
         def write(folder: Path, good: Path, content: Callable[[], bytes] = content) -> None:
-            text_writer("root/videos/validation/video_validation.zip", content())(folder, good)
-            (folder / "root/questions").symlink_to(good / "root/questions")
+            text_writer("release/videos/validation/video_validation.zip", content())(folder, good)
+            (folder / "release/questions").symlink_to(good / "release/questions")
 
         yield Case("zip, archive", name, argv, write, "video_validation.zip")
 

@@ -241,7 +241,7 @@ def document_writer(kind: str) -> Callable[[Change], Write]:
 def put_beside(kind: str, folder: Path, good: Path) -> None:
     """The other files that a format's command reads."""
     if kind == "manifest":
-        for path in (good / "root").iterdir():
+        for path in (good / "release").iterdir():
             (folder / path.name).symlink_to(path)
 
 

@@ -169,7 +169,7 @@ def write_good(folder: Path) -> None:
         path.write_bytes(gzip.compress(text) if name == "blocks" else text)
     for file, document in {"questions/validation.json": questions, "derender_proposals/proposal_10000.json": proposals,
                            "annotations/validation/annotation_10000.json": annotation}.items():  # fmt: skip
-        path = folder / "root" / file
+        path = folder / "release" / file
         path.parent.mkdir(parents=True)
         path.write_text(json.dumps(document()))
     save(load(Scene, TRUTH), folder / "scene.npz")
@@ -230,10 +230,10 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 ANSWER = ("answer", str(TRUTH), "-q", "How many collisions happen?")
 EVALUATE_TRUTH = ("evaluate", *QUESTIONS_OF, "--source", "truth", "--data", "{good}/truth", "--programs", "gold",
             "--workers", "1", "--submission", "out.json")  # fmt: skip
-PREDICT = ("predict-dynamics", "{good}/root/derender_proposals", "-o", "out", "--workers", "1")
+PREDICT = ("predict-dynamics", "{good}/release/derender_proposals", "-o", "out", "--workers", "1")
 PARSE = ("parse-videos", "{good}", "-o", "out", "--workers", "1")
 PARSE_ONE = ("parse-video", "{good}/video.mp4")
-MOTION = ("data", "motion", "{good}/root", "--split", "validation", "-o", "out", "--workers", "1")
+MOTION = ("data", "motion", "{good}/release", "--split", "validation", "-o", "out", "--workers", "1")
 GENERATE = ("generate", "dataset", "-o", "out", "--videos", "1", "--renderer", "none", "--workers", "1")
 TRAIN = ("train", "question-parser", "--run_dir", "run", "--loop.steps", "1", "--loop.device", "cpu")
 """Commands that are right as they are."""

@@ -42,7 +42,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "data motion": (MOTION, {"--split": ("zebra", "train"), "--workers": ("-1", "x"), "--engine": ("zebra",),
                              "--every": ("2",)}),
     "data download": (("data", "download", "out", "--split", "validation"), {"--split": ("zebra",), "--what": ("zebra",)}),
-    "data frames": (("data", "frames", "{good}", "--proposals", "{good}/root/derender_proposals", "-o", "out"),
+    "data frames": (("data", "frames", "{good}", "--proposals", "{good}/release/derender_proposals", "-o", "out"),
                     {"--every": ("0", "-1", "x"), "--proposals": ("nowhere",)}),
     "generate dataset": (GENERATE, {
         "--videos": ("0", "-1", "x", "1000000"), "--seed": ("-1", "x"), "--first_scene": ("-1", "1000000"),
@@ -117,7 +117,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
 FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {
     "parse-videos": (PARSE[:2] + PARSE[4:], "-o"),
     "predict-dynamics": (PREDICT[:2] + PREDICT[4:], "-o"),
-    "data motion": (("data", "motion", "{good}/root", "--split", "validation", "--workers", "1"), "-o"),
+    "data motion": (("data", "motion", "{good}/release", "--split", "validation", "--workers", "1"), "-o"),
     "generate dataset": (("generate", "dataset", *GENERATE[4:]), "--output"),
     "experiment": (("experiment", "rows.yaml"), "-o"),
     "train": (("train", "question-parser", *TRAIN[4:]), "--run_dir"),
