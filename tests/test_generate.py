@@ -345,7 +345,7 @@ def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
         ({"renderer": "oil"}, "renderer is 'oil'; expected preview or"),
         ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
         ({"videos": 0}, "videos is 0; expected 1 to"),
-        ({"seed": -1}, "seed: expected 0 or more, got -1"),
+        ({"seed": -1}, "seed is -1; expected 0 or more"),
         ({"first_scene": 990000}, "first_scene: expected 0 to 980000, got 990000"),
     ):
         with pytest.raises(DataError, match=message):
