@@ -254,6 +254,7 @@ COMPACT = {"video": [1, 1], "frame": [0, 1], "attr": [3, 3], "score": [255, 255]
         ({"attr": [48, 0]}, "attr: expected 0 to 47"),
         ({"score": [-1, 0]}, "score: expected 0 to 255"),
         ({"score": [0.5, 0.5]}, "score: expected whole numbers"),
+        ({"area": [9, 0]}, "area: expected 1 to 153600, found 0 to 9"),
         ({"area": [9]}, "area: expected whole numbers of the shape"),
         ({"box": [[0, 0, 3, 3], [3, 0, 3, 3]]}, r"box: row 1: expected left < right.*got \[3, 0, 3, 3\]"),
         ({"box": [[0, 0, 3, 321]] * 2}, "bottom up to 320"),

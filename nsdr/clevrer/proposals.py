@@ -295,9 +295,9 @@ def _compact_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
         "box": WIDTH_PX,
     }
     for name, end in highest.items():
-        low, high = a[name].min(), a[name].max()
-        if low < 0 or high > end:
-            raise DataError(f"{path}: {name}: expected 0 to {end}, found {low} to {high}")
+        start, low, high = int(name == "area"), a[name].min(), a[name].max()
+        if low < start or high > end:
+            raise DataError(f"{path}: {name}: expected {start} to {end}, found {low} to {high}")
     left, top, right, bottom = a["box"].T
     fits = (left < right) & (top < bottom) & (bottom <= HEIGHT_PX)
     if not fits.all():

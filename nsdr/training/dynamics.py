@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from nsdr.io.configuration import parse_config
 from nsdr.training.loop import train_part
 from nsdr.training.patch_dynamics import PatchModelTask
+from nsdr.training.run_folder import parse_training
 from nsdr.training.state_dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
 
@@ -17,7 +17,7 @@ def main(argv: Sequence[str] | None = None) -> str:
     Raises:
         DataError: an unknown network, or unreadable training data.
     """
-    config = parse_config(DynamicsTraining, argv, "nsdr train dynamics")
+    config = parse_training(DynamicsTraining, argv, "dynamics")
     if config.network == "state":
         return train_part("dynamics", StateModelTask(config), config, config.model, {"network": config.network})
     return train_part("dynamics", PatchModelTask(config), config, config.patches, {"network": config.network})

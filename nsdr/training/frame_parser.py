@@ -14,9 +14,9 @@ from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.io.configuration import parse_config
 from nsdr.io.validation import MANY, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.training.run_folder import parse_training
 from nsdr.world.vocabulary import attributes_of
 
 __all__ = ["FrameParserTask", "FrameParserTraining", "main"]
@@ -123,7 +123,7 @@ def main(argv: Sequence[str] | None = None) -> str:
     Raises:
         DataError: unreadable training data, or fewer training frames than a batch.
     """
-    config = parse_config(FrameParserTraining, argv, "nsdr train frame-parser")
+    config = parse_training(FrameParserTraining, argv, "frame-parser")
     task = FrameParserTask(config)
     if len(task.training_frames) < config.loop.batch_size:
         raise DataError(f"{config.frames}: {len(task.training_frames)} training frames, fewer than one batch")

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from nsdr.io.configuration import parse_config
 from nsdr.training.ablation import parse_sizes, run_ablation
 from nsdr.training.question_parser_task import QuestionParserTraining, train_question_parser
+from nsdr.training.run_folder import parse_training
 
 __all__ = ["main"]
 
@@ -15,7 +15,7 @@ def main(argv: Sequence[str] | None = None) -> str:
 
     With `--ablation 10,100,all`, train once for each number of programs and return the path of the table instead.
     """
-    config = parse_config(QuestionParserTraining, argv, "nsdr train question-parser")
+    config = parse_training(QuestionParserTraining, argv, "question-parser")
     if config.ablation:
         return run_ablation(replace(config, ablation=""), parse_sizes(config.ablation))
     return train_question_parser(config)

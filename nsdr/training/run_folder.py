@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError
@@ -17,18 +17,33 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError
+from nsdr.io.configuration import parse_config
 from nsdr.io.files import atomic_path, remove_partial_files, sync, write_json, writing
 from nsdr.io.fingerprint import code_revision
+from nsdr.io.outputs import check_output_folder
 from nsdr.io.reading import read_json
 
-__all__ = ["RunFolder", "TrainingState"]
+__all__ = ["RunFolder", "TrainingState", "parse_training"]
 
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 KEPT_CHECKPOINTS = 2
 """Newest checkpoints that are kept: should the newest be damaged, the one before it is resumed from."""
 LOSSES = ("step", "loss", "learning_rate")
 """Columns of `metrics.jsonl` that are no metrics, beside the loss terms `loss/...`."""
+
+
+def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
+    """The configuration of `nsdr train PART` from its arguments; its outputs are checked before any data are read.
+
+    Raises:
+        DataError: as of `parse_config`; or `run_dir` or `output` cannot be written.
+    """
+    config: Any = parse_config(kind, argv, f"nsdr train {part}")
+    for folder in (config.run_dir, config.output or config.run_dir):
+        check_output_folder(folder)
+    return config
 
 
 @dataclass(frozen=True)
