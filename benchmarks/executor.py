@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from nsdr.clevrer.predictions import scene_from_predictions
+from nsdr.clevrer.predictions import PredictionFile, predictions_from_document, scene_from_predictions
 from nsdr.errors import ExecutionError
 from nsdr.question_parser.grammar.templates import sample
 from nsdr.symbolic import Executor, Program
@@ -21,7 +21,7 @@ OBJECTS = 5
 RELEASED_PROGRAMS_PER_S, RELEASED_SCENES_PER_S = 38_000, 250
 
 
-def prediction_file(rng: random.Random) -> dict[str, Any]:
+def prediction_file(rng: random.Random) -> PredictionFile:
     """A prediction file like the release's: 26 + 12 samples, one rollout per object, three collisions each."""
     triples = rng.sample([(c, m, s) for c in COLORS for m in MATERIALS for s in SHAPES], OBJECTS)
     objects = [{"color": c, "material": m, "shape": s} for c, m, s in triples]
@@ -45,10 +45,10 @@ def prediction_file(rng: random.Random) -> dict[str, Any]:
         return {"what_if": what_if, "trajectory": trajectory, "collisions": collisions}
 
     listed = [{"id": i, **o} for i, o in enumerate(objects)]
-    return {"objects": listed, "predictions": [rollout(k) for k in range(-1, OBJECTS)]}
+    return predictions_from_document({"objects": listed, "predictions": [rollout(k) for k in range(-1, OBJECTS)]})
 
 
-def programs_for(document: dict[str, Any], rng: random.Random, count: int = 28) -> list[Program]:
+def programs_for(document: PredictionFile, rng: random.Random, count: int = 28) -> list[Program]:
     """Programs that run without error on the scene of a prediction file: 2 of 5 are choices with their question."""
     executor = Executor(scene_from_predictions(document))
     found: list[Program] = []

@@ -119,10 +119,13 @@ def commands(data: Path, videos: int, count: int) -> dict[str, Command]:
         "parse-videos": work("video", "parse-videos", f"{root}/videos", "-o", "out", "--stride", "16"),
         "evaluate --root": work(
             *("scene", "evaluate", "--root", str(root), "--source", "proposals", "--programs", "gold"),
-            *("--cache", "out/scenes", "-o", "out/out.json"),
+            *("--cache", "out/scenes", "-o", "out/out.json", "--keep-going"),
         ),
         "experiment": Command(
-            ("experiment", f"{data}/example.yaml", "-o", "out"), "scene", tasks_and_files, tasks_and_files
+            ("experiment", f"{data}/example.yaml", "-o", "out", "--keep-going"),
+            "scene",
+            tasks_and_files,
+            tasks_and_files,
         ),
     }
 

@@ -19,7 +19,12 @@ from nsdr import (
     format_trace,
 )
 from nsdr.clevrer.example import TRUTH
-from nsdr.clevrer.predictions import check_predictions, predictions_document, read_predictions, scene_from_predictions
+from nsdr.clevrer.predictions import (
+    predictions_document,
+    predictions_from_document,
+    read_predictions,
+    scene_from_predictions,
+)
 from nsdr.clevrer.velocity_rule import sampled_velocity, velocity_collisions
 from nsdr.cli.main import main
 from nsdr.io.files import write_json
@@ -59,6 +64,10 @@ def document() -> dict[str, Any]:
         {"what_if": 2, "trajectory": [], "collisions": without_c},
     ]
     return {"objects": [{"id": i, **o} for i, o in enumerate((A, B, C))], "predictions": predictions}
+
+
+def executor_of(document: dict[str, Any], collisions: str = "predicted") -> Executor:
+    return Executor(predictions_from_document(document), "official", collisions)
 
 
 RED, BLUE, GREEN = (f"objects {c} filter_color unique" for c in ("red", "blue", "green"))
@@ -124,11 +133,11 @@ ROWS = [
 
 @pytest.mark.parametrize(("quirk", "program", "answer"), ROWS)
 def test_quirk(document: dict[str, Any], quirk: str, program: str, answer: str) -> None:
-    assert Executor(document, "official").answer(program).answer == answer, quirk
+    assert executor_of(document).answer(program).answer == answer, quirk
 
 
 def test_failures_are_the_answer_error(document: dict[str, Any]) -> None:
-    executor = Executor(document, "official")
+    executor = executor_of(document)
     assert executor.run("objects unique") == "error"
     assert executor.run("count") == "error"
     assert executor.run("Count(Objects") == "error"
@@ -153,7 +162,7 @@ def test_objects_that_enter_at_one_sample_keep_the_order_of_the_file() -> None:
     trajectory = [{"frame_index": 5 * s, "objects": listed} for s, listed in enumerate(shown)]
     objects = [{"id": i, **o} for i, o in enumerate((A, B, C))]
     prediction = {"what_if": -1, "trajectory": trajectory, "collisions": []}
-    executor = Executor({"objects": objects, "predictions": [prediction]}, "official")
+    executor = executor_of({"objects": objects, "predictions": [prediction]})
     entered = "events objects filter_in {} filter_order get_object query_color"
     assert [executor.run(entered.format(order)) for order in ("first", "second", "last")] == ["green", "red", "blue"]
     left = "events objects filter_out {} filter_order get_object query_color"
@@ -161,7 +170,7 @@ def test_objects_that_enter_at_one_sample_keep_the_order_of_the_file() -> None:
 
 
 def test_the_trace_of_an_answer(document: dict[str, Any]) -> None:
-    answer = Executor(document, "official").answer(f"events {BLUE} filter_in unique get_frame")
+    answer = executor_of(document).answer(f"events {BLUE} filter_in unique get_frame")
     lines = format_trace(answer.trace).splitlines()
     assert lines[0].split(maxsplit=2)[2].startswith("start (frame 0); blue rubber sphere in (frame 10); ")
     assert "red metal cube and unknown object collision (frame 50)" not in lines[0]
@@ -174,26 +183,24 @@ def test_the_trace_of_an_answer(document: dict[str, Any]) -> None:
 
 def test_taking_part_is_not_being_responsible(document: dict[str, Any]) -> None:
     question = f"events events {RED} filter_collision first filter_order filter_ancestor belong_to"
-    judge = Executor(document, "official").judge(question, [("blue", BLUE), ("red", RED), ("green", GREEN)])
+    judge = executor_of(document).judge(question, [("blue", BLUE), ("red", RED), ("green", GREEN)])
     # Blue entered before: that is an ancestor. Red has no earlier event.
     assert [c.answer for c in judge.choices] == ["correct", "wrong", "wrong"]
-    failed = Executor(document, "official").judge(question, [("yellow", "objects yellow filter_color unique")])
+    failed = executor_of(document).judge(question, [("yellow", "objects yellow filter_color unique")])
     assert failed.choices[0].answer == "error"
 
 
 def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Scene) -> None:
-    with pytest.raises(
-        ExecutionError, match="the official semantics runs on the content of a prediction file, got a Scene"
-    ):
+    with pytest.raises(ExecutionError, match="the official semantics runs on a PredictionFile, got a Scene"):
         Executor(small_scene, "official")
-    with pytest.raises(ExecutionError, match="the paper semantics runs on a Scene, got a dict"):
-        Executor(document, "paper")
+    with pytest.raises(ExecutionError, match="the paper semantics runs on a Scene, got a PredictionFile"):
+        Executor(predictions_from_document(document), "paper")
     with pytest.raises(ExecutionError, match="collisions 'velocity' need the official semantics"):
         Executor(small_scene, collisions="velocity")
-    with pytest.raises(DataError, match="not a prediction file"):
-        Executor({"objects": []}, "official")
+    with pytest.raises(DataError, match="file: missing key 'predictions'"):
+        executor_of({"objects": []})
     with pytest.raises(DataError, match="expected predicted or velocity"):
-        Executor(document, "official", "guessed")
+        executor_of(document, "guessed")
 
 
 def test_collisions_from_velocities() -> None:
@@ -224,12 +231,12 @@ def test_the_last_samples_change_is_compared_too() -> None:
 
 
 def test_ne_replaces_the_predicted_collisions(document: dict[str, Any]) -> None:
-    ne = Executor(document, "official", collisions="velocity")
+    ne = executor_of(document, collisions="velocity")
     assert ne.answer("events objects filter_collision count").answer == "0"
 
 
 def test_paper_semantics_of_the_same_file(document: dict[str, Any]) -> None:
-    scene = scene_from_predictions(document)
+    scene = scene_from_predictions(predictions_from_document(document))
     executor = Executor(scene)
     assert executor.run("events objects filter_collision count") == 1
     assert executor.run("end get_frame") == 127
@@ -243,13 +250,13 @@ def test_our_predictions_are_written_as_a_prediction_file(tmp_path) -> None:
 
     prediction = StatePredictor(_Script(SMALL)).predict(tracks(128))
     written = predictions_document(prediction)
-    check_predictions(written)
+    predictions_from_document(written)
     write_json(tmp_path / "sim_00000.json", written)
     back = read_predictions(tmp_path / "sim_00000.json")
-    assert [p["what_if"] for p in back["predictions"]] == [-1, 0, 1, 2]
-    for p in back["predictions"]:
-        assert [s["frame_index"] for s in p["trajectory"]] == list(range(0, 190, 5))
-        assert all(c["frame"] % 5 == 0 for c in p["collisions"])
+    assert [p.what_if for p in back.predictions] == [-1, 0, 1, 2]
+    for p in back.predictions:
+        assert [s.frame_index for s in p.trajectory] == list(range(0, 190, 5))
+        assert all(c.frame % 5 == 0 for c in p.collisions)
     hits = [e.objects for e in prediction.observed.collisions if e.frame < 128]
     scene = scene_from_predictions(back)
     assert [e.objects for e in scene.events if e.kind == "collision"] == hits

@@ -73,7 +73,7 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     assert main(["predict-dynamics", str(compact), "-o", str(output), "--workers", "1"]) == 0
     assert "4 done, 0 kept from before, 0 failed" in capsys.readouterr().out
     document = read_predictions(output / "sim_00000.json")
-    assert [p["what_if"] for p in document["predictions"]] == [-1, 0, 1]
+    assert [p.what_if for p in document.predictions] == [-1, 0, 1]
     assert len(scene_from_predictions(document).objects) == 2
     assert Executor(document, "official").answer(["objects", "count"]).answer == "2"
     first = (output / "sim_00002.json").read_bytes()

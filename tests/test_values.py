@@ -20,7 +20,7 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.masks import mask_numbers, numbers_of_runs, runs_of_mask
 from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.predictions import check_predictions
+from nsdr.clevrer.predictions import predictions_from_document
 from nsdr.clevrer.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
 from nsdr.clevrer.questions import read_questions
 from nsdr.clevrer.submissions import read_submission
@@ -72,7 +72,7 @@ def test_the_good_documents_are_accepted() -> None:
     assert proposals_from_document(proposals(), "p").n_frames == 3
     assert ground_truth_of(proposals(), "p")["collisions"] == []
     check_truth(truth())
-    check_predictions(predictions())
+    predictions_from_document(predictions())
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_bad_truth_files(change, message) -> None:
         (lambda d: d["predictions"][2].update(what_if=0), r"predictions\[2\]\.what_if: 0 is there twice"),
         (lambda d: d["predictions"][0]["trajectory"].reverse(), r"trajectory\[1\]\.frame_index: expected more than 5"),
         (lambda d: d["predictions"][0]["trajectory"][1].update(frame_index=10**9), "expected a frame from 0 to 9999"),
-        (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(x=1e300), "x: expected a number from -1000"),
+        (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(x=1e300), "x: expected a number <= 1000.0"),
         (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(BLUE), "blue metal cube is there twice"),
         (lambda d: d["predictions"][0]["collisions"][0].update(objects=[RED, RED]), "expected two different objects"),
         (lambda d: d["predictions"][0]["collisions"][0].update(frame=-1), "frame: expected a frame from 0"),
@@ -174,7 +174,7 @@ def test_bad_predictions(change, message) -> None:
     document = predictions()
     change(document)
     with pytest.raises(DataError, match=message):
-        check_predictions(document)
+        predictions_from_document(document)
 
 
 def first(kind: str, d: Any) -> Any:
@@ -298,7 +298,7 @@ def test_changed_values_never_crash_a_reader(data, tmp_path) -> None:
         "questions": (question_file, lambda d, p: (p.write_text(json.dumps(d)), read_questions(p))),
         "proposals": (proposals, lambda d, _: (proposals_from_document(d, "p"), ground_truth_of(d, "p"))),
         "truth": (truth, lambda d, _: check_truth(d)),
-        "predictions": (predictions, lambda d, _: check_predictions(d)),
+        "predictions": (predictions, lambda d, _: predictions_from_document(d)),
         "scene": (
             lambda: json.loads(TRUTH.read_text()),
             lambda d, p: (p.write_text(json.dumps(d)), load(Scene, p)),

@@ -8,23 +8,16 @@ shape}]}]`, sampled every 5th frame, 12 samples beyond the video (185 for 128 fr
 
 import math
 from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
-from nsdr.clevrer.schema import (
-    LARGEST_COORDINATE,
-    check_new,
-    check_objects,
-    get,
-    get_frame,
-    get_number,
-    read_checked,
-    scene_object,
-    shown,
-)
+from nsdr.clevrer.schema import LARGEST_COORDINATE, check_new, shown
+from nsdr.clevrer.typed import convert, read_typed
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
@@ -39,8 +32,16 @@ from nsdr.world.camera import (
 )
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.vocabulary import Color, Material, Shape
 
-__all__ = ["SAMPLE_FRAMES", "check_predictions", "predictions_document", "read_predictions", "scene_from_predictions"]
+__all__ = [
+    "SAMPLE_FRAMES",
+    "PredictionFile",
+    "predictions_document",
+    "predictions_from_document",
+    "read_predictions",
+    "scene_from_predictions",
+]
 
 SAMPLE_FRAMES = 5
 """Frames from one sample of a trajectory to the next."""
@@ -54,71 +55,146 @@ because sampled positions are rounded and come from masks."""
 
 Triple = tuple[str, str, str]
 """Color, material and shape."""
+Coordinate = Annotated[float, msgspec.Meta(ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
 
 
-def read_predictions(path: str | Path) -> dict[str, Any]:
+TRIPLE = attrgetter("color", "material", "shape")
+"""The triple of an object, as fast as Python can."""
+
+
+class Attributes(msgspec.Struct, gc=False):
+    """An object by its attribute words."""
+
+    color: Color
+    material: Material
+    shape: Shape
+
+    @property
+    def triple(self) -> Triple:
+        return self.color, self.material, self.shape
+
+
+class ListedObject(Attributes, gc=False):
+    """An object of the video."""
+
+    id: int
+
+
+class PlacedObject(Attributes, gc=False):
+    """An object at a sample: row `x` (0-100) and column `y` (0-150) of the grid."""
+
+    x: Coordinate
+    y: Coordinate
+
+
+class PredictedSample(msgspec.Struct, gc=False):
+    """The visible objects at a frame."""
+
+    frame_index: int
+    objects: list[PlacedObject]
+
+
+class PredictedCollision(msgspec.Struct, gc=False):
+    """A collision of two objects."""
+
+    frame: int
+    objects: Annotated[list[Attributes], msgspec.Meta(min_length=2, max_length=2)]
+
+
+class Prediction(msgspec.Struct, gc=False):
+    """A rollout; `what_if` is the id of the removed object, or -1."""
+
+    what_if: int
+    trajectory: list[PredictedSample]
+    collisions: list[PredictedCollision]
+
+
+class PredictionFile(msgspec.Struct, gc=False):
+    """The content of a prediction file, by its keys."""
+
+    objects: list[ListedObject]
+    predictions: list[Prediction]
+
+
+def read_predictions(path: str | Path) -> PredictionFile:
     """Read and check a prediction file, plain or gzipped.
 
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    return read_checked(path, check_predictions)
+    content = read_typed(path, PredictionFile)
+    try:
+        _check(content)
+    except DataError as e:
+        raise DataError(f"{path}: {e}") from e
+    return content
 
 
-def check_predictions(document: Any) -> None:
-    """Check the form of a prediction file's content.
+def predictions_from_document(document: Any) -> PredictionFile:
+    """The content of a prediction file from parsed JSON, checked.
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    n_objects = len(check_objects(get(document, "objects", list, "file"), "id", "objects", fewest=0))
-    predictions = get(document, "predictions", list, "file")
-    if not predictions:
+    content = convert(document, PredictionFile)
+    _check(content)
+    return content
+
+
+def _check(content: PredictionFile) -> None:
+    """What the types don't say."""
+    n_objects = len(content.objects)
+    check_limit(n_objects, "scene_objects", "objects")
+    seen: set[Triple] = set()
+    for i, o in enumerate(content.objects):
+        if o.id != i:
+            raise DataError(f"objects[{i}].id: expected {i}, got {shown(o.id)}")
+        if o.triple in seen:
+            raise DataError(f"objects[{i}]: a second {' '.join(o.triple)}; attribute triples are unique in a video")
+        seen.add(o.triple)
+    if not content.predictions:
         raise DataError("predictions: expected at least 1, got none")
     removed: set[int] = set()
-    for p, prediction in enumerate(predictions):
-        where = f"predictions[{p}]"
-        what_if = get(prediction, "what_if", int, where)
+    for p, prediction in enumerate(content.predictions):
+        where, what_if = f"predictions[{p}]", prediction.what_if
         if (p == 0) != (what_if == NOTHING_REMOVED) or not NOTHING_REMOVED <= what_if < n_objects:
             expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {n_objects - 1}"
             raise DataError(f"{where}.what_if: expected {expected}, got {shown(what_if)}")
         check_new(what_if, removed, f"{where}.what_if")
         removed.add(what_if)
-        _check_trajectory(get(prediction, "trajectory", list, where), f"{where}.trajectory")
-        collisions = get(prediction, "collisions", list, where)
-        check_limit(len(collisions), "events", f"{where}.collisions")
-        for c, collision in enumerate(collisions):
-            collision_where = f"{where}.collisions[{c}]"
-            get_frame(collision, "frame", collision_where, limits().frames)
-            pair = get(collision, "objects", list, collision_where)
-            if len(pair) != 2:
-                raise DataError(f"{collision_where}.objects: expected 2 objects, got {len(pair)}")
-            first, second = (scene_object(o, 0, f"{collision_where}.objects[{i}]") for i, o in enumerate(pair))
+        _check_trajectory(prediction.trajectory, f"{where}.trajectory")
+        check_limit(len(prediction.collisions), "events", f"{where}.collisions")
+        for c, collision in enumerate(prediction.collisions):
+            _check_frame(collision.frame, f"{where}.collisions[{c}].frame")
+            first, second = (o.triple for o in collision.objects)
             if first == second:
-                raise DataError(f"{collision_where}.objects: expected two different objects, got {first.name} twice")
+                expected = "expected two different objects"
+                raise DataError(f"{where}.collisions[{c}].objects: {expected}, got {' '.join(first)} twice")
 
 
-def _check_trajectory(samples: list[Any], where: str) -> None:
-    last = -1
+def _check_trajectory(samples: list[PredictedSample], where: str) -> None:
+    """Frames ascend, and no sample has an object twice. Most of the reading time: places are put into words on errors only."""
+    last, most_objects = -1, limits().scene_objects
     for s, sample in enumerate(samples):
-        sample_where = f"{where}[{s}]"
-        frame = get_frame(sample, "frame_index", sample_where, limits().frames)
-        if frame <= last:
-            raise DataError(f"{sample_where}.frame_index: expected more than {last}, got {frame}")
-        last = frame
-        rows = get(sample, "objects", list, sample_where)
-        seen: set[SceneObject] = set()
-        check_limit(len(rows), "scene_objects", f"{sample_where}.objects")
-        for i, row in enumerate(rows):
-            object_where = f"{sample_where}.objects[{i}]"
-            o = scene_object(row, 0, object_where)
-            check_new(o, seen, object_where)
-            seen.add(o)
-            for axis in ("x", "y"):
-                get_number(row, axis, object_where, -LARGEST_COORDINATE, LARGEST_COORDINATE)
+        if not last < sample.frame_index < limits().frames:
+            _check_frame(sample.frame_index, f"{where}[{s}].frame_index")
+            raise DataError(f"{where}[{s}].frame_index: expected more than {last}, got {sample.frame_index}")
+        last, count = sample.frame_index, len(sample.objects)
+        if len(set(map(TRIPLE, sample.objects))) < count or count > most_objects:
+            check_limit(count, "scene_objects", f"{where}[{s}].objects")
+            seen: set[Triple] = set()
+            for i, o in enumerate(sample.objects):
+                if o.triple in seen:
+                    raise DataError(f"{where}[{s}].objects[{i}]: {' '.join(o.triple)} is there twice; expected it once")
+                seen.add(o.triple)
 
 
-def scene_from_predictions(document: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:
+def _check_frame(frame: int, where: str) -> None:
+    if not 0 <= frame < limits().frames:
+        raise DataError(f"{where}: expected a frame from 0 to {limits().frames - 1}, got {shown(frame)}")
+
+
+def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES) -> Scene:
     """The scene of a prediction file with the paper's semantics.
 
     Each frame takes visibility and motion from the latest sample, motion is measured on the ground, only the first collision
@@ -126,30 +202,28 @@ def scene_from_predictions(document: Mapping[str, Any], n_frames: int = VIDEO_FR
     see `nsdr.symbolic.official`.
 
     Args:
-        document: content of a prediction file.
+        content: of a prediction file.
         n_frames: number of frames of the video.
-
-    Raises:
-        DataError: a missing key or unknown attribute word.
     """
-    try:
-        objects = tuple(scene_object(o, i, f"objects[{i}]") for i, o in enumerate(document["objects"]))
-        ids = {(o.color, o.material, o.shape): o.id for o in objects}
-        observed, *others = document["predictions"]
-        samples = observed["trajectory"]
-        seen = np.zeros((len(objects), len(samples)), bool)
-        grid = np.zeros((len(objects), len(samples), 2))
-        for s, sample in enumerate(samples):
-            for o in sample["objects"]:
-                i = ids.get((o["color"], o["material"], o["shape"]), -1)
-                if i >= 0:
-                    seen[i, s] = True
-                    grid[i, s] = o["x"], o["y"]
-        times = np.array([s["frame_index"] for s in samples])
-        collisions = _first_collisions(observed["collisions"], ids)
-        counterfactual = {p["what_if"]: tuple(_first_collisions(p["collisions"], ids)) for p in others}
-    except (KeyError, TypeError, IndexError, ValueError) as e:
-        raise e if isinstance(e, DataError) else DataError(f"not a prediction file: {e!r}") from e
+    objects = tuple(SceneObject(i, *o.triple) for i, o in enumerate(content.objects))
+    ids = {o.triple: o.id for o in content.objects}
+    observed, *others = content.predictions
+    samples = observed.trajectory
+    rows = [
+        (ids[triple], s, o.x, o.y)
+        for s, sample in enumerate(samples)
+        for o in sample.objects
+        if (triple := TRIPLE(o)) in ids
+    ]
+    seen = np.zeros((len(objects), len(samples)), bool)
+    grid = np.zeros((len(objects), len(samples), 2))
+    if rows:
+        places = np.array(rows)
+        at = tuple(places[:, :2].astype(int).T)
+        seen[at], grid[at] = True, places[:, 2:]
+    times = np.array([s.frame_index for s in samples])
+    collisions = _first_collisions(observed.collisions, ids)
+    counterfactual = {p.what_if: tuple(_first_collisions(p.collisions, ids)) for p in others}
     held = np.clip(np.searchsorted(times, np.arange(n_frames), side="right") - 1, 0, max(len(times) - 1, 0))
     visible = seen[:, held] if len(times) else np.zeros((len(objects), n_frames), bool)
     moving = _moving(grid, seen, times)[:, held] if len(times) > 1 else np.zeros_like(visible)
@@ -169,14 +243,13 @@ def _moving(grid: Any, seen: Any, times: Any) -> Any:
     return np.isfinite(slower) & (slower > SAMPLED_MOVING_SPEED_WORLD_PER_S)
 
 
-def _first_collisions(rows: list[Mapping[str, Any]], ids: Mapping[Triple, int]) -> list[Event]:
+def _first_collisions(rows: list[PredictedCollision], ids: Mapping[Triple, int]) -> list[Event]:
     """The first collision of each pair, in order of time."""
     first: dict[tuple[int, int], int] = {}
     for row in rows:
-        a, b = (ids.get((o["color"], o["material"], o["shape"]), -1) for o in row["objects"])
-        if min(a, b) >= 0 and a != b:
-            pair = (min(a, b), max(a, b))
-            first[pair] = min(row["frame"], first.get(pair, row["frame"]))
+        a, b = sorted(ids.get(o.triple, -1) for o in row.objects)
+        if a >= 0:
+            first[a, b] = min(row.frame, first.get((a, b), row.frame))
     return sorted((Event("collision", frame, pair) for pair, frame in first.items()), key=lambda e: e.frame)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from nsdr.clevrer.annotations import read_annotation, read_truth_file
 from nsdr.clevrer.dataset import Split
-from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
+from nsdr.clevrer.predictions import PredictionFile, read_predictions, scene_from_predictions
 from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.questions import SceneQuestions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
@@ -120,7 +120,7 @@ def _annotations(data: Data, _: Set[int]) -> SceneSource:
     return lambda s: scene_from_annotation(annotation(s))
 
 
-def prediction_file(folder: Path, scene_index: int) -> dict[str, Any]:
+def prediction_file(folder: Path, scene_index: int) -> PredictionFile:
     """The prediction file of a scene, plain or gzipped; raises `DataError` as `find_file` and `read_predictions`."""
     return read_predictions(find_file(folder, ("sim_{:05d}.json", "sim_{:05d}.json.gz"), scene_index))
 

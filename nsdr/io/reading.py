@@ -3,6 +3,7 @@
 Nothing is allocated before its size is checked against `nsdr.io.limits`, and nothing is unpickled.
 """
 
+import codecs
 import io
 import json
 import lzma
@@ -31,6 +32,7 @@ __all__ = [
     "parse_json_lines",
     "read_bytes",
     "read_json",
+    "read_json_bytes",
     "read_npz",
     "read_text",
     "read_yaml",
@@ -126,6 +128,14 @@ def read_json(path: str | Path, error: ErrorKind = DataError) -> Any:
         DataError: the file is missing or not JSON; with `error` given, what that returns.
     """
     return parse_json(read_bytes(path, "json_bytes", error, "JSON file"), str(path), error)
+
+
+def read_json_bytes(path: str | Path) -> bytes:
+    """The bytes of a JSON file, decompressed and without a byte order mark; raises `DataError` as `read_bytes`."""
+    data = read_bytes(path, "json_bytes", DataError, "JSON file")
+    with _named(str(path), "JSON file", DataError):
+        content = _gunzipped(data, str(path)) if data.startswith(GZIP_MAGIC) else data
+    return content.removeprefix(codecs.BOM_UTF8)
 
 
 def parse_json(data: bytes, name: str, error: ErrorKind = DataError) -> Any:

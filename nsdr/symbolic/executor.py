@@ -1,9 +1,10 @@
 """Runs programs on a scene (paper, section 4.4)."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from nsdr.clevrer.predictions import PredictionFile
 from nsdr.errors import ExecutionError, ProgramError
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
@@ -33,15 +34,15 @@ class Executor:
         ExecutionError: unknown semantics, or semantics that do not fit the type of the scene or the kind of collisions.
     """
 
-    def __init__(
-        self, scene: Scene | Mapping[str, Any], semantics: str = "paper", collisions: str = "predicted"
-    ) -> None:
+    def __init__(self, scene: Scene | PredictionFile, semantics: str = "paper", collisions: str = "predicted") -> None:
         if semantics not in ("paper", "official"):
             raise ExecutionError(f"unknown semantics {semantics!r}; expected 'paper' or 'official'")
         self.semantics = semantics
-        if isinstance(scene, Scene) == (semantics == "official"):
-            expected = "the content of a prediction file" if semantics == "official" else "a Scene"
-            raise ExecutionError(f"the {semantics} semantics runs on {expected}, got a {type(scene).__name__}")
+        expected = PredictionFile if semantics == "official" else Scene
+        if not isinstance(scene, expected):
+            raise ExecutionError(
+                f"the {semantics} semantics runs on a {expected.__name__}, got a {type(scene).__name__}"
+            )
         self._official: OfficialExecutor | None = None
         if not isinstance(scene, Scene):
             self._official = OfficialExecutor(scene, collisions)

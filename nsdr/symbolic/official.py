@@ -10,10 +10,11 @@ Besides what it knows of a file (`nsdr.symbolic.official_world`), it differs fro
   answer is its number. Any failure gives the answer "error".
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import combinations
 from typing import Any
 
+from nsdr.clevrer.predictions import PredictionFile
 from nsdr.errors import ExecutionError, ProgramError
 from nsdr.symbolic.modules import MODULES, WORDS, Kind
 from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
@@ -33,15 +34,15 @@ class OfficialExecutor:
     """The released executor on one prediction file. A program that fails is an "error", never an exception.
 
     Args:
-        document: content of `sim_N.json` (see `nsdr.clevrer.predictions`).
+        content: of `sim_N.json` (see `nsdr.clevrer.predictions`).
         collisions: "predicted", or "velocity" for the variant NE ("no events"), which detects them from the motion.
 
     Raises:
-        DataError: a missing key, or another value of `collisions`.
+        DataError: another value of `collisions`.
     """
 
-    def __init__(self, document: Mapping[str, Any], collisions: str = "predicted") -> None:
-        self.world = OfficialWorld(document, collisions)
+    def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
+        self.world = OfficialWorld(content, collisions)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.

@@ -11,12 +11,12 @@
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from nsdr.clevrer.predictions import SAMPLE_FRAMES
+from nsdr.clevrer.predictions import SAMPLE_FRAMES, Attributes, Prediction, PredictionFile
 from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
@@ -69,7 +69,7 @@ class OfficialWorld:
     """Events and motion of one prediction file.
 
     Args:
-        document: content of `sim_N.json` (see `nsdr.clevrer.predictions`).
+        content: of `sim_N.json`.
         collisions: "predicted", or "velocity" for the variant NE ("no events"), which detects them from the motion.
 
     Attributes:
@@ -78,42 +78,37 @@ class OfficialWorld:
         unseen_events: after the video, in order of time.
 
     Raises:
-        DataError: a missing key, or another value of `collisions`.
+        DataError: another value of `collisions`.
     """
 
-    def __init__(self, document: Mapping[str, Any], collisions: str = "predicted") -> None:
+    def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
         if collisions not in ("predicted", "velocity"):
             raise DataError(f"collisions is {collisions!r}; expected predicted or velocity")
-        try:
-            rows = document["objects"]
-            self.objects = [SceneObject(i, o["color"], o["material"], o["shape"]) for i, o in enumerate(rows)]
-            self._ids = {(o.color, o.material, o.shape): o.id for o in self.objects}
-            observed, *others = document["predictions"]
-            samples = self._samples(observed)
-            self._paths = _paths(samples, len(self.objects))
-            find = self._listed if collisions == "predicted" else self._detected
-            factual = find(observed)
-            self._counterfactual = {p["what_if"]: find(p) for p in others}
-        except (KeyError, TypeError, ValueError) as e:
-            raise DataError(f"not a prediction file: {e!r}") from e
+        self.objects = [SceneObject(i, *o.triple) for i, o in enumerate(content.objects)]
+        self._ids = {o.triple: o.id for o in content.objects}
+        observed, *others = content.predictions
+        samples = self._samples(observed)
+        self._paths = _paths(samples, len(self.objects))
+        find = self._listed if collisions == "predicted" else self._detected
+        factual = find(observed)
+        self._counterfactual = {p.what_if: find(p) for p in others}
         self._frames = {frame for frame, _ in samples}
         start_and_end = [OfficialEvent("start", 0), OfficialEvent("end", END_FRAME)]
         events = sorted([*start_and_end, *_entrances_and_exits(samples), *factual], key=lambda e: e.time)
         self.events = [e for e in events if e.time < VIDEO_FRAMES]
         self.unseen_events = [e for e in events if e.time >= VIDEO_FRAMES]
 
-    def _identify(self, row: Mapping[str, Any]) -> int:
-        return self._ids.get((row["color"], row["material"], row["shape"]), UNKNOWN_OBJECT)
+    def _identify(self, row: Attributes) -> int:
+        return self._ids.get(row.triple, UNKNOWN_OBJECT)
 
-    def _samples(self, prediction: Mapping[str, Any]) -> Samples:
-        trajectory = prediction["trajectory"]
-        return [(s["frame_index"], {self._identify(o): (o["x"], o["y"]) for o in s["objects"]}) for s in trajectory]
+    def _samples(self, prediction: Prediction) -> Samples:
+        return [(s.frame_index, {self._identify(o): (o.x, o.y) for o in s.objects}) for s in prediction.trajectory]
 
-    def _listed(self, prediction: Mapping[str, Any]) -> list[OfficialEvent]:
-        rows = prediction["collisions"]
-        return [OfficialEvent("collision", c["frame"], tuple(sorted(map(self._identify, c["objects"])))) for c in rows]
+    def _listed(self, prediction: Prediction) -> list[OfficialEvent]:
+        rows = prediction.collisions
+        return [OfficialEvent("collision", c.frame, tuple(sorted(map(self._identify, c.objects)))) for c in rows]
 
-    def _detected(self, prediction: Mapping[str, Any]) -> list[OfficialEvent]:
+    def _detected(self, prediction: Prediction) -> list[OfficialEvent]:
         paths = _paths(self._samples(prediction), len(self.objects))
         return [OfficialEvent(e.kind, e.frame, e.objects) for e in velocity_collisions(paths, SAMPLE_FRAMES)]
 

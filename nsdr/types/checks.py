@@ -38,8 +38,9 @@ def check(condition: bool, message: str) -> None:
 
 def check_whole(owner: str, name: str, value: object, lowest: int) -> None:
     """Raise `DataError` unless the value is a whole number from `lowest` on."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    check(whole and value >= lowest, f"{owner}.{name}: expected a whole number from {lowest} on, got {value!r:.60}")  # type: ignore[operator]
+    whole = type(value) is int or isinstance(value, np.integer)
+    if not whole or value < lowest:  # type: ignore[operator]
+        raise DataError(f"{owner}.{name}: expected a whole number from {lowest} on, got {value!r:.60}")
 
 
 def check_values(owner: str, name: str, array: NDArray[Any], lowest: float, highest: float, nan: bool = False) -> None:

@@ -6,11 +6,14 @@ from types import MappingProxyType
 
 import numpy as np
 
+from nsdr.errors import DataError
 from nsdr.types.checks import ArrayHolder, BoolArray, FloatArray, check, check_values, check_whole, store_array
 from nsdr.types.tracks import SceneObject, check_objects
 
 __all__ = ["DynamicsPrediction", "Event", "Rollout", "Scene"]
 
+PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
+"""Number of objects of each kind of event."""
 NO_FRAME = -1
 """`Event.frame` of an event that is only possible. Rollouts and scenes hold events at frames only."""
 
@@ -30,13 +33,13 @@ class Event:
     objects: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        expected = {"in": 1, "out": 1, "collision": 2}.get(self.kind)
+        expected = PARTICIPANTS.get(self.kind)
         check(expected is not None, f"event kind {self.kind!r}: expected in, out or collision")
-        check_whole(f"event {self.kind}", "frame", self.frame, NO_FRAME)
+        check_whole("event", "frame", self.frame, NO_FRAME)
         for number in self.objects:
-            check_whole(f"event {self.kind}", "objects", number, 0)
-        ordered = len(self.objects) == expected and list(self.objects) == sorted(set(self.objects))
-        check(ordered, f"event {self.kind}: expected {expected} ascending object ids, got {self.objects}")
+            check_whole("event", "objects", number, 0)
+        if len(self.objects) != expected or (expected == 2 and self.objects[0] >= self.objects[1]):
+            raise DataError(f"event {self.kind}: expected {expected} ascending object ids, got {self.objects}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +141,12 @@ class Scene(ArrayHolder):
             check_values("Scene", "unseen_scores", self.unseen_scores, 0, 1)
         _check_removed("Scene", self.counterfactual or {}, n)
         for event in self.events:
-            check(event.frame < self.n_frames, f"Scene.events: {event} is after the video's {self.n_frames} frames")
+            if event.frame >= self.n_frames:
+                raise DataError(f"Scene.events: {event} is after the video's {self.n_frames} frames")
         counterfactual = self.counterfactual or {}
         for event in [*self.events, *(self.unseen or ()), *(e for events in counterfactual.values() for e in events)]:
-            known = max(event.objects) < n and event.frame >= 0
-            check(known, f"Scene: {event} names an object outside 0-{n - 1} or no frame")
+            if event.objects[-1] >= n or event.frame < 0:
+                raise DataError(f"Scene: {event} names an object outside 0-{n - 1} or no frame")
         object.__setattr__(self, "events", _in_order(self.events))
         if self.unseen is not None:
             object.__setattr__(self, "unseen", _in_order(self.unseen))

@@ -1,5 +1,7 @@
 """CLEVRER's attribute words and their fixed order (the order of every attribute index and logit in this package)."""
 
+from typing import Literal, get_args
+
 __all__ = [
     "ATTRIBUTES",
     "COLORS",
@@ -7,13 +9,19 @@ __all__ = [
     "MATERIALS",
     "N_ATTRIBUTE_TRIPLES",
     "SHAPES",
+    "Color",
+    "Material",
+    "Shape",
     "attribute_index",
     "attributes_of",
 ]
 
-COLORS = ("gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow")
-MATERIALS = ("metal", "rubber")
-SHAPES = ("cube", "sphere", "cylinder")
+Color = Literal["gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow"]
+Material = Literal["metal", "rubber"]
+Shape = Literal["cube", "sphere", "cylinder"]
+COLORS: tuple[str, ...] = get_args(Color)
+MATERIALS: tuple[str, ...] = get_args(Material)
+SHAPES: tuple[str, ...] = get_args(Shape)
 ATTRIBUTES = {"color": COLORS, "material": MATERIALS, "shape": SHAPES}
 """Words of each attribute."""
 N_ATTRIBUTE_TRIPLES = len(COLORS) * len(MATERIALS) * len(SHAPES)
