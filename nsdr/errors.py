@@ -3,6 +3,7 @@
 __all__ = [
     "CheckpointError",
     "DataError",
+    "EndpointError",
     "ExecutionError",
     "NsdrError",
     "ProgramError",
@@ -29,6 +30,10 @@ class CheckpointError(NsdrError, ValueError):
 
 class QuestionError(NsdrError, ValueError):
     """A question or choice cannot be parsed into a program."""
+
+
+class EndpointError(QuestionError):
+    """The server of a question parser is not there, fails, or does not speak its protocol; other texts would fail, too."""
 
 
 class ProgramError(NsdrError, ValueError):

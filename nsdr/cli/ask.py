@@ -5,8 +5,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import load_scene, make_pipeline
-from nsdr.errors import DataError
+from nsdr.cli.common import endpoint_parser, load_scene, make_pipeline
+from nsdr.errors import DataError, EndpointError
 from nsdr.types import Answer
 
 __all__ = ["answer", "demo", "execute", "parse_question"]
@@ -19,7 +19,9 @@ def answer(options: Any) -> int:
     given += [f"--set {value}" for value in options.set]
     if is_scene and given:
         raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
+    parser = endpoint_parser(options)
     pipeline = make_pipeline(options)
+    pipeline.question_parser = parser or pipeline.question_parser
     source: Any = load_scene(options.video) if is_scene else options.video
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
@@ -45,16 +47,22 @@ def _print_answer(found: Answer, trace: bool) -> None:
 def parse_question(options: Any) -> int:
     """`nsdr parse-question`: the program of a text."""
     from nsdr.errors import QuestionError
-    from nsdr.question_parser.parser import QuestionParser
 
-    parser = QuestionParser.from_pretrained(options.checkpoint, options.device)
+    given = [f"--{k}" for k, v in (("checkpoint", "default"), ("device", "auto")) if getattr(options, k) != v]
+    if options.parser and given:
+        raise DataError(f"{', '.join(given)} would do nothing with --parser; leave it out")
+    parser = endpoint_parser(options)
+    if parser is None:
+        from nsdr.question_parser.parser import QuestionParser
+
+        parser = QuestionParser.from_pretrained(options.checkpoint, options.device)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
     for kind in kinds:
         try:
             program = parser.parse(options.text, kind)
             break
-        except QuestionError:
-            if kind == kinds[-1]:
+        except QuestionError as e:
+            if kind == kinds[-1] or isinstance(e, EndpointError):
                 raise
     print(program.tree() if options.tree else program)
     return 0

@@ -3,9 +3,10 @@
 import sys
 from typing import Any
 
+from nsdr.errors import DataError
 from nsdr.types import Scene
 
-__all__ = ["load_scene", "make_pipeline"]
+__all__ = ["endpoint_parser", "load_scene", "make_pipeline"]
 
 
 def make_pipeline(options: Any) -> Any:
@@ -16,6 +17,21 @@ def make_pipeline(options: Any) -> Any:
     pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings, device=options.device)
     pipeline.progress = sys.stderr.isatty()
     return pipeline
+
+
+def endpoint_parser(options: Any) -> Any:
+    """The question parser on the server of `--parser`, which is there; None without that option.
+
+    Raises:
+        DataError: `--parser-model` without `--parser`.
+    """
+    if not options.parser:
+        if options.parser_model:
+            raise DataError("--parser-model is of --parser and would do nothing without it; leave it out")
+        return None
+    from nsdr.question_parser.endpoint import EndpointParser
+
+    return EndpointParser.connect(options.parser, options.parser_model)
 
 
 def load_scene(path: str) -> Scene:

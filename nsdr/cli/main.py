@@ -124,7 +124,15 @@ class _Commands:
     def __init__(self, parser: jsonargparse.ArgumentParser) -> None:
         self.commands = parser.add_subcommands(required=False, dest="command")
 
-    def add(self, name: str, summary: str, checkpoint: bool = True, pipeline: bool = False, work: bool = False) -> Any:
+    def add(
+        self,
+        name: str,
+        summary: str,
+        checkpoint: bool = True,
+        pipeline: bool = False,
+        work: bool = False,
+        texts: bool = False,
+    ) -> Any:
         """A command.
 
         Args:
@@ -133,6 +141,7 @@ class _Commands:
             checkpoint: takes `--checkpoint` and `--device`.
             pipeline: takes the settings of a pipeline.
             work: works on many files.
+            texts: takes `--parser`.
         """
         sub = jsonargparse.ArgumentParser(description=summary, exit_on_error=False)
         if checkpoint:
@@ -149,6 +158,12 @@ class _Commands:
             sub.add_argument(
                 "--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable"
             )
+        if texts:
+            server = (
+                "OpenAI-compatible server that parses the texts, such as http://localhost:8000/v1 (docs/questions.md)"
+            )
+            sub.add_argument("--parser", default="", help=server)
+            sub.add_argument("--parser-model", default="", help="its model's name; may be left out if it has only one")
         if work:
             help_text = "number of processes; 0 for one per CPU core"
             sub.add_argument("--workers", type=NonNegativeInt, default=0, help=help_text)
@@ -180,14 +195,14 @@ def _parser() -> jsonargparse.ArgumentParser:
 
 
 def _ask_options(commands: _Commands) -> None:
-    answer = commands.add("answer", "answer a question about a video", pipeline=True)
+    answer = commands.add("answer", "answer a question about a video", pipeline=True, texts=True)
     answer.add_argument("video", help="video file, or a scene saved by parse-video")
     answer.add_argument("-q", "--question", required=True, help="in CLEVRER's English")
     answer.add_argument("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
     answer.add_argument("--trace", action="store_true", help="print every executed step")
     answer.add_argument("--json", action="store_true", help="print the answer as JSON")
 
-    parse_question = commands.add("parse-question", "turn a question or choice into a program")
+    parse_question = commands.add("parse-question", "turn a question or choice into a program", texts=True)
     parse_question.add_argument("text", help="in CLEVRER's English")
     parse_question.add_argument(
         "--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text"
@@ -251,7 +266,9 @@ def _perceive_options(commands: _Commands) -> None:
 
 
 def _evaluate_options(commands: _Commands) -> None:
-    evaluate = commands.add("evaluate", "score answers to a question file; resumable", pipeline=True, work=True)
+    evaluate = commands.add(
+        "evaluate", "score answers to a question file; resumable", pipeline=True, work=True, texts=True
+    )
     _semantics_options(evaluate)
     add = evaluate.add_argument
     add("--questions", default="", help="question file in CLEVRER's format")

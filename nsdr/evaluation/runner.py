@@ -17,7 +17,7 @@ from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.parsed_programs import with_parsed_programs
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import checkpoint_folders
-from nsdr.errors import DataError, NsdrError
+from nsdr.errors import DataError, EndpointError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.score import Parse, evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
@@ -30,7 +30,7 @@ from nsdr.io.runner import Job, run_jobs
 from nsdr.io.tasks import ENGINES
 from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
 from nsdr.pipeline import PipelineConfig, pipeline_settings
-from nsdr.symbolic import Executor
+from nsdr.symbolic import Executor, Program
 from nsdr.types import Scene
 
 __all__ = ["EvaluationConfig", "evaluation_fingerprint", "run_evaluation"]
@@ -48,6 +48,9 @@ class EvaluationConfig:
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         programs: "parsed", "gold" for those of the question file, or the released parser's files (`parsed_programs/*.json`),
             separated by commas.
+        parser: address of an OpenAI-compatible server that parses the texts (`nsdr.question_parser.endpoint`), in place of the
+            checkpoint's question parser; "" for none.
+        parser_model: the server's model; "" if it has only one.
         types: question types to answer.
         exclude: scene indices to leave out.
         every: answer every n-th scene of those with such questions.
@@ -73,6 +76,8 @@ class EvaluationConfig:
     split: str = "validation"
     source: str = "proposals"
     programs: str = "parsed"
+    parser: str = ""
+    parser_model: str = ""
     types: Sequence[str] = QUESTION_TYPES
     exclude: Sequence[int] = ()
     every: int = 1
@@ -102,6 +107,10 @@ class EvaluationConfig:
         check_ranges(self, every=MANY, stride=MANY, limit=COUNT, workers=COUNT, exclude=COUNT)
         if self.programs not in ("parsed", "gold") and not all(".json" in f for f in self.programs.split(",")):
             raise DataError(f"programs is {self.programs!r}; expected parsed, gold, or JSON files separated by commas")
+        if self.parser and self.programs != "parsed":
+            raise DataError(f"parser would do nothing with programs {self.programs}; leave one out")
+        if self.parser_model and not self.parser:
+            raise DataError("parser_model is of --parser and would do nothing without it; leave it out")
         if bool(self.root) == bool(self.questions or self.data):
             raise DataError("give --questions and --data, or --root for a whole split")
         if not self.root and not (self.questions and self.data):
@@ -138,12 +147,17 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
 
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
+        EndpointError: the server of `parser` is not there.
+        ConnectionError: it fails in the midst of the questions, after the scenes were kept.
     """
+    parse = _endpoint(config)
     settings, device = config.pipeline(), str(resolve_device(config.device))
     questions, data = _questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        return evaluate(_official(questions, Path(config.data), config.collisions), _parser(config), config.types)
+        return evaluate(
+            _official(questions, Path(config.data), config.collisions), parse or _parser(config), config.types
+        )
     wanted = {s.scene_index for s in questions}
     source = SOURCES[config.source](data, wanted)
     true_source = SOURCES[config.truth_source](Path(config.truth), wanted) if config.truth_source else None
@@ -173,7 +187,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         folder = jobs[0].output.parent
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
-    return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), _parser(config), config.types)
+    return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), parse or _parser(config), config.types)
 
 
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
@@ -269,6 +283,23 @@ def _official(
             yield s, Executor(prediction_file(folder, s.scene_index), "official", collisions)
         except NsdrError as e:
             yield s, e
+
+
+def _endpoint(config: EvaluationConfig) -> Parse | None:
+    """The parser on the server of the configuration; an error of the server is none of a question, and ends the evaluation."""
+    if not config.parser:
+        return None
+    from nsdr.question_parser.endpoint import EndpointParser
+
+    parser = EndpointParser.connect(config.parser, config.parser_model)
+
+    def parse(text: str, kind: str) -> Program:
+        try:
+            return parser.parse(text, kind)
+        except EndpointError as e:
+            raise ConnectionError(str(e)) from e
+
+    return parse
 
 
 def _parser(config: EvaluationConfig) -> Parse | None:

@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING
 from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from nsdr.question_parser.endpoint import EndpointParser
     from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
     from nsdr.question_parser.parser import QuestionParser, build_networks, pad
     from nsdr.question_parser.tokenizer import PROGRAM_TOKENS, Tokenizer
 
 _HOME = {
+    "nsdr.question_parser.endpoint": ["EndpointParser"],
     "nsdr.question_parser.model": ["ParserNetwork", "QuestionParserConfig"],
     "nsdr.question_parser.parser": ["QuestionParser", "build_networks", "pad"],
     "nsdr.question_parser.tokenizer": ["PROGRAM_TOKENS", "Tokenizer"],
@@ -17,6 +19,7 @@ _HOME = {
 
 __all__ = [
     "PROGRAM_TOKENS",
+    "EndpointParser",
     "ParserNetwork",
     "QuestionParser",
     "QuestionParserConfig",
