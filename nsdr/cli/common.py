@@ -1,11 +1,13 @@
 """What several commands share."""
 
 import sys
+from pathlib import Path
 from typing import Any
 
+from nsdr.errors import VideoError
 from nsdr.types import Scene
 
-__all__ = ["load_scene", "make_pipeline"]
+__all__ = ["check_input", "load_scene", "make_pipeline"]
 
 
 def make_pipeline(options: Any) -> Any:
@@ -16,6 +18,13 @@ def make_pipeline(options: Any) -> Any:
     pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings, device=options.device)
     pipeline.progress = sys.stderr.isatty()
     return pipeline
+
+
+def check_input(path: str) -> None:
+    """Refuse a missing file or a folder before anything is loaded."""
+    if not Path(path).is_file():
+        what = "is a folder or a device; expected a file" if Path(path).exists() else "no such file"
+        raise VideoError(f"{path}: {what}")
 
 
 def load_scene(path: str) -> Scene:

@@ -186,6 +186,7 @@ def _ask_options(commands: _Commands) -> None:
     answer.add_argument("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
     answer.add_argument("--trace", action="store_true", help="print every executed step")
     answer.add_argument("--json", action="store_true", help="print the answer as JSON")
+    answer.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
 
     parse_question = commands.add("parse-question", "turn a question or choice into a program")
     parse_question.add_argument("text", help="in CLEVRER's English")

@@ -4,7 +4,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import make_pipeline
+from nsdr.cli.common import check_input, make_pipeline
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError
 from nsdr.io.outputs import check_output, check_output_folder
@@ -30,6 +30,7 @@ def parse_video(options: Any) -> int:
         if path is not None:
             check_output(path, suffixes, taken)
             taken.append(path)
+    check_input(options.video)
     perception = make_pipeline(options).perceive(options.video)
     scene = perception.scene
     storage.save(scene, options.output)

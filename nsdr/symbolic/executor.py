@@ -9,7 +9,7 @@ from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
-from nsdr.symbolic.program import ANSWER_KINDS, Node, Program, ProgramSource
+from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Node, Program, ProgramSource
 from nsdr.symbolic.world import World, world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
@@ -17,8 +17,6 @@ __all__ = ["Executor"]
 
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
-LISTED_KINDS = (Kind.FRAME, Kind.EVENTS)
-"""Result types that are answers although they are no words: see `Answer.answer`."""
 CHOICE_STEP = -1 - len(PREDICTIVE)
 """Index, from the end, of the step that gives the choice of a predictive question."""
 
@@ -121,9 +119,9 @@ class Executor:
         if self._official is not None:
             return self._official.answer(program, question)
         parsed = _complete(Program.parse(program))
-        if not parsed.answers and parsed.result not in LISTED_KINDS:
+        if parsed.result not in SAID_KINDS:
             raise ProgramError(
-                f"the program gives {parsed.result}; the program of a question ends in a count, exist or query"
+                f"the program gives {parsed.result}; the program of a question ends in a count, exist, query or frame"
             )
         values = self._values(parsed, question)
         return Answer(question, parsed.tokens, self._answer_text(parsed, values[-1]), self._trace(parsed, values))

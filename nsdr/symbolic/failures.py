@@ -56,7 +56,8 @@ def failure(
     expected = "exactly one" if step.token == "unique" else f"a {program.steps[step.inputs[1]].token} one"
     if step.token == "unique" and found:
         words = attribute_words(program.steps, source) if is_objects else ()
-        quoted = _own_words(text, words) if words and len(noun.split()) <= len(words) + 1 else ""
+        plain = words and noun.removesuffix(" object") == " ".join(words)
+        quoted = _own_words(text, words) if plain else ""
         place = f" in {where}" if where else ""
         kind = "objects" if is_objects else "events"
         message = f"'{quoted or asked}'{place} fits {_number(len(found))} {kind}: {_listed(found, is_objects)}"
