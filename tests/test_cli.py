@@ -110,7 +110,7 @@ def test_programs_that_list_events_or_give_a_frame(capsys) -> None:
     ],
 )
 def test_errors_that_need_no_weights_come_before_torch(arguments) -> None:
-    code = "import sys; from nsdr.cli.main import main; status = main(sys.argv[1:]); sys.exit(9 if 'torch' in sys.modules else status)"
+    code = "import sys; from nsdr.cli.main import main; sys.exit(main(sys.argv[1:]) + 90 * ('torch' in sys.modules))"
     done = subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
     )
@@ -123,7 +123,10 @@ def test_parse_video_writes_scene_proposals_and_image(capsys, tmp_path) -> None:
     assert code == 0
     assert "6 objects" in out
     assert "purple metal cube enters (frame " in out
-    assert len(load(Scene, scene).objects) == 6
+    saved = load(Scene, scene)
+    assert len(saved.objects) == 6
+    assert saved.dynamics is not None
+    assert sorted(saved.dynamics.counterfactual) == list(range(6))
     document = json.loads(proposals.read_text())
     assert document["video_index"] == 500002
     assert len(document["frames"]) == 128

@@ -2,7 +2,7 @@
 
 import random
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from difflib import SequenceMatcher
 from itertools import combinations
 
@@ -23,7 +23,8 @@ SYMBOLS: dict[str, tuple[Callable[[Grammar], Pair], ...]] = {
 """Symbols of the grammar whose contents are compared with a text, by kind of text."""
 ANY_NAMES = (("red", "cube"), ("blue", "sphere"))
 """Objects of the suggestions where neither a scene nor the text names any."""
-FUNCTION_WORDS = frozenset("a an and any are at do does 's in is it of on that the there this to was were will".split())
+FUNCTION_TEXT = "a an and any are at do does 's in is it of on that the there this to was were will"
+FUNCTION_WORDS = frozenset(FUNCTION_TEXT.split())
 FUNCTION_WEIGHT = 0.2
 """Weight of these words beside that of others (1) in the similarity of two texts."""
 ORDER_WEIGHT = 0.3

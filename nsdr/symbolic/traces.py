@@ -111,5 +111,5 @@ def _causal_path(chosen: TraceStep, target: Event, scene: Scene) -> list[Event] 
 def _event_clause(event: Event, scene: Scene) -> str:
     """An event as a clause in the past tense."""
     names = [f"the {scene.objects[i].name}" for i in event.objects]
-    verb = {"in": "{} entered", "out": "{} left", "collision": "{} hit {}"}[event.kind].format(*names)
+    verb = {"in": "{} entered", "out": "{} left", "collision": "{} and {} collided"}[event.kind].format(*names)
     return f"{verb} at frame {event.frame}"
