@@ -13,8 +13,8 @@ WINDOW_FRAMES = 6
 MIN_APPROACH_WORLD_PER_S = 0.4
 """Nobody hits where both come slower than this (world units/s). Set with `python benchmarks/impacts.py`."""
 CLEAR_RATIO = 0.5
-"""Nobody hits where the slower one comes with more than this fraction of the faster one's speed. Set with the same command: on 11 clips
-28 of 28 clear hitters are right and none of 6 unclear ones is named; with 0.65, 3 of these are."""
+"""Nobody hits where the slower one comes with more than this fraction of the faster one's speed. Set with the same command:
+on 11 clips 28 of 28 clear hitters are right and none of 6 unclear ones is named; with 0.65, 3 of these are."""
 
 
 def approach_speeds(location_world: NDArray[np.floating], event: Event) -> tuple[float, float]:
