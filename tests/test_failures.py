@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from nsdr import ExecutionError, Executor, QuestionError
+from nsdr import ExecutionError, Executor, QuestionError, Scene, explain
 from nsdr.symbolic.failures import general
 from nsdr.symbolic.phrases import noun_phrase
 from nsdr.symbolic.program import Program
@@ -71,7 +71,7 @@ def test_errors_carry_data(executor: Executor) -> None:
     assert general(str(error)) == "a description of one object or event fits several (unique)"
 
 
-def test_one_bad_choice_does_not_lose_the_others(executor: Executor) -> None:
+def test_one_bad_choice_does_not_lose_the_others(executor: Executor, small_scene: Scene) -> None:
     question = f"events events {BLUE} filter_collision last filter_order filter_ancestor belong_to"
     choices = [("the blue object", BLUE), ("the red one", RED), ("zebra", QuestionError("unknown word 'zebra'"))]
     first, second, third = executor.judge(question, choices).choices
@@ -79,6 +79,7 @@ def test_one_bad_choice_does_not_lose_the_others(executor: Executor) -> None:
     assert (second.answer, second.trace) == (None, ())
     assert second.error == f"'the red one' in choice B fits two objects: {TWO_REDS}"
     assert (third.answer, third.program, third.error) == (None, (), "unknown word 'zebra'")
+    assert explain(second, small_scene) == f"error: {second.error}"
     alone = executor.judge(question, choices[1:2]).choices[0]
     assert alone.error.startswith("'the red one' in the choice fits two")
 

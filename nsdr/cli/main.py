@@ -254,6 +254,7 @@ def _perceive_options(commands: _Commands) -> None:
     visualize.add_argument(
         "-o", "--output", action="append", required=True, help="file ending in .mp4, .png or .html; repeatable"
     )
+    visualize.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
 
 
 def _evaluate_options(commands: _Commands) -> None:

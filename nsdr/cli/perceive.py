@@ -135,7 +135,7 @@ def visualize(options: Any) -> int:
         _write_picture(path, image, frames, p, answers, options.removed)
         print(path)
     errors = [f"{choice.choice!r}: {choice.error}" for answer in answers for choice in answer.choices if choice.error]
-    return failures_line(len(errors), len(options.choice), "choices", "".join(errors[:1]), False)
+    return failures_line(len(errors), len(options.choice), "choices", "".join(errors[:1]), options.keep_going)
 
 
 def _pictures(options: Any, is_scene: bool) -> list[tuple[str, str]]:

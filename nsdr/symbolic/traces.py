@@ -46,6 +46,8 @@ def explain(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
     if isinstance(answer, Answer) and answer.choices:
         return "\n".join(f"{c.choice}: {explain(c, scene)}" for c in answer.choices)
     trace = answer.trace
+    if isinstance(answer, ChoiceAnswer) and answer.error:
+        return f"error: {answer.error}"
     if not trace:
         return f"{answer.answer}: no trace was kept"
     return f"{answer.answer}: {_reason(trace, len(trace) - 1, scene)}"
