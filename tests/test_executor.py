@@ -298,8 +298,8 @@ def test_explanations_name_events_and_the_causal_path(executor: Executor, small_
     assert "the color of the blue rubber sphere, because red metal cube and blue" in explain(partner, small_scene)
     judged = executor.judge(f"events {COLLISION_WITH_GREEN} filter_ancestor belong_to", [("the red cube", RED_CUBE)])
     assert explain(judged, small_scene) == (
-        "the red cube: correct: it led to the target: the red metal cube hit the blue rubber sphere at frame 20, "
-        "then the blue rubber sphere hit the green rubber cylinder at frame 40"
+        "the red cube: correct: it led to the target: the red metal cube and the blue rubber sphere collided at "
+        "frame 20, then the blue rubber sphere and the green rubber cylinder collided at frame 40"
     )
     wrong = executor.judge("unseen_events belong_to negate", [("hit", possible(RED_CUBE, BLUE))])
     assert 'correct: "red metal cube and blue rubber sphere collide" is not among what happens after' in explain(
