@@ -73,7 +73,8 @@ def test_report_shows_the_stages_that_there_are(perceived, tmp_path) -> None:
     page = (tmp_path / "report.html").read_text()
     assert "<video" not in page
     assert "Without each object" not in page
-    assert "<td class=number>25<td>the purple metal cube enters" in page
+    entered = next(e.frame for e in p.scene.events if e.kind == "in")  # about frame 25
+    assert f"<td class=number>{entered}<td>the purple metal cube enters" in page
 
 
 def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_steps(
