@@ -41,4 +41,28 @@ class ProgramError(NsdrError, ValueError):
 
 
 class ExecutionError(NsdrError, ValueError):
-    """A well-formed program does not fit the scene, such as `unique` on two objects."""
+    """A well-formed program does not fit the scene, such as `unique` on two objects.
+
+    `nsdr.symbolic.failures` makes the message of a failed step.
+
+    Args:
+        message: what is wrong, in words.
+        step: number of the failed step, from 1; 0 where no step ran.
+        module: its token.
+        description: what the program asked for, such as "the brown sphere".
+        expected: what the module expected, such as "exactly one".
+        found: what it got instead, in words: objects or events.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        step: int = 0,
+        module: str = "",
+        description: str = "",
+        expected: str = "",
+        found: tuple[str, ...] = (),
+    ) -> None:
+        super().__init__(message)
+        self.step, self.module, self.description = step, module, description
+        self.expected, self.found = expected, found

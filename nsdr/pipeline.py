@@ -4,23 +4,26 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
-from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.parser import FrameParser
+from nsdr.errors import DataError, NsdrError, QuestionError, VideoError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import resolve_device
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.validation import MANY, MAX_SIZE, check_ranges
 from nsdr.io.video import read_frames
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.suggestions import suggestion
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, VideoProposals, VideoTracks
+
+if TYPE_CHECKING:  # they load torch, and settings are checked without it
+    from nsdr.frame_parser.parser import FrameParser
+    from nsdr.question_parser.parser import QuestionParser
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
@@ -108,9 +111,9 @@ class Pipeline:
 
     def __init__(
         self,
-        frame_parser: FrameParser,
+        frame_parser: "FrameParser",
         dynamics: DynamicsBackend,
-        question_parser: QuestionParser,
+        question_parser: "QuestionParser",
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
     ) -> None:
@@ -152,6 +155,11 @@ class Pipeline:
         if isinstance(dynamics, BackendConfig):
             config = replace(config, dynamics=dynamics)
         folder = find_checkpoint(path_or_id)
+        resolve_device(device)
+
+        from nsdr.frame_parser.parser import FrameParser
+        from nsdr.question_parser.parser import QuestionParser
+
         options.setdefault("tracker", config.tracker)
         pipeline = cls(
             FrameParser.from_checkpoint(folder, batch_size=config.batch_size, stride=config.stride),
@@ -211,8 +219,7 @@ class Pipeline:
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
-            if not Path(video).is_file():
-                raise VideoError(f"{video}: no such file")
+            check_video_file(video)
             key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])], code=False)
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
@@ -248,6 +255,8 @@ class Pipeline:
     ) -> Answer:
         """Answer a question about a video or scene.
 
+        A choice that fits no program or not the scene has an `error` in place of an answer, and the others are judged.
+
         Args:
             video_or_scene: a video file, or a scene from anywhere.
             question: in CLEVRER's English; may be left out when `program` is given.
@@ -256,13 +265,17 @@ class Pipeline:
 
         Raises:
             VideoError: the video cannot be read.
-            QuestionError: a text fits no program, a multiple-choice question has no choices or the reverse.
-            ProgramError, ExecutionError: a given program is malformed, or the program does not fit the scene.
+            QuestionError: the question fits no program, or a multiple-choice question has no choices or the reverse. Names the
+                nearest questions, for a scene about its objects.
+            ProgramError, ExecutionError: a given program is malformed, or the question's program does not fit the scene.
         """
+        if isinstance(video_or_scene, str | Path):
+            check_video_file(video_or_scene)
         if program is None and not question.strip():
             raise QuestionError("the question is empty")
-        parsed, parsed_choices = self._programs(question, choices, program, choice_programs)
-        scene = video_or_scene if isinstance(video_or_scene, Scene) else self.scene(video_or_scene)
+        given = video_or_scene if isinstance(video_or_scene, Scene) else None
+        parsed, parsed_choices = self._programs(question, choices, program, choice_programs, given)
+        scene = self.scene(video_or_scene) if given is None else given  # type: ignore[arg-type]
         executor = Executor(scene, self.semantics)
         if parsed_choices is None:
             return executor.answer(parsed, question)
@@ -275,13 +288,17 @@ class Pipeline:
         choices: Sequence[str] | None,
         program: ProgramSource | None,
         choice_programs: Sequence[ProgramSource] | None,
-    ) -> tuple[Program, list[Program] | None]:
-        """The question's program, and those of the choices (None for a descriptive question)."""
+        scene: Scene | None,
+    ) -> tuple[Program, list[Program | NsdrError] | None]:
+        """The question's program, and those of the choices (None for a descriptive question) or why they have none."""
         multiple_choice = bool(choices) or bool(choice_programs)
         if program is not None:
             parsed = Program.parse(program)
         else:
-            parsed = self.question_parser.parse(question, "multiple_choice" if multiple_choice else "descriptive")
+            found = self._parsed(question, "multiple_choice" if multiple_choice else "descriptive", scene)
+            if isinstance(found, QuestionError):
+                raise found
+            parsed = found
         if parsed.needs_choice != multiple_choice:
             missing = "give choices with it" if parsed.needs_choice else "ask it without choices"
             kind = "a multiple-choice" if parsed.needs_choice else "a descriptive"
@@ -292,7 +309,23 @@ class Pipeline:
             if choices is not None and len(choices) != len(choice_programs):
                 raise QuestionError(f"{len(choices)} choices but {len(choice_programs)} choice programs")
             return parsed, [Program.parse(p) for p in choice_programs]
-        return parsed, [self.question_parser.parse(choice, "choice") for choice in choices or ()]
+        return parsed, [self._parsed(choice, "choice", scene) for choice in choices or ()]
+
+    def _parsed(self, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
+        """The text's program, or why it has none and the nearest texts that have one."""
+        try:
+            return self.question_parser.parse(text, kind)
+        except QuestionError as e:
+            if type(e) is not QuestionError:  # of the parser, whatever the text is
+                raise
+            return QuestionError(f"{e}{suggestion(text, scene, kind)}")
+
+
+def check_video_file(path: str | Path) -> None:
+    """Raise `VideoError` unless there is such a file; takes no time."""
+    if not Path(path).is_file():
+        what = "is a folder or a device; expected a video" if Path(path).exists() else "no such file"
+        raise VideoError(f"{path}: {what}")
 
 
 def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:

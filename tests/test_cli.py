@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -41,13 +43,90 @@ def test_answer_of_a_choice_question_as_json(capsys) -> None:
     assert answer["program"] == ["unseen_events", "belong_to"]
 
 
+def test_a_failed_choice_is_printed_with_its_reason_and_the_others_are_judged(capsys) -> None:
+    choices = [
+        "-c",
+        "the presence of the sphere",
+        "-c",
+        "the presence of the zebra",
+        "-c",
+        "the presence of the green cylinder",
+    ]
+    asked = ["answer", TRUTH, "-q", "Which of the following is responsible for the cyan object's exit?", *choices]
+    code, out, err = run(capsys, *asked)
+    lines = out.splitlines()
+    assert code == 1
+    assert lines[0].startswith(
+        "error    the presence of the sphere: 'the sphere' in choice A fits two objects: the brown metal "
+    )
+    assert lines[1].startswith("error    the presence of the zebra: ")
+    assert "; the nearest options: the presence of " in lines[1]
+    assert lines[2] == "correct  the presence of the green cylinder"
+    assert err.startswith(
+        "error: 2 of 3 choices failed, such as 'the presence of the sphere': 'the sphere' in choice A fits"
+    )
+    code, out, _ = run(capsys, *asked, "--json", "--keep-going")
+    found = json.loads(out.splitlines()[0])["choices"]
+    assert code == 0
+    assert [c["answer"] for c in found] == [None, None, "correct"]
+    assert found[0]["error"].startswith("'the sphere' in choice A fits two objects")
+    assert found[2]["error"] == ""
+
+
+def test_a_refused_question_offers_the_nearest_ones_about_the_scene(capsys) -> None:
+    _, _, err = run(capsys, "answer", TRUTH, "-q", "How many zebras enter before the purple cube?")
+    assert "; the nearest questions: " in err
+    assert " enter the scene before the purple cube enters the scene? | " in err
+    _, _, err = run(capsys, "parse-question", "How many zebras enter?")
+    assert "; the nearest questions: How many cubes enter the scene? | " in err
+
+
+def test_programs_that_list_events_or_give_a_frame(capsys) -> None:
+    code, out, _ = run(capsys, "execute", "--scene", TRUTH, "--program", "unseen_events")
+    assert (code, out) == (0, "the brown metal cylinder and the brown metal sphere collide (about frame 141)\n")
+    _, out, _ = run(capsys, "execute", "--scene", TRUTH, "--program", "events objects filter_in")
+    assert out == "the purple metal cube enters (frame 25)\nthe brown metal sphere enters (frame 112)\n"
+    _, out, _ = run(capsys, "execute", "--scene", TRUTH, "--program", "events objects filter_out unique get_frame")
+    assert out == "frame 118\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["answer", "none.mp4", "-q", "How many collisions happen?"],
+        ["answer", "none.json", "-q", "How many collisions happen?"],
+        ["answer", ".", "-q", "How many collisions happen?"],
+        ["answer", VIDEO, "-q", " "],
+        ["answer", VIDEO, "-q", "What will happen next?", "-c", ""],
+        ["parse-question", ""],
+        ["parse-question", "Who?", "--kind", "any"],
+        ["answer", QUESTIONS, "-q", "How many collisions happen?"],
+        ["answer", VIDEO, "-q", "How many collisions happen?", "--dynamics", "none"],
+        ["answer", VIDEO, "-q", "How many collisions happen?", "--set", "tracker.none=1"],
+        ["answer", VIDEO, "-q", "How many collisions happen?", "--checkpoint", "none"],
+        ["parse-video", "none.mp4", "-o", "scene.json"],
+        ["visualize", "none.mp4", "-o", "image.png"],
+        ["visualize", VIDEO, "-o", "image.png", "-c", "the cube"],
+    ],
+)
+def test_errors_that_need_no_weights_come_before_torch(arguments) -> None:
+    code = "import sys; from nsdr.cli.main import main; sys.exit(main(sys.argv[1:]) + 90 * ('torch' in sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr[:7]) == (2, "error: "), done.stderr
+
+
 def test_parse_video_writes_scene_proposals_and_image(capsys, tmp_path) -> None:
     scene, proposals, image = (tmp_path / name for name in ("scene.json", "proposals.json", "image.png"))
     code, out, _ = run(capsys, "parse-video", VIDEO, "-o", scene, "--proposals-out", proposals, "--image", image)
     assert code == 0
     assert "6 objects" in out
     assert "purple metal cube enters (frame " in out
-    assert len(load(Scene, scene).objects) == 6
+    saved = load(Scene, scene)
+    assert len(saved.objects) == 6
+    assert saved.dynamics is not None
+    assert sorted(saved.dynamics.counterfactual) == list(range(6))
     document = json.loads(proposals.read_text())
     assert document["video_index"] == 500002
     assert len(document["frames"]) == 128

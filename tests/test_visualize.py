@@ -1,20 +1,27 @@
 """Images, videos and reports: tests of their content; their looks are checked by eye."""
 
+import html
+import re
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import combinations
 
 import cv2
 import numpy as np
 import pytest
 
 import nsdr.visualize
-from nsdr import DataError
+from nsdr import DataError, Event, Executor, SceneObject, save
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.io.video import read_video
-from nsdr.pipeline import Pipeline
-from nsdr.visualize import annotated_image, stroboscopic_image, write_annotated_image, write_report
+from nsdr.pipeline import Perception, Pipeline
+from nsdr.types import DynamicsPrediction, Rollout
+from nsdr.visualize import annotated_image, report, stroboscopic_image, write_annotated_image, write_report
+from nsdr.visualize.figures import figure_png, plan_figure
+from nsdr.visualize.impacts import event_text, hitter
+from nsdr.world.vocabulary import COLORS
 
 
 @pytest.fixture(scope="module")
@@ -60,41 +67,135 @@ def test_annotated_image_is_written_to_a_new_folder(perceived, tmp_path) -> None
         write_annotated_image(tmp_path / "last.png", VIDEO, replace(p, tracks=None))
 
 
-def test_report_needs_every_stage(perceived, tmp_path) -> None:
+def test_report_shows_the_stages_that_there_are(perceived, tmp_path) -> None:
+    _, p = perceived
+    write_report(tmp_path / "report.html", None, Perception(None, None, None, p.scene), [])
+    page = (tmp_path / "report.html").read_text()
+    assert "<video" not in page
+    assert "Without each object" not in page
+    entered = next(e.frame for e in p.scene.events if e.kind == "in")  # about frame 25
+    assert f"<td class=number>{entered}<td>the purple metal cube enters" in page
+
+
+def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_steps(
+    perceived, tmp_path, monkeypatch
+) -> None:
     frames, p = perceived
-    with pytest.raises(DataError, match="a report needs a perception with proposals, tracks and dynamics"):
-        write_report(tmp_path / "report.html", frames, replace(p, dynamics=None), [])
+    executor = Executor(p.scene)
+    program = "events objects purple filter_color unique filter_collision unique get_frame"
+    spheres = [
+        ("the cyan one", "objects cyan filter_color unique"),
+        ("the sphere", "objects sphere filter_shape unique"),
+    ]
+    question = "events events objects cyan filter_color unique filter_out unique filter_ancestor belong_to"
+    answers = [
+        executor.answer(program, "When?"),
+        executor.judge(question, spheres, "Which?"),
+        executor.answer("unseen_events"),
+    ]
+    write_report(tmp_path / "report.html", frames, p, answers)
+    page = (tmp_path / "report.html").read_text()
+    assert "<video controls loop muted src='data:video/mp4;base64," in page
+    assert "background-color: rgb(129,38,192)'></span> purple metal cube" in page
+    assert "prefers-color-scheme: dark" in page
+    assert "'the sphere' in choice B fits two objects" in html.unescape(page)
+    tables = re.findall(r"<details><summary>(\d+) steps</summary><table>(.*?)</table>", page)
+    assert len(tables) == 3
+    for count, table in tables:
+        assert re.findall(r"<tr><td class=number>(\d+)", table) == [str(i + 1) for i in range(int(count))]
+    assert "<code>filter_color</code> (2, purple)" in tables[0][1]
+    assert "http" not in page  # self-contained
+    monkeypatch.setattr(report, "MAX_VIDEO_BYTES", 1000)
+    write_report(tmp_path / "report.html", frames, p, [])
+    assert "<video" not in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.parametrize("image", ["strobe", "last", "plan", "causal"])
-def test_images(image, tmp_path, capsys) -> None:
-    file = tmp_path / "new" / f"{image}.png"
-    assert main(["visualize", str(VIDEO), "--image", image, "-o", str(file)]) == 0
-    assert cv2.imread(str(file)).std() > 5
+def _moving(starts: list[tuple[float, float]], steps: list[tuple[float, float]], visible_from: int = 0) -> Rollout:
+    frames = np.arange(60)[:, None]
+    location = np.stack([np.array(s) + frames * np.array(v) for s, v in zip(starts, steps, strict=True)])
+    visible = np.ones((len(starts), 60), bool)
+    visible[0, :visible_from] = False
+    return Rollout(location, visible, ())
 
 
-def test_video_has_every_frame(tmp_path, capsys) -> None:
-    file = tmp_path / "annotated.mp4"
-    assert main(["visualize", str(VIDEO), "-o", str(file)]) == 0
-    video = cv2.VideoCapture(str(file))
+@pytest.mark.parametrize(
+    ("starts", "steps", "visible_from", "who"),
+    [
+        ([(0, 0), (4, 0)], [(0.06, 0), (0, 0)], 0, 0),
+        ([(0, 0), (4, 0)], [(0, 0), (-0.06, 0)], 0, 1),
+        ([(0, 0), (4, 0)], [(0.06, 0), (0.05, 0)], 0, 0),  # catches up with the other one
+        ([(0, 0), (5, 0)], [(0.05, 0), (-0.05, 0)], 0, None),  # both come
+        ([(0, 0), (0.5, 0)], [(0, 0), (0, 0)], 0, None),
+        ([(0, 0), (0.5, 0)], [(0, 0), (0, 0)], 37, 0),  # has just entered
+    ],
+)
+def test_who_hits_whom(starts, steps, visible_from, who) -> None:
+    assert hitter(_moving(starts, steps, visible_from), Event("collision", 40, (0, 1))) == who
+
+
+def test_collisions_in_words(small_scene) -> None:
+    event = small_scene.events[1]
+    assert event_text(event, small_scene) == "the red metal cube and the blue rubber sphere collide"
+    still = [(0, 0), (3, 0), (5, 5), (7, 7)]
+    rollout = _moving(still, [(0.07, 0), (0, 0), (0, 0), (0, 0)])
+    prediction = DynamicsPrediction(small_scene.objects, 60, rollout)
+    assert event_text(event, small_scene, prediction) == "the red metal cube hits the blue rubber sphere"
+    assert event_text(small_scene.events[3], small_scene, prediction) == "the blue rubber sphere leaves"
+
+
+def test_plan_shows_all_objects_with_labels_that_do_not_overlap() -> None:
+    objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(COLORS[:6]))
+    places = [(0, 0), (0.05, 0.3), (0.1, -0.3), (5.5, 0), (-6, 1), (0, 7.5)]
+    rollout = _moving(places, [(0, 0)] * 6)
+    rollout = replace(rollout, collisions=(Event("collision", 20, (0, 1)), Event("collision", 22, (0, 2))))
+    figure = plan_figure(DynamicsPrediction(objects, 60, rollout))
+    (axes,) = figure.axes
+    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    for x, y in places:
+        assert (low < (y, -x)).all()
+        assert ((y, -x) < high).all()
+    boxes = [t.get_window_extent() for t in axes.texts if t.get_text()]
+    assert len(boxes) == 8
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    figure_png(figure)
+
+
+def test_several_pictures_of_one_perception(tmp_path, capsys, monkeypatch) -> None:
+    calls = []
+    perceive = Pipeline.perceive
+    monkeypatch.setattr(Pipeline, "perceive", lambda self, video: calls.append(video) or perceive(self, video))
+    names = ("image.png", "annotated.mp4", "report.html")
+    outputs = [argument for name in names for argument in ("-o", str(tmp_path / "new" / name))]
+    question = ["-q", "How many collisions happen?"]
+    assert main(["visualize", str(VIDEO), *question, "--image", "all", *outputs]) == 0
+    assert len(calls) == 1
+    images = [f"image_{image}.png" for image in ("strobe", "last", "plan", "causal")]
+    assert capsys.readouterr().out.splitlines() == [str(tmp_path / "new" / n) for n in (*images, *names[1:])]
+    for image in images:
+        assert cv2.imread(str(tmp_path / "new" / image)).std() > 5
+    video = cv2.VideoCapture(str(tmp_path / "new" / "annotated.mp4"))
     size = [video.get(k) for k in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
     assert size == [128, 960, 640]
-
-
-def test_report_holds_question_program_trace_and_images(tmp_path, capsys) -> None:
-    file = tmp_path / "report.html"
-    question = ["-q", "How many collisions happen?"]
-    assert main(["visualize", str(VIDEO), *question, "-o", str(file)]) == 0
-    page = file.read_text()
-    for text in (
-        "How many collisions happen?",
-        "events objects filter_collision count",
-        "program tree",
-        "Without each object",
-    ):
+    page = (tmp_path / "new" / "report.html").read_text()
+    for text in (question[1], "events objects filter_collision count", "program tree", "Without each object"):
         assert text in page
-    assert page.count("data:image/png;base64,") >= 6
-    assert "http" not in page  # self-contained
+
+
+def test_pictures_of_a_saved_scene(perceived, tmp_path, capsys) -> None:
+    _, p = perceived
+    scene, bare, plan, page = (tmp_path / name for name in ("scene.json", "bare.npz", "plan.png", "report.html"))
+    save(replace(p.scene, dynamics=p.dynamics), scene)
+    save(p.scene, bare)
+    assert main(["visualize", str(scene), "--image", "all", "-o", str(plan), "-o", str(page)]) == 0
+    assert sorted(f.name for f in tmp_path.glob("*.png")) == ["plan_causal.png", "plan_plan.png"]
+    assert "Without each object" in page.read_text()
+    assert main(["visualize", str(bare), "-o", str(tmp_path / "causal.png")]) == 0
+    assert main(["visualize", str(bare), "--image", "plan", "-o", str(plan)]) == 2
+    assert "holds no trajectories for --image plan; make it again with nsdr parse-video" in capsys.readouterr().err
+    assert main(["visualize", str(scene), "-o", str(tmp_path / "a.mp4")]) == 2
+    assert "is a saved scene, which has no frames for mp4; give the video" in capsys.readouterr().err
+    assert main(["visualize", str(scene), "--dynamics", "state", "-o", str(plan)]) == 2
+    assert "is a saved scene: --dynamics would do nothing" in capsys.readouterr().err
 
 
 def test_errors_say_what_is_wrong(tmp_path, capsys) -> None:

@@ -5,8 +5,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import endpoint_parser, load_scene, make_pipeline
-from nsdr.errors import DataError, EndpointError
+from nsdr.cli.common import check_input, endpoint_parser, load_scene, make_pipeline
+from nsdr.cli.status import failures_line
+from nsdr.errors import DataError, EndpointError, QuestionError
 from nsdr.types import Answer
 
 __all__ = ["answer", "demo", "execute", "parse_question"]
@@ -19,16 +20,22 @@ def answer(options: Any) -> int:
     given += [f"--set {value}" for value in options.set]
     if is_scene and given:
         raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
+    if not options.question.strip():
+        raise QuestionError("the question is empty")
+    if not all(choice.strip() for choice in options.choice):
+        raise QuestionError("a choice is empty")
+    check_input(options.video)
+    source: Any = load_scene(options.video) if is_scene else options.video
     parser = endpoint_parser(options)
     pipeline = make_pipeline(options)
     pipeline.question_parser = parser or pipeline.question_parser
-    source: Any = load_scene(options.video) if is_scene else options.video
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
         print(json.dumps(asdict(found)))
     else:
         _print_answer(found, options.trace)
-    return 0
+    errors = [f"{choice.choice!r}: {choice.error}" for choice in found.choices if choice.error]
+    return failures_line(len(errors), len(found.choices), "choices", "".join(errors[:1]), options.keep_going)
 
 
 def _print_answer(found: Answer, trace: bool) -> None:
@@ -39,14 +46,17 @@ def _print_answer(found: Answer, trace: bool) -> None:
             print(format_trace(found.trace))
         print(found.answer)
     for choice in found.choices:
-        print(f"{choice.answer:<8} {choice.choice}")
+        print(f"{choice.answer or 'error':<8} {choice.choice}{': ' + choice.error if choice.error else ''}")
         if trace:
             print(format_trace(choice.trace))
 
 
 def parse_question(options: Any) -> int:
     """`nsdr parse-question`: the program of a text."""
-    from nsdr.errors import QuestionError
+    if not options.text.strip():
+        raise QuestionError("the text is empty")
+
+    from nsdr.question_parser.suggestions import suggestion
 
     given = [f"--{k}" for k, v in (("checkpoint", "default"), ("device", "auto")) if getattr(options, k) != v]
     if options.parser and given:
@@ -62,8 +72,10 @@ def parse_question(options: Any) -> int:
             program = parser.parse(options.text, kind)
             break
         except QuestionError as e:
-            if kind == kinds[-1] or isinstance(e, EndpointError):
+            if isinstance(e, EndpointError):
                 raise
+            if kind == kinds[-1]:
+                raise QuestionError(f"{e}{suggestion(options.text, None, kinds[0])}") from e
     print(program.tree() if options.tree else program)
     return 0
 

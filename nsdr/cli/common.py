@@ -1,12 +1,13 @@
 """What several commands share."""
 
 import sys
+from pathlib import Path
 from typing import Any
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, VideoError
 from nsdr.types import Scene
 
-__all__ = ["endpoint_parser", "load_scene", "make_pipeline"]
+__all__ = ["check_input", "endpoint_parser", "load_scene", "make_pipeline"]
 
 
 def make_pipeline(options: Any) -> Any:
@@ -32,6 +33,13 @@ def endpoint_parser(options: Any) -> Any:
     from nsdr.question_parser.endpoint import EndpointParser
 
     return EndpointParser.connect(options.parser, options.parser_model)
+
+
+def check_input(path: str) -> None:
+    """Refuse a missing file or a folder before anything is loaded."""
+    if not Path(path).is_file():
+        what = "is a folder or a device; expected a file" if Path(path).exists() else "no such file"
+        raise VideoError(f"{path}: {what}")
 
 
 def load_scene(path: str) -> Scene:

@@ -59,5 +59,5 @@ def _print(question: Question, answer: Answer, agrees: bool) -> None:
     if answer.answer is not None:
         print(f"  answer:  {answer.answer} (truth: {question.answer})")
     for choice, true in zip(answer.choices, question.choices, strict=True):
-        print(f"  {choice.answer:<7}  {choice.choice} (truth: {true.answer})")
+        print(f"  {choice.answer or 'error':<7}  {choice.choice} (truth: {true.answer})")
     print(f"  {'equal to' if agrees else 'DIFFERS from'} the ground truth\n")

@@ -201,6 +201,7 @@ def _ask_options(commands: _Commands) -> None:
     answer.add_argument("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
     answer.add_argument("--trace", action="store_true", help="print every executed step")
     answer.add_argument("--json", action="store_true", help="print the answer as JSON")
+    answer.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
 
     parse_question = commands.add("parse-question", "turn a question or choice into a program", texts=True)
     parse_question.add_argument("text", help="in CLEVRER's English")
@@ -253,16 +254,22 @@ def _perceive_options(commands: _Commands) -> None:
     )
 
     visualize = commands.add("visualize", "show what was seen, and why a question got its answer", pipeline=True)
-    visualize.add_argument("video", help="video file")
+    visualize.add_argument("video", help="video file, or a scene saved by parse-video")
     visualize.add_argument("-q", "--question", default=None, help="for an HTML report: a question")
     visualize.add_argument("-c", "--choice", action="append", default=[], help="its options; repeat it for each")
     visualize.add_argument(
-        "--image", default="strobe", choices=["strobe", "last", "plan", "causal"], help="for a PNG: which image"
+        "--image",
+        default=None,
+        choices=[*perceive.IMAGES, "all"],
+        help="for a PNG: which image (default: strobe; of a saved scene, causal); all adds each one's name to the file's",
     )
     visualize.add_argument(
         "--removed", type=NonNegativeInt, default=None, help="plan: draw the scene without this object"
     )
-    visualize.add_argument("-o", "--output", required=True, help="file ending in .mp4, .png or .html")
+    visualize.add_argument(
+        "-o", "--output", action="append", required=True, help="file ending in .mp4, .png or .html; repeatable"
+    )
+    visualize.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
 
 
 def _evaluate_options(commands: _Commands) -> None:

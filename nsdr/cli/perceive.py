@@ -1,13 +1,18 @@
 """`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
 
+import importlib.util
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import make_pipeline
+from nsdr.cli.common import check_input, load_scene, make_pipeline
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError
 from nsdr.io.outputs import check_output, check_output_folder
+
+DECIMALS = 3
+"""Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
 
 __all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
@@ -30,9 +35,10 @@ def parse_video(options: Any) -> int:
         if path is not None:
             check_output(path, suffixes, taken)
             taken.append(path)
+    check_input(options.video)
     perception = make_pipeline(options).perceive(options.video)
     scene = perception.scene
-    storage.save(scene, options.output)
+    storage.save(replace(scene, dynamics=_rounded(perception.dynamics)), options.output)
     if options.proposals_out:
         name = Path(options.video).name
         number = "".join(c for c in Path(name).stem if c.isdigit())
@@ -46,6 +52,18 @@ def parse_video(options: Any) -> int:
     for text in world.event_text(world.observed).split("; ") if scene.events else ():
         print(f"  {text}")
     return 0
+
+
+def _rounded(dynamics: Any) -> Any:
+    """A prediction with positions and speeds to a thousandth of a world unit, which keeps files small."""
+
+    def short(rollout: Any) -> Any:
+        speed = rollout.speed_world_per_s
+        speed = None if speed is None else speed.round(DECIMALS)
+        return replace(rollout, location_world=rollout.location_world.round(DECIMALS), speed_world_per_s=speed)
+
+    counterfactual = {removed: short(rollout) for removed, rollout in dynamics.counterfactual.items()}
+    return replace(dynamics, observed=short(dynamics.observed), counterfactual=counterfactual)
 
 
 def parse_videos(options: Any) -> int:
@@ -80,45 +98,101 @@ def _report(options: Any, summary: Any, what: str) -> int:
     return failures_line(failed, done + skipped + failed, what, "".join(messages[:1]), options.keep_going)
 
 
+IMAGES = ("strobe", "last", "plan", "causal")
+"""Images of a video; the last one, and `plan` where the file has trajectories, also show a saved scene."""
+OF_SCENES = ("plan", "causal")
+
+
 def visualize(options: Any) -> int:
-    """`nsdr visualize`: an annotated video, an image or an HTML report."""
-    import numpy as np
+    """`nsdr visualize`: annotated videos, images and HTML reports of one video or saved scene, which is looked at once."""
+    is_scene = Path(options.video).suffix in (".json", ".npz")
+    outputs = _pictures(options, is_scene)
+    check_input(options.video)
+    needed = {"matplotlib" for _, image in outputs if image in (*OF_SCENES, "html")}
+    needed |= {"av" for _, image in outputs if image == "mp4"}
+    for module in sorted(needed):
+        if importlib.util.find_spec(module) is None:
+            raise DataError(f"{options.output[0]}: needs {module}: pip install 'nsdr[visualize]'")
+    scene = load_scene(options.video) if is_scene else None
+    if scene is not None and scene.dynamics is None and "plan" in {image for _, image in outputs}:
+        raise DataError(f"{options.video}: holds no trajectories for --image plan; make it again with nsdr parse-video")
+    given = [f"--{name}" for name in ("dynamics", "config", "set") if is_scene and getattr(options, name)]
+    if given:
+        raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
 
-    from nsdr.io.files import atomic_path
-    from nsdr.io.video import read_frames
-    from nsdr.visualize import stroboscopic_image, write_annotated_image, write_annotated_video, write_report
-    from nsdr.visualize.annotate import write_image
-    from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+    from nsdr.pipeline import Perception
 
-    kind = check_output(options.output, (".png", ".mp4", ".html"), [options.video])
-    if (options.question or options.choice) and kind != ".html":
+    pipeline: Any = make_pipeline(options) if scene is None or options.question else None
+    p = Perception(None, None, scene.dynamics, scene) if scene is not None else pipeline.perceive(options.video)
+    removed = p.dynamics.counterfactual if p.dynamics is not None else ()
+    if options.removed is not None and options.removed not in removed:
+        raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
+    answers = [pipeline.answer(p.scene, options.question, options.choice or None)] if options.question else []
+    frames = None
+    if not is_scene and {"strobe", "last", "mp4", "html"}.intersection(image for _, image in outputs):
+        frames = _frames(options.video)
+    for path, image in outputs:
+        _write_picture(path, image, frames, p, answers, options.removed)
+        print(path)
+    errors = [f"{choice.choice!r}: {choice.error}" for answer in answers for choice in answer.choices if choice.error]
+    return failures_line(len(errors), len(options.choice), "choices", "".join(errors[:1]), options.keep_going)
+
+
+def _pictures(options: Any, is_scene: bool) -> list[tuple[str, str]]:
+    """(file, image) of every picture to make: an image of `IMAGES`, "mp4" or "html"."""
+    kinds, taken = [], [options.video]
+    for path in options.output:
+        kinds.append(check_output(path, (".png", ".mp4", ".html"), taken))
+        taken.append(path)
+    if (options.question or options.choice) and ".html" not in kinds:
         raise DataError("--question and --choice do nothing here; they need an output ending in .html")
     if options.choice and not options.question:
         raise DataError("--choice does nothing without --question")
-    if options.image != "strobe" and kind != ".png":
+    if options.image is not None and ".png" not in kinds:
         raise DataError("--image does nothing here; it needs an output ending in .png")
-    if options.removed is not None and options.image != "plan":
+    if options.removed is not None and options.image not in ("plan", "all"):
         raise DataError("--removed does nothing here; it needs --image plan")
-    pipeline = make_pipeline(options)
-    p = pipeline.perceive(options.video)
-    if options.removed is not None and options.removed not in p.dynamics.counterfactual:
-        raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
+    image = options.image or ("causal" if is_scene else "strobe")
+    possible = OF_SCENES if is_scene else IMAGES
+    pictures = []
+    for path, kind in zip(options.output, kinds, strict=True):
+        if kind == ".png" and image == "all":
+            each = [(str(Path(path).with_stem(f"{Path(path).stem}_{name}")), name) for name in possible]
+            for name, _ in each:
+                check_output(name, (".png",), taken)
+            pictures += each
+        else:
+            pictures.append((path, image if kind == ".png" else kind.removeprefix(".")))
+    impossible = [image for _, image in pictures if is_scene and image not in (*OF_SCENES, "html")]
+    if impossible:
+        raise DataError(f"{options.video}: is a saved scene, which has no frames for {impossible[0]}; give the video")
+    return pictures
+
+
+def _frames(video: str) -> Any:
+    """All frames, without the warnings that perceiving them has given."""
+    from nsdr.io.video import read_video
+
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # reported once already
-        frames = np.stack(list(read_frames(options.video)))
-    if kind == ".html":
-        questions = [options.question] if options.question else []
-        answers = [pipeline.answer(options.video, q, options.choice or None) for q in questions]
-        write_report(options.output, frames, p, answers)
-    elif kind == ".mp4":
-        write_annotated_video(options.output, frames, p.proposals, p.tracks, p.scene)
-    elif options.image == "last":
-        write_annotated_image(options.output, options.video, p)
-    elif options.image == "strobe":
-        write_image(options.output, stroboscopic_image(frames, p.proposals, p.tracks))
+        warnings.simplefilter("ignore")
+        return read_video(video)
+
+
+def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any], removed: int | None) -> None:
+    from nsdr.io.files import atomic_path
+    from nsdr.visualize import annotated_image, stroboscopic_image, write_annotated_video, write_report
+    from nsdr.visualize.annotate import write_image
+    from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+
+    if image == "html":
+        write_report(path, frames, p, answers)
+    elif image == "mp4":
+        write_annotated_video(path, frames, p.proposals, p.tracks, p.scene)
+    elif image == "last":
+        write_image(path, annotated_image(frames[-1], len(frames) - 1, p.proposals, p.tracks, p.scene))
+    elif image == "strobe":
+        write_image(path, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
-        figure = plan_figure(p.dynamics, options.removed) if options.image == "plan" else causal_figure(p.scene)
-        with atomic_path(options.output) as temporary:
+        figure = plan_figure(p.dynamics, removed) if image == "plan" else causal_figure(p.scene)
+        with atomic_path(path) as temporary:
             temporary.write_bytes(figure_png(figure))
-    print(options.output)
-    return 0

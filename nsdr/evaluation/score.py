@@ -8,7 +8,9 @@ from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuesti
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.intervals import wilson_interval
 from nsdr.symbolic import Executor, Program
+from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
+from nsdr.types import ChoiceAnswer
 
 __all__ = ["Parse", "evaluate", "first_failure", "format_table"]
 
@@ -89,29 +91,26 @@ def _answered(executor: Executor, question: Question, parse: Parse | None) -> di
         answer = executor.answer(program).answer
         return {"answer": answer, "correct": answer == question.answer}
     program = parse(question.text, "multiple_choice") if parse else _gold(executor, question.program)
+    programs = [(c.text, _choice_program(executor, c, parse)) for c in question.choices]
     try:
-        programs = [
-            (c.text, parse(c.text, "choice") if parse else _gold(executor, c.program)) for c in question.choices
-        ]
-        answers: list[Any] = [c.answer for c in executor.judge(program, programs).choices]
-    except (ExecutionError, QuestionError):
-        answers = [_judged_alone(executor, program, choice, parse) for choice in question.choices]
+        judged = executor.judge(program, programs).choices
+    except ExecutionError as e:  # of the question
+        judged = tuple(ChoiceAnswer(c.text, None, (), (), str(e)) for c in question.choices)
     choices = []
-    for choice, answer in zip(question.choices, answers, strict=True):
+    for choice, found in zip(question.choices, judged, strict=True):
         row: dict[str, Any] = {"choice_id": choice.id}
-        if isinstance(answer, NsdrError):
-            # The choice names something that is not in the scene: it cannot be right.
-            row["error"] = str(answer)
-            answer = "wrong"
+        if found.error:
+            row["error"] = found.error
+        # A choice that fails names something that is not in the scene: it cannot be right.
+        answer = "wrong" if found.error else found.answer
         choices.append(row | {"answer": answer, "correct": answer == choice.answer})
     return {"choices": choices, "correct": all(c["correct"] for c in choices)}
 
 
-def _judged_alone(executor: Executor, program: ProgramSource, choice: Choice, parse: Parse | None) -> str | NsdrError:
+def _choice_program(executor: Executor, choice: Choice, parse: Parse | None) -> ProgramSource | NsdrError:
     try:
-        choice_program = parse(choice.text, "choice") if parse else _gold(executor, choice.program)
-        return executor.judge(program, [(choice.text, choice_program)]).choices[0].answer
-    except (ExecutionError, QuestionError) as e:
+        return parse(choice.text, "choice") if parse else _gold(executor, choice.program)
+    except QuestionError as e:
         return e
 
 
@@ -172,14 +171,8 @@ def _failures(report: dict[str, Any]) -> list[str]:
     if not report["errors"]:
         return []
     whole = sum("error" in r for r in report["results"])
-    reasons = Counter(_reason(e) for r in report["results"] for e in _errors(r))
+    reasons = Counter(general(e)[:100] for r in report["results"] for e in _errors(r))
     return [
         f"{whole} questions failed and count as wrong; choices of {report['errors'] - whole} failed and are judged wrong:",
         *(f"  {count:>5}  {reason}" for reason, count in reasons.most_common(5)),
     ]
-
-
-def _reason(error: str) -> str:
-    """An execution error without its inputs, so that similar ones are counted together."""
-    head, _, tail = error.partition("(")
-    return f"{head.split(' ')[-1]}: {tail.rsplit('): ', 1)[-1]}" if "): " in tail else error[:100]

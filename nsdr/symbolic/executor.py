@@ -2,13 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from string import ascii_uppercase
 from typing import Any
 
 from nsdr.clevrer.predictions import PredictionFile
-from nsdr.errors import ExecutionError, ProgramError
+from nsdr.errors import ExecutionError, NsdrError, ProgramError
+from nsdr.symbolic.failures import failure
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
-from nsdr.symbolic.program import ANSWER_KINDS, Node, Program, ProgramSource
+from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Node, Program, ProgramSource
 from nsdr.symbolic.world import World, world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
@@ -60,7 +62,7 @@ class Executor:
 
         Raises:
             ProgramError: the program is not well-formed.
-            ExecutionError: it does not fit the scene; names step, module and inputs.
+            ExecutionError: it does not fit the scene; says what was asked for and what the scene has.
         """
         if self._official is not None:
             return self._official.run(program)
@@ -109,52 +111,77 @@ class Executor:
         """Answer a descriptive question.
 
         Returns:
-            The answer (yes, no, a number or an attribute word) with its trace.
+            The answer (yes, no, a number, an attribute word, a frame, or a list of events) with its trace.
 
         Raises:
             ProgramError: the program is not well-formed, or does not give an answer.
-            ExecutionError: it does not fit the scene; names step, module and inputs.
+            ExecutionError: it does not fit the scene; says what was asked for and what the scene has.
         """
         if self._official is not None:
             return self._official.answer(program, question)
         parsed = _complete(Program.parse(program))
-        if not parsed.answers:
+        if parsed.result not in SAID_KINDS:
             raise ProgramError(
-                f"the program gives {parsed.result}; the program of a question ends in a count, exist or query"
+                f"the program gives {parsed.result}; the program of a question ends in a count, exist, query or frame"
             )
-        values = self._values(parsed)
-        return Answer(question, parsed.tokens, _word(values[-1]), self._trace(parsed, values))
+        values = self._values(parsed, question)
+        return Answer(question, parsed.tokens, self._answer_text(parsed, values[-1]), self._trace(parsed, values))
+
+    def _answer_text(self, program: Program, value: Any) -> str:
+        if program.result == Kind.EVENTS:
+            return "\n".join(self.world.event_sentences(value & self.world.members)) or "none"
+        return self._text(program.result, value)
 
     def judge(
-        self, question_program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str = ""
+        self,
+        question_program: ProgramSource,
+        choices: Sequence[tuple[str, ProgramSource | NsdrError]],
+        question: str = "",
     ) -> Answer:
         """Answer a multiple-choice question: each choice is joined with the question into one program, and "yes" is correct.
+
+        A choice that fails has an `error` in place of an answer, and the others are judged.
 
         Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
         the scene has scores of unseen collisions, the choice with the higher score is the correct one.
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
-            choices: (text, program) pairs.
+            choices: (text, program) pairs; for a text without a program, the reason.
             question: text of the question.
 
         Raises:
             ProgramError: a program is not well-formed, or is not that of a question or choice.
-            ExecutionError: a program does not fit the scene; names step, module and inputs.
+            ExecutionError: the question's program does not fit the scene; says what was asked for and what the scene has.
         """
         if self._official is not None:
             return self._official.judge(question_program, choices, question)
         parsed = Program.parse(question_program)
         answers = []
-        for text, choice in choices:
+        for number, (text, choice) in enumerate(choices):
+            if isinstance(choice, NsdrError):
+                answers.append(ChoiceAnswer(text, None, (), (), str(choice)))
+                continue
             whole = Program.parse(choice).then(parsed)
-            values = self._values(whole)
+            name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
+            try:
+                values = self._values(whole, question, text, name, len(whole.steps) - len(parsed.steps))
+            except ExecutionError as e:
+                self._check_question(parsed, question)
+                answers.append(ChoiceAnswer(text, None, whole.tokens, (), str(e)))
+                continue
             answers.append(
                 ChoiceAnswer(text, "correct" if values[-1] else "wrong", whole.tokens, self._trace(whole, values))
             )
-        if parsed.tokens == PREDICTIVE and len(answers) == 2 and answers[0].answer == answers[1].answer:
+        judged = [a.answer for a in answers if a.answer is not None]
+        if parsed.tokens == PREDICTIVE and len(judged) == len(answers) == 2 and judged[0] == judged[1]:
             answers = self._likelier(answers)
         return Answer(question, parsed.tokens, None, (), tuple(answers))
+
+    def _check_question(self, program: Program, question: str) -> None:
+        """Raise the error of a multiple-choice question that fails whatever the choice is."""
+        takes_choice = next(i for i, step in enumerate(program.steps) if -1 in step.inputs)
+        self._values(replace(program, steps=program.steps[:takes_choice]), question)
 
     def _likelier(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
         """The two choices of a predictive question, judged by the scores of their collisions."""
@@ -168,19 +195,24 @@ class Executor:
         words = ("correct", "wrong") if first >= second else ("wrong", "correct")
         return [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
 
-    def _values(self, program: Program) -> list[Any]:
-        """Value of every step as the modules pass it on: sets are integers."""
+    def _values(
+        self, program: Program, question: str = "", choice: str = "", choice_name: str = "", n_choice_steps: int = 0
+    ) -> list[Any]:
+        """Value of every step as the modules pass it on: sets are integers.
+
+        The texts are for the message of an error; the first `n_choice_steps` steps are those of the choice.
+        """
         values: list[Any] = []
         world = self.world
-        for number, step in enumerate(program.steps, 1):
+        for index, step in enumerate(program.steps):
             if step.module is None:
                 values.append(step.token)
                 continue
             try:
                 values.append(step.module.run(world, *[values[i] for i in step.inputs]))
             except ExecutionError as e:
-                inputs = ", ".join(self._text(program.steps[i].kind, values[i]) for i in step.inputs)
-                raise ExecutionError(f"step {number} {step.token}({inputs}): {e}") from None
+                text, where = (choice, choice_name) if index < n_choice_steps else (question, "")
+                raise failure(e, program, index, values, world, text, where) from None
         return values
 
     def _trace(self, program: Program, values: Sequence[Any]) -> tuple[TraceStep, ...]:

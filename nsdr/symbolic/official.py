@@ -15,7 +15,7 @@ from itertools import combinations
 from typing import Any
 
 from nsdr.clevrer.predictions import PredictionFile
-from nsdr.errors import ExecutionError, ProgramError
+from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.modules import MODULES, WORDS, Kind
 from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
 from nsdr.symbolic.program import ProgramSource, program_tokens
@@ -72,12 +72,18 @@ class OfficialExecutor:
         return Answer(question, tokens, str(value) if type(value) is int else trace[-1].text, trace)
 
     def judge(
-        self, question_program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str = ""
+        self,
+        question_program: ProgramSource,
+        choices: Sequence[tuple[str, ProgramSource | NsdrError]],
+        question: str = "",
     ) -> Answer:
         """Each choice joined with the question into one program: "yes" is correct, "no" wrong, anything else an "error"."""
         tokens = _tokens(question_program)
         judged = []
         for text, choice in choices:
+            if isinstance(choice, NsdrError):
+                judged.append(ChoiceAnswer(text, ERROR, (), (), str(choice)))
+                continue
             whole = self.answer((*_tokens(choice), *tokens))
             judgement = {"yes": "correct", "no": "wrong"}.get(str(whole.answer), ERROR)
             judged.append(ChoiceAnswer(text, judgement, whole.program, whole.trace))

@@ -46,6 +46,8 @@ def explain(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
     if isinstance(answer, Answer) and answer.choices:
         return "\n".join(f"{c.choice}: {explain(c, scene)}" for c in answer.choices)
     trace = answer.trace
+    if isinstance(answer, ChoiceAnswer) and answer.error:
+        return f"error: {answer.error}"
     if not trace:
         return f"{answer.answer}: no trace was kept"
     return f"{answer.answer}: {_reason(trace, len(trace) - 1, scene)}"
@@ -111,5 +113,5 @@ def _causal_path(chosen: TraceStep, target: Event, scene: Scene) -> list[Event] 
 def _event_clause(event: Event, scene: Scene) -> str:
     """An event as a clause in the past tense."""
     names = [f"the {scene.objects[i].name}" for i in event.objects]
-    verb = {"in": "{} entered", "out": "{} left", "collision": "{} hit {}"}[event.kind].format(*names)
+    verb = {"in": "{} entered", "out": "{} left", "collision": "{} and {} collided"}[event.kind].format(*names)
     return f"{verb} at frame {event.frame}"

@@ -254,10 +254,19 @@ class World:
         texts = [self._one_event_text(1 << i, event) for i, event in enumerate(self.events) if events >> i & 1]
         return "; ".join(texts) or "none"
 
-    def _one_event_text(self, bit: int, event: Event) -> str:
+    def event_sentences(self, events: int) -> tuple[str, ...]:
+        """Each event of a set as a sentence; frames after the video are about right only."""
+        members = [(1 << i, event) for i, event in enumerate(self.events) if events >> i & 1]
+        sentences = []
+        for bit, event in members:
+            text = self._one_event_text(bit, event, "the ")
+            sentences.append(text.replace("(frame", "(about frame") if bit & self._unseen else text)
+        return tuple(sentences)
+
+    def _one_event_text(self, bit: int, event: Event, article: str = "") -> str:
         if bit in (self.start, self.end):
             return f"{'start' if bit == self.start else 'end'} (frame {event.frame})"
-        names = [self.objects[i].name for i in event.objects]
+        names = [article + self.objects[i].name for i in event.objects]
         what = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}[event.kind].format(*names)
         return what if event.frame < 0 else f"{what} (frame {event.frame})"
 

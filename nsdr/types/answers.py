@@ -37,15 +37,17 @@ class ChoiceAnswer:
 
     Attributes:
         choice: text of the choice.
-        answer: "correct" or "wrong"; with the official semantics also "error".
-        program: postfix tokens of the choice's program followed by the question's.
-        trace: executed steps.
+        answer: "correct" or "wrong"; None if it failed; with the official semantics also "error".
+        program: postfix tokens of the choice's program followed by the question's; empty if the text has no program.
+        trace: executed steps; empty if it failed.
+        error: why it failed; "" if it did not.
     """
 
     choice: str
-    answer: str
+    answer: str | None
     program: tuple[str, ...]
     trace: tuple[TraceStep, ...]
+    error: str = ""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Answer:
     Attributes:
         question: text of the question; "" when only a program was given.
         program: postfix tokens of the question's program.
-        answer: the answer word; None for a multiple-choice question.
+        answer: the answer word, "frame 43" for a frame, or one line per event; None for a multiple-choice question.
         trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
         choices: the judged choices; empty for a descriptive question.
     """

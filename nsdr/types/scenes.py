@@ -115,6 +115,7 @@ class Scene(ArrayHolder):
         unseen: collisions after the video; None where they are not known.
         counterfactual: collisions with one object removed, by that object's id; None where they are not known.
         unseen_scores: (n_objects, n_objects) float, as in `Rollout`; None for ground-truth scenes.
+        dynamics: the trajectories that the scene was made from, which pictures show; None where they were not kept.
     """
 
     objects: tuple[SceneObject, ...]
@@ -125,6 +126,7 @@ class Scene(ArrayHolder):
     unseen: tuple[Event, ...] | None = None
     counterfactual: Mapping[int, tuple[Event, ...]] | None = None
     unseen_scores: FloatArray | None = None
+    dynamics: DynamicsPrediction | None = None
 
     def __post_init__(self) -> None:
         check_objects("Scene", self.objects)
@@ -133,6 +135,8 @@ class Scene(ArrayHolder):
         check(not repeated, f"Scene: more than one {', '.join(repeated)}; attribute triples must be unique")
         n = len(self.objects)
         check_whole("Scene", "n_frames", self.n_frames, 1)
+        if self.dynamics is not None:
+            _check_dynamics(self, self.dynamics)
         store_array(self, "visible", (n, self.n_frames), "b")
         if self.moving is not None:
             store_array(self, "moving", (n, self.n_frames), "b")
@@ -158,6 +162,15 @@ def _check_removed(owner: str, counterfactual: Mapping[int, object], n: int) -> 
     for removed in counterfactual:
         check_whole(f"{owner}.counterfactual", "keys", removed, 0)
         check(removed < n, f"{owner}.counterfactual: expected object ids from 0 to {n - 1} as keys, got {removed}")
+
+
+def _check_dynamics(scene: Scene, dynamics: DynamicsPrediction) -> None:
+    same = dynamics.objects == scene.objects and dynamics.n_frames == scene.n_frames
+    check(same, "Scene.dynamics: expected the same objects and number of frames as the scene's")
+    for rollout in (dynamics.observed, *dynamics.counterfactual.values()):
+        last = max([scene.n_frames - 1, *(e.frame for e in rollout.collisions)])
+        n = rollout.location_world.shape[1]
+        check(last < n, f"Scene.dynamics: expected positions until frame {last}, got {n} frames")
 
 
 def _in_order(events: Sequence[Event]) -> tuple[Event, ...]:

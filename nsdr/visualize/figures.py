@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
+from nsdr.visualize.labels import place_labels
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -24,10 +24,15 @@ OBJECT_SIZE_PT = 15
 """Size of an object's marker (points)."""
 STAR_SIZE_PT = 13
 """Size of a collision's star (points)."""
-PLAN_X_LIMITS_WORLD = (-4, 4)
-"""Horizontal extent of the plan: world y, to the right in the image (world units)."""
-PLAN_Y_LIMITS_WORLD = (-3.4, 2.6)
-"""Vertical extent of the plan: minus world x, away from the camera (world units)."""
+PLAN_CORNERS_WORLD = ((-3.6, -2.4), (3.6, 2.6))
+"""Smallest extent of the plan, lower left and upper right: world y, to the right in the image, and minus world x, away from
+the camera (world units). It grows until all objects are in it."""
+PLAN_LARGEST_WORLD = 9.0
+"""The plan never shows positions with a larger coordinate: they are errors of the prediction (world units)."""
+PLAN_MARGIN_WORLD = 0.5
+"""Space around the outermost position (world units)."""
+PLAN_WIDTH_IN = 7.5
+"""Width of the plan (inches)."""
 FAR_EDGE_PX = 60
 """Image row up to which the visible ground is shaded (pixels from the top)."""
 SAME_POSITION_WORLD = 0.05
@@ -53,30 +58,56 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
         DataError: matplotlib is missing.
     """
     plt = _pyplot()
-    figure, axes = plt.subplots(figsize=(6, 4.6), constrained_layout=True)
     rollout = prediction.observed if removed is None else prediction.counterfactual[removed]
+    low, high = _extent(prediction, rollout)
+    height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
+    figure, axes = plt.subplots(figsize=(PLAN_WIDTH_IN, height_in), constrained_layout=True)
     corners_px = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
-    corners = ground_from_pixels(np.array(corners_px), 0.0)
-    axes.fill(corners[:, 1], -corners[:, 0], color="0.96", zorder=0)
-    if removed is not None:
-        path = prediction.observed.location_world[removed, : prediction.n_frames]
-        axes.plot(path[:, 1], -path[:, 0], color="0.75", lw=1.5, ls=":")
-        _draw_object(axes, prediction.objects[removed], path[np.isfinite(path[:, 0])][-1], faint=True)
+    corners = _on_plan(ground_from_pixels(np.array(corners_px), 0.0))
+    axes.fill(corners[:, 0], corners[:, 1], color="0.96", zorder=0)
+    labels = []
     for o in prediction.objects:
-        if o.id != removed:
+        faint = o.id == removed
+        path = _on_plan(prediction.observed.location_world[o.id, : prediction.n_frames])
+        if faint:
+            axes.plot(*path.T, color="0.75", lw=1.5, ls=":")
+        else:
             _draw_trajectory(axes, o, rollout, prediction, removed)
+            path = _on_plan(rollout.location_world[o.id, : prediction.n_frames])
+        known = path[np.isfinite(path[:, 0])]
+        if len(known):
+            _draw_object(axes, o, known[-1], faint)
+            style = {"fontsize": 8, "color": "0.6" if faint else "0.15", "zorder": 6}
+            labels.append((f"{o.id} {o.name}", tuple(known[-1]), style))
     for event in rollout.collisions:
-        x, y = np.nanmean([rollout.location_world[i, event.frame] for i in event.objects], 0)
+        at = np.nanmean(_on_plan(rollout.location_world[list(event.objects), event.frame]), 0)
         observed = event.frame < prediction.n_frames and (removed is None or event in prediction.observed.collisions)
         fill = "gold" if observed else "white"
-        axes.plot(y, -x, "*", ms=STAR_SIZE_PT, mfc=fill, mec="black", mew=0.8, zorder=5)
-        axes.annotate(f"{event.frame}", (y, -x), (6, 6), textcoords="offset points", fontsize=8, zorder=6)
+        axes.plot(*at, "*", ms=STAR_SIZE_PT, mfc=fill, mec="black", mew=0.8, zorder=5)
+        labels.append((f"frame {event.frame}", tuple(at), {"fontsize": 8, "zorder": 6, "style": "italic"}))
     title = (
         "observed, then predicted (dashed)" if removed is None else f"without the {prediction.objects[removed].name}"
     )
-    axes.set(aspect="equal", xlim=PLAN_X_LIMITS_WORLD, ylim=PLAN_Y_LIMITS_WORLD)
+    axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set(xlabel="y (right of the image)", ylabel="-x", title=title)
+    place_labels(axes, labels, [_on_plan(path) for path in rollout.location_world])
     return figure
+
+
+def _on_plan(location_world: NDArray[Any]) -> NDArray[Any]:
+    """Ground positions (…, 2) as the plan's horizontal and vertical coordinates."""
+    return np.stack([location_world[..., 1], -location_world[..., 0]], -1)
+
+
+def _extent(prediction: DynamicsPrediction, rollout: Rollout) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Lower left and upper right corner of the plan, which hold every position during the video and every collision."""
+    paths = [r.location_world[:, : prediction.n_frames] for r in (prediction.observed, rollout)]
+    met = [rollout.location_world[list(e.objects), e.frame] for e in rollout.collisions]
+    points = _on_plan(np.concatenate([p.reshape(-1, 2) for p in (*paths, *met)]))
+    points = points[(np.abs(points) <= PLAN_LARGEST_WORLD).all(1)]
+    smallest = np.array(PLAN_CORNERS_WORLD, float)
+    low = np.vstack([points - PLAN_MARGIN_WORLD, smallest[:1]]).min(0)
+    return low, np.vstack([points + PLAN_MARGIN_WORLD, smallest[1:]]).max(0)
 
 
 def _draw_trajectory(
@@ -93,21 +124,13 @@ def _draw_trajectory(
         axes.plot(observed[:, 1], -observed[:, 0], color="0.8", lw=1)
     axes.plot(location[~predicted, 1], -location[~predicted, 0], color=color, lw=2)
     axes.plot(location[predicted, 1], -location[predicted, 0], color=color, lw=2, ls=(0, (3, 2)))
-    during_video = location[: prediction.n_frames]
-    during_video = during_video[np.isfinite(during_video[:, 0])]
-    if len(during_video):
-        _draw_object(axes, o, during_video[-1])
 
 
-def _draw_object(axes: Any, o: SceneObject, location: NDArray[Any], faint: bool = False) -> None:
-    x, y = location
+def _draw_object(axes: Any, o: SceneObject, at: NDArray[Any], faint: bool) -> None:
     fill = np.array(COLORS_RGB[o.color]) / 255
     edge = {"mew": 2.0, "mec": "0.85"} if o.material == "metal" else {"mew": 0.8, "mec": "black"}
     opacity = 0.3 if faint else 1.0
-    axes.plot(y, -x, MARKERS[o.shape], ms=OBJECT_SIZE_PT, mfc=fill, alpha=opacity, zorder=4, **edge)
-    offset = OBJECT_RADIUS_WORLD * 1.2
-    text = {"fontsize": 7.5, "color": "0.6" if faint else "0.15", "zorder": 6}
-    axes.annotate(f"{o.id} {o.name}", (y + offset, -x - offset), **text)
+    axes.plot(*at, MARKERS[o.shape], ms=OBJECT_SIZE_PT, mfc=fill, alpha=opacity, zorder=4, **edge)
 
 
 def causal_figure(scene: Scene) -> Any:

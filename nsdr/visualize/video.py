@@ -29,14 +29,14 @@ FLASH_OPACITY = 0.9
 
 
 def write_annotated_video(
-    path: str | Path, frames: NDArray[np.uint8], proposals: VideoProposals, tracks: VideoTracks, scene: Scene
+    path: str | Path, frames: NDArray[np.uint8], proposals: VideoProposals | None, tracks: VideoTracks, scene: Scene
 ) -> None:
     """Write an mp4 of twice the video's width and height.
 
     Args:
         path: file to write.
         frames: (T, 320, 480, 3) uint8 RGB.
-        proposals: masks whose outlines are drawn.
+        proposals: masks whose outlines are drawn; None draws no outlines.
         tracks: objects whose names and trails are drawn.
         scene: source of the collisions.
 

@@ -1,0 +1,119 @@
+"""Failed steps of programs in a user's words."""
+
+import re
+from collections.abc import Sequence
+from itertools import permutations
+
+from nsdr.errors import ExecutionError
+from nsdr.symbolic.modules import Kind
+from nsdr.symbolic.phrases import attribute_words, indefinite, noun_phrase
+from nsdr.symbolic.program import Program
+from nsdr.symbolic.world import World
+from nsdr.world.vocabulary import ATTRIBUTES
+
+__all__ = ["failure", "general"]
+
+SHAPES = frozenset(ATTRIBUTES["shape"])
+NOUNS = frozenset({"object", "thing", "item", "one"})
+"""Nouns of objects whose shape is not named."""
+NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+GENERAL = {
+    r" fits \w+ (objects|events): ": "a description of one object or event fits several (unique)",
+    "no object in this video is ": "no object fits a description (unique)",
+    "there is no ": "no event fits a description (unique, filter_order)",
+}
+"""Patterns of the sentences about failed steps, and what `general` says instead."""
+MAX_LISTED = 8
+"""Largest number of objects or events that a message lists."""
+
+
+def failure(
+    error: ExecutionError, program: Program, index: int, values: Sequence[int], world: World, text: str, where: str
+) -> ExecutionError:
+    """The error of a step, in words.
+
+    Args:
+        error: what the step's module raised.
+        program: the program that failed.
+        index: of the failed step.
+        values: of the steps before it.
+        world: that it ran on.
+        text: the question or choice that the step belongs to; "" where only the program is known.
+        where: which one that is, such as "choice B"; "" for the only text.
+
+    Returns:
+        An error whose message quotes the text, or names what the program asks for, and says what the scene has instead.
+    """
+    step = program.steps[index]
+    if step.token not in ("unique", "filter_order"):
+        message = f"{where}: {error}" if where else str(error)
+        return ExecutionError(message, index + 1, step.token, noun_phrase(program.steps, index))
+    source = step.inputs[0]
+    members = values[source] & world.members
+    is_objects = program.steps[source].kind == Kind.OBJECTS
+    noun, asked = noun_phrase(program.steps, source), noun_phrase(program.steps, index)
+    found = _objects(world, members) if is_objects else world.event_sentences(members)
+    expected = "exactly one" if step.token == "unique" else f"a {program.steps[step.inputs[1]].token} one"
+    if step.token == "unique" and found:
+        words = attribute_words(program.steps, source) if is_objects else ()
+        plain = words and noun.removesuffix(" object") == " ".join(words)
+        quoted = _own_words(text, words) if plain else ""
+        place = f" in {where}" if where else ""
+        kind = "objects" if is_objects else "events"
+        message = f"'{quoted or asked}'{place} fits {_number(len(found))} {kind}: {_listed(found, is_objects)}"
+    else:
+        message = f"{where}: " if where else ""
+        message += _nothing(program, index, noun, asked, found, world)
+    return ExecutionError(message, index + 1, step.token, asked, expected, found)
+
+
+def general(message: str) -> str:
+    """The message of an error without what is special to its scene, so that similar ones can be counted together."""
+    return next((text for pattern, text in GENERAL.items() if re.search(pattern, message)), message)
+
+
+def _nothing(program: Program, index: int, noun: str, asked: str, found: Sequence[str], world: World) -> str:
+    """The sentence about a set that is empty, or too small for an order."""
+    step = program.steps[index]
+    is_objects = program.steps[step.inputs[0]].kind == Kind.OBJECTS
+    if is_objects:
+        asked = noun.removesuffix(" object") if noun.endswith(" object") else indefinite(noun)
+        return f"no object in this video is {asked}; it has: {_listed(_objects(world, world.all_objects), True)}"
+    subject = f"there is no {asked.removeprefix('the ')}" if step.token == "filter_order" else f"there is no {noun}"
+    if found:
+        return f"{subject}; there is {_number(len(found))}: {_listed(found, False)}"
+    kinds = {"collision": world.colliding, "entrance": world.entering, "exit": world.exiting}
+    kind = next((name for name in kinds if noun.startswith(name)), "event")
+    others = world.event_sentences(world.observed & kinds.get(kind, -1))
+    return f"{subject}; the {kind}s of this video: {_listed(others, False) if others else 'none'}"
+
+
+def _objects(world: World, bits: int) -> tuple[str, ...]:
+    return tuple(f"the {o.name}" for o in world.objects if bits >> o.id & 1)
+
+
+def _listed(found: Sequence[str], is_objects: bool) -> str:
+    """ "the red cube and the blue sphere"; events are separated by semicolons."""
+    shown = list(found[:MAX_LISTED])
+    more = len(found) - len(shown)
+    if more:
+        shown.append(f"{more} more")
+    if not is_objects:
+        return "; ".join(shown)
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}" if shown else "none"
+
+
+def _number(count: int) -> str:
+    return NUMBERS[count] if count < len(NUMBERS) else str(count)
+
+
+def _own_words(text: str, words: Sequence[str]) -> str:
+    """The text's noun phrase with exactly these attribute words, in any order; "" if there is none."""
+    orders = "|".join(" ".join(order) for order in permutations(words))
+    for found in re.finditer(rf"\bthe ({orders})\b(?: (\w+))?", text, re.IGNORECASE):
+        phrase, following = found[1].lower(), (found[2] or "").lower()
+        if not SHAPES.isdisjoint(phrase.split()):
+            return f"the {phrase}"
+        if following in NOUNS:
+            return f"the {phrase} {following}"
+    return ""

@@ -1,0 +1,111 @@
+"""What a part of a program stands for, as a noun phrase: "the brown sphere", "the first collision of the red cube"."""
+
+from collections.abc import Sequence
+
+from nsdr.symbolic.program import Step
+from nsdr.world.vocabulary import ATTRIBUTES
+
+__all__ = ["attribute_words", "indefinite", "noun_phrase"]
+
+EVENT_NOUNS = {"filter_in": "entrance", "filter_out": "exit", "filter_collision": "collision"}
+"""Noun of each filter of events."""
+EVENT_VERBS = {"filter_in": "enters", "filter_out": "exits"}
+"""Verb of the filters of events with one object."""
+OBJECT_FILTERS = ("filter_color", "filter_material", "filter_shape")
+MOTION_FILTERS = {"filter_moving": "moving", "filter_stationary": "stationary"}
+"""Adjective of each filter of objects by motion."""
+
+
+def attribute_words(steps: Sequence[Step], index: int) -> tuple[str, ...]:
+    """Attribute words of the filters that gave a step's set of objects, in the order color, material, shape."""
+    words = []
+    while steps[index].token in (*OBJECT_FILTERS, *MOTION_FILTERS, "unique"):
+        if steps[index].token in OBJECT_FILTERS:
+            words.append(steps[steps[index].inputs[1]].token)
+        index = steps[index].inputs[0]
+    order = [word for values in ATTRIBUTES.values() for word in values]
+    return tuple(sorted(words, key=order.index))
+
+
+def indefinite(noun: str) -> str:
+    """The noun with "a" or "an"."""
+    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
+def noun_phrase(steps: Sequence[Step], index: int) -> str:
+    """What a step stands for; a set is named by its members' noun, without an article.
+
+    Args:
+        steps: of a program.
+        index: of a step that gives objects, events, one of them, or a frame.
+    """
+    step = steps[index]
+    if step.token in (*OBJECT_FILTERS, *MOTION_FILTERS, "objects"):
+        return _objects(steps, index)
+    if step.token in (*EVENT_NOUNS, "filter_before", "filter_after", "events", "all_events", "unseen_events"):
+        return _events(steps, index)
+    inputs = step.inputs
+    if step.token == "unique":
+        return f"the {noun_phrase(steps, inputs[0])}"
+    if step.token == "filter_order":
+        return f"the {steps[inputs[1]].token} {noun_phrase(steps, inputs[0])}"
+    if step.token == "get_col_partner":
+        return f"the other object of {noun_phrase(steps, inputs[0])}"
+    if step.token == "get_object":
+        return f"the object of {noun_phrase(steps, inputs[0])}"
+    if step.token == "filter_ancestor":
+        return f"event that led to {noun_phrase(steps, inputs[1])}"
+    if step.token in ("get_counterfact", "counterfact_events"):
+        return f"event without {noun_phrase(steps, inputs[-1])}"
+    return {"start": "the start of the video", "end": "the end of the video"}.get(step.token, step.token)
+
+
+def _objects(steps: Sequence[Step], index: int) -> str:
+    words = attribute_words(steps, index)
+    noun = " ".join(words) if words and words[-1] in ATTRIBUTES["shape"] else " ".join([*words, "object"])
+    motion, clause = "", ""
+    while steps[index].token != "objects" and steps[index].inputs:
+        step = steps[index]
+        if step.token in MOTION_FILTERS:
+            motion += MOTION_FILTERS[step.token] + " "
+            clause += _time_clause(steps, step.inputs[1])
+        index = step.inputs[0]
+    return motion + noun + clause
+
+
+def _time_clause(steps: Sequence[Step], index: int) -> str:
+    """ " when the video begins", " when the red cube enters", or "" for the whole video."""
+    if steps[index].token != "get_frame":
+        return ""
+    event = steps[index].inputs[0]
+    if steps[event].token in ("start", "end"):
+        return f" when the video {'begins' if steps[event].token == 'start' else 'ends'}"
+    filtered = steps[event].inputs[0] if steps[event].inputs else event
+    if steps[event].token == "unique" and steps[filtered].token in EVENT_VERBS:
+        return f" when {_participant(steps, steps[filtered].inputs[1])} {EVENT_VERBS[steps[filtered].token]}"
+    return f" at {noun_phrase(steps, event)}"
+
+
+def _events(steps: Sequence[Step], index: int) -> str:
+    nouns: list[str] = []
+    who: list[str] = []
+    clause = ""
+    while steps[index].inputs:
+        step = steps[index]
+        if step.token in EVENT_NOUNS:
+            nouns.insert(0, EVENT_NOUNS[step.token])
+            if steps[step.inputs[1]].token != "objects":
+                who.insert(0, _participant(steps, step.inputs[1]))
+        elif step.token in ("filter_before", "filter_after"):
+            clause = f" {step.token.removeprefix('filter_')} {noun_phrase(steps, step.inputs[1])}{clause}"
+        else:
+            break
+        index = step.inputs[0]
+    noun = " and ".join(dict.fromkeys(nouns)) or "event"
+    later = " after the video" if steps[index].token == "unseen_events" else ""
+    return noun + (f" of {' and '.join(who)}" if who else "") + later + clause
+
+
+def _participant(steps: Sequence[Step], index: int) -> str:
+    phrase = noun_phrase(steps, index)
+    return phrase if phrase.startswith("the ") else indefinite(phrase)

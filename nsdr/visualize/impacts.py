@@ -1,0 +1,72 @@
+"""Who hits whom: which object of a collision came towards the other one."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
+from nsdr.world.physics_constants import FRAME_SECONDS
+
+__all__ = ["approach_speeds", "event_text", "hitter"]
+
+WINDOW_FRAMES = 6
+"""Frames before a collision whose displacement gives the velocities."""
+MIN_APPROACH_WORLD_PER_S = 0.4
+"""Nobody hits where both come slower than this (world units/s). Set with `python benchmarks/impacts.py`."""
+CLEAR_RATIO = 0.5
+"""Nobody hits where the slower one comes with more than this fraction of the faster one's speed. Set with the same command:
+on 11 clips 28 of 28 clear hitters are right and none of 6 unclear ones is named; with 0.65, 3 of these are."""
+
+
+def approach_speeds(location_world: NDArray[np.floating], event: Event) -> tuple[float, float]:
+    """Speed of each object of a collision towards the other one, before it (world units/s); NaN where it is not known.
+
+    Args:
+        location_world: (n_objects, F, 2) ground positions.
+        event: a collision.
+    """
+    last = max(event.frame - 1, 0)
+    first = max(last - WINDOW_FRAMES, 0)
+    paths = location_world[list(event.objects), first : last + 1]
+    known = np.flatnonzero(np.isfinite(paths).all((0, 2)))
+    if len(known) < 2:
+        return np.nan, np.nan
+    start, end = paths[:, known[0]], paths[:, known[-1]]
+    towards = end[1] - end[0]
+    towards = towards / np.linalg.norm(towards)
+    velocity = (end - start) / ((known[-1] - known[0]) * FRAME_SECONDS)
+    return float(velocity[0] @ towards), float(-velocity[1] @ towards)
+
+
+def hitter(rollout: Rollout, event: Event) -> int | None:
+    """Id of the object that hits the other one; None where that is not clear.
+
+    It comes clearly faster towards the other one. Before an object is in the image its velocity is not known: one that enters
+    right before the collision hits an object that does not come towards it.
+
+    Args:
+        rollout: trajectories of all objects.
+        event: one of its collisions.
+    """
+    speeds = approach_speeds(rollout.location_world, event)
+    faster, slower = max(speeds), min(speeds)
+    if faster >= MIN_APPROACH_WORLD_PER_S:
+        return event.objects[speeds.index(faster)] if slower <= CLEAR_RATIO * faster else None
+    entered = [i for i in event.objects if _enters_before(rollout, i, event.frame)]
+    return entered[0] if len(entered) == 1 and np.isfinite(faster) else None
+
+
+def _enters_before(rollout: Rollout, i: int, frame: int) -> bool:
+    """Whether the object comes into the image in the frames before a frame."""
+    first = int(rollout.visible[i].argmax())
+    return 0 < first <= frame and frame - first < WINDOW_FRAMES
+
+
+def event_text(event: Event, scene: Scene, dynamics: DynamicsPrediction | None = None) -> str:
+    """An event as a sentence without its frame; of a collision, who hits whom where trajectories make that clear."""
+    names = [f"the {scene.objects[i].name}" for i in event.objects]
+    if event.kind != "collision":
+        return f"{names[0]} {'enters' if event.kind == 'in' else 'leaves'}"
+    first = None if dynamics is None else hitter(dynamics.observed, event)
+    if first is None:
+        return f"{names[0]} and {names[1]} collide"
+    return f"the {scene.objects[first].name} hits {names[1 - event.objects.index(first)]}"

@@ -1,0 +1,77 @@
+"""The nearest well-formed questions to texts that were refused."""
+
+import pytest
+
+from nsdr import Executor, QuestionError, Scene
+from nsdr.pipeline import Pipeline
+from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.suggestions import nearest_questions
+
+
+@pytest.fixture(scope="module")
+def parser() -> QuestionParser:
+    return QuestionParser.from_pretrained(device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "nearest"),
+    [
+        ("How many zebras leave?", "descriptive", "How many cubes exit the scene?"),
+        ("What colour is the thing that hits the green thing?", "descriptive",
+         "What color is the object to collide with the green object?"),
+        ("What if the blue ball had been red?", "multiple_choice", "the blue sphere"),
+        ("The metal box bumped the green barrel", "choice", "The metal cube and the green object collide"),
+    ],
+)  # fmt: skip
+def test_nearest_without_a_scene(text: str, kind: str, nearest: str) -> None:
+    found = nearest_questions(text, None, kind)
+    assert len(found) == len(set(found)) == 3
+    assert any(nearest in candidate for candidate in found), found
+    assert found == nearest_questions(text, None, kind)
+
+
+@pytest.mark.parametrize("kind", ["descriptive", "multiple_choice", "choice"])
+@pytest.mark.parametrize("text", ["Which yellow sphere is faster?", "the red cube hits the green one", "", "zork"])
+def test_suggestions_can_be_parsed_and_fit_the_scene(small_scene: Scene, parser: QuestionParser, text, kind) -> None:
+    executor = Executor(small_scene)
+    found = nearest_questions(text, small_scene, kind)
+    assert len(found) == 3
+    for candidate in found:
+        program = parser.parse(candidate, kind)
+        if kind == "descriptive":
+            executor.answer(program)
+        elif kind == "choice":
+            executor.run(program)
+        else:
+            assert program.needs_choice
+
+
+def test_an_empty_scene_has_no_suggestions_about_objects(small_scene: Scene) -> None:
+    empty = Scene((), 128, small_scene.visible[:0], small_scene.visible[:0], ())
+    assert nearest_questions("How many zebras?", empty) == []
+
+
+def test_a_pipeline_names_the_nearest_questions(small_scene: Scene, parser: QuestionParser) -> None:
+    pipeline = Pipeline(None, None, parser)  # type: ignore[arg-type]
+    with pytest.raises(QuestionError, match="the nearest questions: How many cubes exit the scene"):
+        pipeline.answer(small_scene, "How many zebras exit the scene?")
+    choices = ["the presence of the zebra", "the presence of the cube"]
+    found = pipeline.answer(small_scene, "Which is responsible for the blue sphere's exit?", choices).choices
+    assert found[0].answer is None
+    assert "the nearest options: the presence of " in found[0].error
+    assert found[1].answer == "correct"
+
+
+def test_an_error_of_the_parser_itself_is_not_taken_for_one_of_the_choice(small_scene, parser, monkeypatch) -> None:
+    class ServerError(QuestionError):
+        pass
+
+    def parse(text: str, kind: str) -> object:
+        if kind == "choice":
+            raise ServerError("no server")
+        return parser.parse(text, kind)
+
+    pipeline = Pipeline(None, None, parser)  # type: ignore[arg-type]
+    monkeypatch.setattr(pipeline, "question_parser", type("Stub", (), {"parse": staticmethod(parse)}))
+    with pytest.raises(ServerError, match=r"^no server$"):
+        pipeline.answer(small_scene, "What will happen next?", ["the cube", "the sphere"])
