@@ -14,6 +14,7 @@ from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
 from nsdr.question_parser.coverage import check_coverage, check_text
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
+from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer, split_words
 from nsdr.symbolic.program import Program
@@ -139,7 +140,8 @@ class QuestionParser(PretrainedPart):
         network: Any = self.networks[kind]
         found: list[tuple[list[str], float]] = []
         for start in range(0, len(texts), MAX_BATCH_TEXTS):
-            words = pad([self.tokenizer.encode(t, self.unknown) for t in texts[start : start + MAX_BATCH_TEXTS]])
+            batch = [normal_form(text, self.unknown).text for text in texts[start : start + MAX_BATCH_TEXTS]]
+            words = pad([self.tokenizer.encode(text, self.unknown) for text in batch])
             rows, probabilities = network.search(words, kind if self.constrained else "", self.beam)
             tokens = [[PROGRAM_TOKENS[t] for t in row] for row in rows]
             found += list(zip(tokens, probabilities, strict=True))

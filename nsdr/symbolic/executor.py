@@ -7,7 +7,7 @@ from typing import Any
 from nsdr.errors import ExecutionError, ProgramError
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
-from nsdr.symbolic.program import ANSWER_KINDS, Node, Program, ProgramSource
+from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Node, Program, ProgramSource
 from nsdr.symbolic.world import World, world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
@@ -108,7 +108,8 @@ class Executor:
         """Answer a descriptive question.
 
         Returns:
-            The answer (yes, no, a number or an attribute word) with its trace.
+            The answer with its trace: yes, no, a number, an attribute word, "frame N", or events such as "the red metal
+            cube exits (frame 130)", separated by semicolons ("none" if there are none).
 
         Raises:
             ProgramError: the program is not well-formed, or does not give an answer.
@@ -117,12 +118,12 @@ class Executor:
         if self._official is not None:
             return self._official.answer(program, question)
         parsed = _complete(Program.parse(program))
-        if not parsed.answers:
+        if parsed.result not in SAID_KINDS:
             raise ProgramError(
-                f"the program gives {parsed.result}; the program of a question ends in a count, exist or query"
+                f"the program gives {parsed.result}; the program of a question ends in a count, exist, query or frame"
             )
         values = self._values(parsed)
-        return Answer(question, parsed.tokens, _word(values[-1]), self._trace(parsed, values))
+        return Answer(question, parsed.tokens, self._text(parsed.result, values[-1]), self._trace(parsed, values))
 
     def judge(
         self, question_program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], question: str = ""

@@ -29,6 +29,8 @@ RESEARCH_NAMES = {
 
 ANSWER_KINDS = (Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE, Kind.DIRECTION)
 """Result types of programs that answer a question."""
+SAID_KINDS = (*ANSWER_KINDS, Kind.FRAME, Kind.EVENTS)
+"""Result types that can be said in words: of the programs of descriptive questions."""
 CHOICE_KINDS = (Kind.EVENT, Kind.OBJECT)
 """Result types of programs of choices."""
 

@@ -11,14 +11,15 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["SLOT_FORMS", "Rules", "Slot", "filled"]
+__all__ = ["SLOT_FORMS", "Rules", "Slot", "SlotMaker", "filled"]
 
 SLOT_FORMS = {"N": ("N", "O"), "NS": ("NS", "OS"), "OBJ": ("O",), "OBJS": ("OS",), "A": ("A",)}
 """Symbols of noun phrases, and the words of a pattern that stand for them."""
-OPTION_PROBABILITY = 0.35
+OPTION_PROBABILITY = 0.6
 """Probability that a drawn text has what a rule permits to leave out (0-1)."""
 _TOKEN = re.compile(r"[()\[\]|]|[^\s()\[\]|]+")
 _NAMES = {word: name for name, words in ATTRIBUTES.items() for word in words}
@@ -54,6 +55,14 @@ class _Part:
     options: tuple[tuple["_Part", ...], ...] = ()
 
 
+class SlotMaker(Protocol):
+    """Makes the noun phrases of drawn texts."""
+
+    def slot(self, name: str) -> Slot:
+        """A noun phrase for a symbol of `SLOT_FORMS`."""
+        ...
+
+
 _Rule = tuple[tuple[_Part, ...], tuple[str, ...]]
 _Bound = tuple[tuple[str, tuple[str, ...]], ...]
 """Symbols of a pattern with the programs that they stand for."""
@@ -83,7 +92,7 @@ class Rules:
         found = _Reader(self._rules, words).symbol(symbol, 0)
         return tuple(dict.fromkeys(program for end, program in found if end == len(words)))
 
-    def draw(self, symbol: str, rng: random.Random, words: "list[str | Slot]", slots: "_SlotMaker") -> tuple[str, ...]:
+    def draw(self, symbol: str, rng: random.Random, words: list[str | Slot], slots: SlotMaker) -> tuple[str, ...]:
         """Append the words of a random text to `words`; returns its program with `#i` for the slot at word i."""
         parts, program = rng.choice(self._rules[symbol])
         bound: dict[str, tuple[str, ...]] = {}
@@ -94,8 +103,8 @@ class Rules:
         self,
         parts: Sequence[_Part],
         rng: random.Random,
-        words: "list[str | Slot]",
-        slots: "_SlotMaker",
+        words: list[str | Slot],
+        slots: SlotMaker,
         bound: dict[str, tuple[str, ...]],
     ) -> None:
         for part in parts:
@@ -112,14 +121,6 @@ class Rules:
                     words.append(slots.slot(name))
                 else:
                     bound[part.symbol] = self.draw(name, rng, words, slots)
-
-
-class _SlotMaker:
-    """Makes noun phrases for drawn texts; `Rules.draw` takes any object with this method."""
-
-    def slot(self, name: str) -> Slot:
-        """A noun phrase for a symbol of `SLOT_FORMS`."""
-        raise NotImplementedError
 
 
 class _Reader:
