@@ -20,6 +20,7 @@ from nsdr.question_parser.grammar.lexicon import (
     OTHER_WORDS,
     PHRASES,
     QUESTION_STARTS,
+    SHORT_CORRECTABLE,
 )
 from nsdr.question_parser.grammar.rules import Slot
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -27,7 +28,7 @@ from nsdr.world.vocabulary import ATTRIBUTES
 __all__ = ["Normal", "normal_form"]
 
 MIN_CORRECTED_LETTERS = 4
-"""Shorter words are not corrected."""
+"""Shorter words are not corrected, and only to words that are longer or in `SHORT_CORRECTABLE`."""
 _TOKEN = re.compile(r"'s\b|[^\W_]+|[,.;:]")
 _CONTRACTIONS = tuple(
     (re.compile(pattern), words)
@@ -135,9 +136,9 @@ def corrected(word: str) -> str:
             near.update(head + letter + tail[1:] for letter in string.ascii_lowercase)
         if len(tail) > 1:
             near.add(head + tail[1] + tail[0] + tail[2:])
-    found = sorted(near & _KNOWN)
+    found = sorted(near & _CORRECTABLE)
     meanings = {_meaning(candidate) for candidate in found}
-    return found[0] if len(meanings) == 1 and len(found[0]) >= MIN_CORRECTED_LETTERS else ""
+    return found[0] if len(meanings) == 1 else ""
 
 
 def _meaning(word: str) -> object:
@@ -242,15 +243,10 @@ def _words_of_patterns() -> set[str]:
     return found
 
 
-_KNOWN = frozenset(
-    {"'s", "one", "ones"}
-    | FORMS.keys()
-    | {word for form in FORMS.values() for word in form.split()}
-    | ADJECTIVES.keys()
-    | NOUNS.keys()
-    | ENGLISH.words
-    | QUESTION_STARTS
-    | CLAUSE_STARTS
-    | _words_of_patterns()
+_CENTRAL = frozenset(
+    FORMS.keys() | {word for form in FORMS.values() for word in form.split()} | ADJECTIVES.keys() | NOUNS.keys() | ENGLISH.words
 )
+_KNOWN = frozenset({"'s", "one", "ones"} | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
 """All words that a text may have."""
+_CORRECTABLE = frozenset(word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in SHORT_CORRECTABLE)
+"""Words that misspelt ones are corrected to."""

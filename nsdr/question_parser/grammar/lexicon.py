@@ -9,7 +9,7 @@ import re
 
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["ADJECTIVES", "CLAUSE_STARTS", "FORMS", "NOUNS", "OTHER_WORDS", "PHRASES", "QUESTION_STARTS"]
+__all__ = ["ADJECTIVES", "CLAUSE_STARTS", "FORMS", "NOUNS", "OTHER_WORDS", "PHRASES", "QUESTION_STARTS", "SHORT_CORRECTABLE"]
 
 ADJECTIVES = {
     **{w: w for name in ("color", "material") for w in ATTRIBUTES[name]},
@@ -29,11 +29,11 @@ NOUNS = {
 """Nouns for objects: their shape, or "" for any, and whether they are singular (N) or plural (NS)."""
 
 _FORMS = """
-be: is are was were been being am isnt
+be: is are was were been am isnt
 do: does did done
 have: has had having
 will: would shall
-the: this these those our
+the: this our
 any: some
 enter: enters entered
 exit: exits exited
@@ -79,7 +79,7 @@ QUESTION_STARTS = frozenset("how what which be do why will when count have whose
 """Normal forms of words that a question starts with."""
 CLAUSE_STARTS = frozenset(
     "when as while once before after until at in by during if without with suppose supposing imagine assume assuming say given"
-    " have initially finally from throughout on upon following prior since".split()
+    " have initially finally from throughout on upon following prior since remove removing delete deleting because".split()
 )
 """Normal forms of words that a clause in front of a question starts with."""
 
@@ -97,9 +97,11 @@ _NOT_THERE = (
     r"(?:(?:do not|not) (?:exist|be (?:there|present)|be present)|(?:be|have) (?:not|no longer) (?:be )?"
     r"(?:there|present|exist|around|part of <scene>|a part of <scene>)|have not existed|be nonexistent)"
 )
-_IF = r"(?:if|suppose|supposing|imagine|assume|assuming|when|given|once|say)(?: that)?"
+_IF = r"(?:if|after|suppose|supposing|imagine|assume|assuming|when|given|once|say)(?: that)?"
 
 _PHRASES: tuple[tuple[str, str], ...] = (
+    (r"\bbeing (?=hit|struck|touched|bumped|rammed|collision)", ""),
+    (r"\bbeing\b", "be"),
     # Polite beginnings and requests.
     (r"^(?:hi|hello|hey|ok|okay|so|well|now|and|question|quick question) ", ""),
     (r"\b(?:please|kindly|actually|really|simply|basically|altogether|overall|even|ever|exactly how|just tell|just say|thanks|thank you)\b",
@@ -126,7 +128,9 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\b(NS|OS|collisions) (?:can )?be (?:seen|visible|shown|present|observed|found|recorded|contained)\b", r"\1 be there"),
     (r"\b(how many (?:NS|OS|collisions)) exist\b", r"\1 be there"),
     (r"^how many <scene> ", "how many "),
-    (r"^do (any (?:NS|OS|N|O)|a [NO]|NS|OS) exist\b", r"be there \1"),
+    (r"^do ((?:any |a )?(?:moving |stationary )?(?:NS|OS|N|O)) exist\b", r"be there \1"),
+    (r"^be ((?:any |a |no )(?:moving |stationary )?(?:NS|OS|N|O)) (?:there|present|visible|in <scene>|around)\b", r"be there \1"),
+    (r"^be (NS|OS) (?:there|present|visible|in <scene>)\b", r"be there \1"),
     (r"\bwhich (?:(?:one|ones|event|events|option|choice) )?(?:(?:of the following|of these|of those)(?: (?:events|event|options|choices|things|statements|ones|answers|possibilities|collisions))?|event|events|option|choice|one|ones|answer)\b(?! of)", "what"),
     (r"\b(?:what|which) (?:event|events|of the|of these|of those|other event|collision|collisions|option|options)\b(?= (?:will|happen|do|be|come|not|cause|next|lead|have|follow|bring|make|trigger|result|contribute|play))", "what"),
     (r"(?<=[NOS]) (?:which|who)\b", " that"),
@@ -136,7 +140,10 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\bthe total (?:number|count) of\b", "the number of"),
     (r"\bthe count of\b", "the number of"),
     (r"^count (?:how many|up|all|the number of)\b(?: the)?", "count"),
-    (r"\bhow many different (?=OS|NS|collision)", "how many "),
+    (r"\bhow many (?:different|distinct|total|separate) (?=OS|NS|collision)", "how many "),
+    (r"^(?:can|could|do|will) (?:you|i|we) count ", "count "),
+    (r"^(how many (?:moving |stationary )?(?:OS|NS|collisions)) there be\b", r"\1 be there"),
+    (r"\b(any|no|none) of (?:the )?(?=NS|OS)", lambda m: "any " if m[1] == "any" else "no "),
     (r"\bkind of (?=shape|material|color)|\btype of (?=shape|material|color)|\bsort of (?=shape|material|color)", ""),
     (r"\bwhat (?:kind|type|sort) of material\b", "what material"),
     (r"\b(?:in|of) what color\b(?= be)", "what color"),
@@ -155,6 +162,7 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\b(?:at|in|by) <scene> 's (?:end|ending)\b", "when video end"),
     (r"\bfinally\b", "when video end"),
     (r"\b(?:as|while)\b", "when"),
+    (r"\b(?:at the (?:time|moment) of|during|upon)(?= (?:the )?(?:first|second|last|collision|entrance|exit|[NO])\b)", "when"),
     (r"\bwhen (?=when video)", ""),
     # Seeing, entrances and exits.
     (r"\b(?:come|comes|came|get|gets|got|move|walk|roll|rolls|rolled|slide|slides|slid|go|goes|went|pop|drive|drives|fly|flies|travel|travels|drift|drifts|glide|glides|drop|drops|pass|passes|show|shows|showed|pops)"
@@ -192,7 +200,8 @@ _PHRASES: tuple[tuple[str, str], ...] = (
      r"get rid of|got rid of|leave out|left out|take out|took out|take away|took away)"
      r" (<N>)(?: from <scene>)?(?= |$)", r" without \1"),
     (rf"(?:^| ){_IF} (?:we|you|i|one|someone|they|somebody) (?:take|took|leave|exit|takes) (<N>) (?:out|away|out of <scene>)(?= |$)", r" without \1"),
-    (r"(?:^| )(?:remove|removing|delete|take out|take away) (<N>)(?: from <scene>)? (?:and )?(?=what)", r" without \1 "),
+    (rf"(?:^| )(?:remove|removing|delete|deleting|take out|taking out|take away|taking away) (<N>)(?: from <scene>)?(?: and)?(?= what|$)", r" without \1"),
+    (rf"(?:^| ){_IF} it be not for (?=<N>)", " without "),
     (rf"(?:^| )(?:have|be) (<N>) (?:not (?:be |have be )?(?:there|present|exist|existed)|not be there|(?:be )?{_BE_GONE})(?= |$)", r" without \1"),
     (rf"(?:^| )with (<N>) (?:be )?{_BE_GONE}(?= |$)", r" without \1"),
     (r"(?:^| )with no (?:sign of )?(?:the )?(?=[NO]\b)", " without the "),
@@ -212,13 +221,14 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\bstay (?:where (?:it|they) be|put)\b|\brest\b|\brests\b", "stay stationary"),
     (r"\bstay moving\b", "be moving"),
     (r"\bbe stay\b", "be"),
-    (r"\b(NS|OS|that|N|O) (?:do not|not) move\b", r"\1 be stationary"),
+    (r"^(?!do )(.*)\b(NS|OS|that) (?:do not|not) move\b", r"\1\2 be stationary"),
     (r"\b(be|do) (any NS|any OS|any N|any O) (?:not moving|not move|do not move)\b", r"be \2 stationary"),
     (r"\b(NS|OS) not moving\b", r"\1 stationary"),
     (r"\b(NS|OS) be not moving\b", r"\1 be stationary"),
     (r"\bthat be not moving\b", "that be stationary"),
     (r"\bnot moving (?=[NO])", "stationary "),
     # Collisions.
+    (r"\b(and <N>|OS) (?:come|comes|came|get|gets|got) in(?:to)? (?:contact|collision)(?: with each other| with one another)?(?= |$)", r"\1 collide"),
     (r"\b(?:collide|bump|bumps|bumped|crash|crashed|run|runs|ran|knock|knocks|knocked|smash|smashes|smashed|bang|bangs|banged|slam|slams|slammed|ram|rams|rammed|"
      r"collision|collisions) (?:together|into each other|into one another|with each other|with one another|against each other|each other)\b", "collide"),
     (r"\b(?:hit|strike|strikes|struck|touch|touches|touched|meet|meets|met|contact|bump|crash) (?:each other|one another|together)\b", "collide"),
@@ -232,6 +242,7 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\b(?:striking|touching|making contact with|coming into contact with|bouncing off|bumping|ramming)\b", "hitting"),
     (r"\b(?:be )?(?:being )?(?:struck|touched|bumped|rammed|collided|banged|hit|knocked|hitting)(?: (?:into|with))? by\b", lambda m: "be hit by" if m[0].startswith("be") else "hit by"),
     (r"\b(?:get|gets|got|getting|be be|be being) (?=hit by)", "be "),
+    (r"\bdo (<N>) get (?=hit)", r"be \1 "),
     (r"\bbe be hit by\b|\bget be hit by\b|\bgets be hit by\b", "be hit by"),
     (r"\b(do|will) (<N>) (?:be|get) hit by\b", r"be \2 hit by"),
     (r"\bbe (<N>) (?:get |be )?hit by\b", r"be \1 hit by"),
@@ -247,11 +258,13 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\b(collisions?) (?:that )?(?:be )?(?:with|having|that have)\b(?= <N>)", r"\1 with"),
     (r"\b(?:the )?(?:only|sole|single) (?=collision)", "the only "),
     # What happens.
-    (r"\b(?:be (?:going|about|set|likely|expected|due) to)\b", "will"),
+    (r"\b(?:be (?:going|about|set|(?:most )?likely|expected|bound|supposed) to)\b", "will"),
     (r"\bwill (?:have |be )?(?:happening|happened)\b", "will happen"),
     (r"\bwill have happen\b|\bhave happen\b|\bcan happen\b", "will happen"),
     (r"\bgo on\b|\bgoing on\b|\bgoes on\b", "happen"),
     (r"\b(?:cannot|can not|can) (?=happen)", lambda m: "will not " if "not" in m[0] else "will "),
+    (r"\b(?:probably|likely|most likely|do you think|you think)\b(?! to)", ""),
+    (r"\bno longer (?=happen)", "not "),
     (r"\bcome to pass\b", "happen"),
     (r"\b(?:fail|fails|failed) to (?=happen|cause)", "not "),
     (r"\b(?:afterwards|afterward|after (?:this|that|the|it)$|later|later on|subsequently|thereafter|then$|from here|from now on|in the future|following this)", "next"),
@@ -262,7 +275,7 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\bnext (will|do|happen)\b", r"\1"),
     (r"\bhappen (?:when video end|next next)\b", "happen next"),
     # Causes.
-    (r"\b(?:be )?(not )?(?:be )?(?:responsible for|(?:a|the|one|one of the|among the)? ?(?:cause|causes|causing|reason|reasons|explanation)(?: of| for| behind| why| that)|to blame for|behind|the cause behind|causing)\b",
+    (r"\b(?:be )?(not )?(?:be )?(?:responsible for|(?:(?:a|the|one|one of the|among the|part of the) )?(?:cause|causes|causing|reason|reasons|explanation)(?: of| for| behind| why| that|(?= <N>))|to blame for|behind|the cause behind|causing)\b",
      lambda m: f"{m[1] or ''}cause"),
     (r"\b(?:contribute|contributes|contributed|lead|leads|led)(?: up)? to\b|\b(?:bring|brings|brought) about\b|\b(?:result|results|resulted) in\b|\b(?:trigger|triggers|triggered)\b|"
      r"\b(?:give|gives|gave) rise to\b|\b(?:account|accounts|accounted) for\b|\b(?:explain|explains|explained)\b|"
@@ -271,6 +284,8 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\b(?:cause|led|brought about|triggered|due|because|caused) (?=by)", "caused "),
     (r"\bbe (?:the )?result of\b|\bbe due to\b|\bhappen because of\b", "be caused by"),
     (r"^what (?:be )?(?:the )?(?:cause|reason)$", "what cause"),
+    (r"^what (do .*) because of$", r"why \1"),
+    (r"\bfor what reason\b|\bbecause of what\b|\bdue to what\b|\bwhat be the reason why\b", "why"),
     (r"\bwhy be it that\b|\bhow come\b|\bwhat be the cause\b", "why"),
     (r"\bwhat (?:be|do) (?=cause)(?!.*caused by)", "what "),
     (r"\bwhat be not cause\b|\bwhat do not cause\b|\bwhat have not cause\b", "what not cause"),
@@ -279,6 +294,9 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\bthe fact that\b", "that"),
     (r"\b(?:the )?(?:existence|presence|being) of\b", "the presence of"),
     (r"\b(?:existence)\b", "presence"),
+    (r"^((?:at what frame |in what frame |what time )?when do <N> (?:enter|exit)) first$", r"\1"),
+    (r"^predict (?:the )?next(?: \w+)?$", "what will happen next"),
+    (r"^what be the next (?:O|thing|event) (?:to happen)?$", "what will happen next"),
     (r"\bbe (?:being )?there\b", "be there"),
     (r"^(the presence of) the fact", r"\1"),
 )  # fmt: skip
@@ -291,18 +309,17 @@ def _compiled(pattern: str) -> re.Pattern[str]:
 PHRASES = tuple((_compiled(pattern), replacement) for pattern, replacement in _PHRASES)
 """(pattern, replacement), applied in this order to a text whose noun phrases are N, NS, O, OS and A."""
 
+SHORT_CORRECTABLE = frozenset("cube ball blue gray grey cyan many what when move does".split())
+"""Words of four letters that misspelt words may be corrected to."""
+
 OTHER_WORDS = frozenset(
-    "black white orange pink tube mental petal crown grown glue blur clan read road breed great greet clue bread brow"
-    " sphinx spear spheres movie moving mover loving proving start stars starry stare state stage stand sting"
-    " center centre inner outer cute crude cure cue cone cones code case shade shake share sharp sheep ship"
-    " collapse collar collate rob rubble ruby meal medal petals bells balk bald bale bill bull black clock lock flock"
-    " left right front behind light night nights tight sight might fight five fine fire file here where were there their"
-    " three tree thee them then than other mother another brother both bath with wish wit width"
-    " entire center inter alter later water after other faster fast past pass cast hast waste"
-    " least least lest best rest test last list lost most must mast fast first fist firsts worst burst"
-    " every even never ever over lever fever"
-    " seven second seconds beacon reason season person end ends and ant and send bend lend mend tend"
-    " small smaller big bigger large larger tall taller short long slow slower fast faster quick quicker speed size"
-    " closer close near nearest far distance direction left right top bottom above below under middle".split()
+    "agent amount bail bails bean bell bells bill bills blown boring bread bred bull bulls caused cased cases chan clan clause clauses"
+    " class clue code color crown crush crushes count counts court cube cubs cue cure cute dies docs dots edits emits exciting exits"
+    " grab grad gram gran grep great greek green greens greet grew grown guest halving head hinting iron less like mail mall"
+    " meal medal mental meta metals mode modes mole moles moment more most mother mouth mover much mute newer none numbers other others"
+    " paint petal point points predicts present presents preset prevent print read retain retained retains road saying says shades"
+    " shaped shaper shares shell shine smart smarts stabs staged staging stall star stare state static stating stay steps stopped stops"
+    " stove sphinx spheric theme then they thin thinks three tiger tube tubes tying until videos wand want what wheel when where while"
+    " whole whose world would yell"".split()
 )
 """Words that are near to known ones and mean something else; they are not corrected."""
