@@ -313,13 +313,18 @@ SHORT_CORRECTABLE = frozenset("cube ball blue gray grey cyan many what when move
 """Words of four letters that misspelt words may be corrected to."""
 
 OTHER_WORDS = frozenset(
-    "agent amount bail bails bean bell bells bill bills blown boring bread bred bull bulls caused cased cases chan clan clause clauses"
-    " class clue code color crown crush crushes count counts court cube cubs cue cure cute dies docs dots edits emits exciting exits"
-    " grab grad gram gran grep great greek green greens greet grew grown guest halving head hinting iron less like mail mall"
-    " meal medal mental meta metals mode modes mole moles moment more most mother mouth mover much mute newer none numbers other others"
-    " paint petal point points predicts present presents preset prevent print read retain retained retains road saying says shades"
-    " shaped shaper shares shell shine smart smarts stabs staged staging stall star stare state static stating stay steps stopped stops"
-    " stove sphinx spheric theme then they thin thinks three tiger tube tubes tying until videos wand want what wheel when where while"
-    " whole whose world would yell"".split()
+    "agent alter bail bails bald bale balk beacon bean bell bells best big bigger bill bills black blacks blocked blown "
+    "blur boring boxer boxing bread bred breed brow bull bulls burst cased cases center centre chan clan class clause "
+    "clauses clock clue code colder collapse collar collate cone cones cooler counts court crown crude crush crushes cubs "
+    "cue cure cute dies docs dots edits emits exciting far fast fever fist fists flock glue grab grad gram gran great greek "
+    "greens greet grep grew grown guest hall halt halving hast head hill hinting holder hull inner inter iron large larger "
+    "least less list lock long lost loving mail major maker mall manor mast meal medal mental meta metals mobile mode modes "
+    "mold mole moles mood more motel mother motor mould mouth mover must mute near newer novel numbers older orange others "
+    "outer paint petal petals pink points predicts presents preset prevent print proving rabbit read remote remoter retain "
+    "retained retains ribbon river road rob robber rubbed rubble ruby saying says season seconds seed seven shade shades "
+    "shake shaped shapeless shaper share shares sharp sheep shell shine ship slow small smaller smart smarts spear speed "
+    "spheric sphinx stabs staged staging stall star stare stared starry stars stating steps stern sting store storm story "
+    "stove tall test than them theme thin thinks three tiger tube tubes tying videos wall wand waste water wheel white "
+    "world worst yell".split()
 )
 """Words that are near to known ones and mean something else; they are not corrected."""
