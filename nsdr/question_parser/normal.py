@@ -29,6 +29,8 @@ __all__ = ["Normal", "normal_form"]
 
 MIN_CORRECTED_LETTERS = 4
 """Shorter words are not corrected, and only to words that are longer or in `SHORT_CORRECTABLE`."""
+LONG_LETTERS = 7
+"""Misspelt words are corrected to any known word of at least so many letters."""
 _TOKEN = re.compile(r"'s\b|[^\W_]+|[,.;:]")
 _CONTRACTIONS = tuple(
     (re.compile(pattern), words)
@@ -42,8 +44,10 @@ _CONTRACTIONS = tuple(
         (r"'ve\b", " have"),
         (r"'d\b", " would"),
         (r"\bi'm\b", "i am"),
-        (r"\b(what|where|there|who|it|that|which|how|here|when|why|thing)s?'s\b", r"\1 is"),
+        (r"\b(what|where|there|who|it|that|which|how|here|when|why)'s\b", r"\1 is"),
         (r"\bwhats\b", "what is"),
+        (r"\bwhich thing(?= (?:caused|causes|led|leads|made|triggered))", "which"),
+        (r"\bthe (first|second|last)(?: one)? (to|that|which)\b", r"the \1 object \2"),
         (r"\btheres\b", "there is"),
         (r"\bgoing to be\b", "going to"),
         (r"\bcolou?red\b", ""),
@@ -65,10 +69,12 @@ class Normal:
     Attributes:
         words: words and noun phrases in order.
         corrections: misspelt words with what they were read as.
+        left_out: unknown words that were ignored.
     """
 
     words: tuple[str | Slot, ...]
     corrections: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -92,31 +98,34 @@ def normal_form(text: str, unknown: str = "error") -> Normal:
     Raises:
         QuestionError: an unknown word that is no misspelling of a known one; names it.
     """
-    words, corrections = _known_words(text, unknown)
+    words, corrections, left_out = _known_words(text, unknown)
     parts = _in_order(_with_noun_phrases(words))
     slots = [part for part in parts if isinstance(part, Slot)]
     rewritten = _rewritten(" ".join(part if isinstance(part, str) else part.form for part in parts))
     remaining = iter(slots)
     forms = frozenset(("N", "NS", "O", "OS", "A"))
-    return Normal(tuple(next(remaining) if word in forms else word for word in rewritten), corrections)
+    return Normal(tuple(next(remaining) if word in forms else word for word in rewritten), corrections, left_out)
 
 
-def _known_words(text: str, unknown: str) -> tuple[list[str], tuple[tuple[str, str], ...]]:
+def _known_words(text: str, unknown: str) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
+    """Normal forms of the words, the corrected words, and those that are left out."""
     text = text.lower()
     for pattern, replacement in _CONTRACTIONS:
         text = pattern.sub(replacement, text)
     words: list[str] = []
     corrections: list[tuple[str, str]] = []
+    left_out: list[str] = []
     for word in _TOKEN.findall(text):
         known = word if word in _KNOWN or word in _BREAKS or unknown == "keep" else corrected(word)
         if not known:
-            if unknown == "ignore":
-                continue
-            raise QuestionError(f"{text!r}: the word {word!r} is not known")
+            if unknown == "error":
+                raise QuestionError(f"unknown word {word!r} in {text!r}")
+            left_out.append(word)
+            continue
         if known != word:
             corrections.append((word, known))
         words += FORMS.get(known, known).split()
-    return words, tuple(corrections)
+    return words, tuple(corrections), tuple(left_out)
 
 
 @lru_cache(maxsize=1 << 12)
@@ -136,13 +145,13 @@ def corrected(word: str) -> str:
             near.update(head + letter + tail[1:] for letter in string.ascii_lowercase)
         if len(tail) > 1:
             near.add(head + tail[1] + tail[0] + tail[2:])
-    found = sorted(near & _CORRECTABLE)
+    found = sorted(near & _CORRECTABLE, key=lambda candidate: candidate[-1] != word[-1])  # "sphers" is plural
     meanings = {_meaning(candidate) for candidate in found}
     return found[0] if len(meanings) == 1 else ""
 
 
 def _meaning(word: str) -> object:
-    return NOUNS.get(word) or ADJECTIVES.get(word) or FORMS.get(word, word)
+    return NOUNS.get(word, ("",))[:1] if word in NOUNS else ADJECTIVES.get(word) or FORMS.get(word, word)
 
 
 def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
@@ -248,5 +257,8 @@ _CENTRAL = frozenset(
 )
 _KNOWN = frozenset({"'s", "one", "ones"} | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
 """All words that a text may have."""
-_CORRECTABLE = frozenset(word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in SHORT_CORRECTABLE)
+_CORRECTABLE = frozenset(
+    {word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in SHORT_CORRECTABLE}
+    | {word for word in _KNOWN if len(word) >= LONG_LETTERS}
+)
 """Words that misspelt ones are corrected to."""

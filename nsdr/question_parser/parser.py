@@ -1,5 +1,6 @@
 """Programs of questions and choices."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from nsdr.errors import CheckpointError, ProgramError, QuestionError
 from nsdr.io.checkpoint import load_description, load_network
 from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
-from nsdr.question_parser.coverage import check_coverage, check_text
+from nsdr.question_parser.coverage import REMEDY, check_coverage, check_text, readings, refusal
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
@@ -26,7 +27,6 @@ MIN_PROBABILITY = 0.9
 meaningless sentences 0.8 or less."""
 MAX_BATCH_TEXTS = 512
 """Largest number of texts in one forward pass."""
-REMEDY = 'word it like a CLEVRER question, such as "How many cubes enter the scene?"'
 
 
 def pad(rows: Sequence[Sequence[int]]) -> torch.Tensor:
@@ -123,10 +123,28 @@ class QuestionParser(PretrainedPart):
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program]:
         """Programs of many texts of one kind; raises the errors of `parse`."""
+        if kind not in TEXT_KINDS:
+            raise QuestionError(f"kind is {kind!r}; expected one of {', '.join(TEXT_KINDS)}")
         for text in texts:
             check_text(text)
+            self._check_words(text, kind)
         found = self.candidates(texts, kind)
         return [self._program(t, tokens, kind, p) for t, (tokens, p) in zip(texts, found, strict=True)]
+
+    def _check_words(self, text: str, kind: str) -> None:
+        """Refuse an empty text and one with unknown words; warn of words that are corrected or left out."""
+        normal = normal_form(text, "ignore")
+        if not normal.words and not normal.left_out:
+            raise QuestionError(f"the text {text!r} is empty")
+        if normal.left_out and self.unknown == "error":
+            raise QuestionError(f"unknown word {normal.left_out[0]!r}: {refusal(text, kind)}")
+        for word in normal.left_out:
+            warnings.warn(f"unknown word {word!r} in {text!r} (ignored)", stacklevel=4)
+        for word, known in normal.corrections:
+            warnings.warn(f"{text!r}: read {word!r} as {known!r}", stacklevel=4)
+        outside = [w for w in normal.words if isinstance(w, str) and w not in self.tokenizer]
+        if outside:
+            raise QuestionError(refusal(text, kind))
 
     @limit_threads(1)
     def candidates(self, texts: Sequence[str], kind: str = "descriptive") -> list[tuple[list[str], float]]:
@@ -140,7 +158,7 @@ class QuestionParser(PretrainedPart):
         network: Any = self.networks[kind]
         found: list[tuple[list[str], float]] = []
         for start in range(0, len(texts), MAX_BATCH_TEXTS):
-            batch = [normal_form(text, self.unknown).text for text in texts[start : start + MAX_BATCH_TEXTS]]
+            batch = [normal_form(text, "ignore").text for text in texts[start : start + MAX_BATCH_TEXTS]]
             words = pad([self.tokenizer.encode(text, self.unknown) for text in batch])
             rows, probabilities = network.search(words, kind if self.constrained else "", self.beam)
             tokens = [[PROGRAM_TOKENS[t] for t in row] for row in rows]
@@ -148,6 +166,9 @@ class QuestionParser(PretrainedPart):
         return found
 
     def _program(self, text: str, tokens: list[str], kind: str, probability: float) -> Program:
+        other_kinds = [k for k in TEXT_KINDS if k != kind and readings(normal_form(text, "ignore"), k)]
+        if OTHER in tokens and not other_kinds:
+            raise QuestionError(refusal(text, kind))
         if OTHER in tokens:
             remedy = {
                 "descriptive": "give choices with it if it is a multiple-choice question",
@@ -162,9 +183,9 @@ class QuestionParser(PretrainedPart):
             program = Program.parse(tokens)
         except ProgramError as e:
             raise QuestionError(f"{text!r} fits no program ({e}); {REMEDY}") from e
+        check_coverage(text, tokens, self.unknown)
         if probability < self.min_probability:
             raise QuestionError(
                 f"{text!r} fits no program (the best one has a probability of {probability:.0%}); {REMEDY}"
             )
-        check_coverage(text, tokens)
         return program

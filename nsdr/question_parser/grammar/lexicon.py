@@ -33,7 +33,9 @@ be: is are was were been am isnt
 do: does did done
 have: has had having
 will: would shall
-the: this our
+the: this our teh hte
+what: wat waht
+which: wich whcih
 any: some
 enter: enters entered
 exit: exits exited
@@ -75,7 +77,7 @@ collection: collections
 FORMS = {form: line.split(":")[0] for line in _FORMS.split("\n") if line for form in line.split(":")[1].split()}
 """Word -> its normal form."""
 
-QUESTION_STARTS = frozenset("how what which be do why will when count have whose predict who".split())
+QUESTION_STARTS = frozenset("how what which be do why will when count have predict tell say name give state".split())
 """Normal forms of words that a question starts with."""
 CLAUSE_STARTS = frozenset(
     "when as while once before after until at in by during if without with suppose supposing imagine assume assuming say given"
@@ -137,11 +139,19 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\bwhich\b", "what"),
     (r"\bwhat (?:number|count|total number) of\b", "how many"),
     (r"\bhow many of (?:the )?", "how many "),
-    (r"\bthe total (?:number|count) of\b", "the number of"),
+    (r"\b(?:the )?total (?:number|count) of\b", "the number of"),
+    (r"^(how many (?:OS|NS|collisions)) total$", r"\1 be there"),
+    (r"^any (?=(?:moving |stationary )?(?:NS|OS|N|O|collisions)\b)", "be there any "),
+    (r"^do there exist ", "be there "),
+    (r"^what (color|material|shape) (.+) be$", r"what \1 be \2"),
+    (r"^what the (color|material|shape) of (.+) be$", r"what be the \1 of \2"),
+    (r"^when (<N>) (enter|exit)$", r"when do \1 \2"),
+    (r"\b(NS|OS|that|N|O) have (?=enter|exit|move)", r"\1 "),
     (r"\bthe count of\b", "the number of"),
-    (r"^count (?:how many|up|all|the number of)\b(?: the)?", "count"),
     (r"\bhow many (?:different|distinct|total|separate) (?=OS|NS|collision)", "how many "),
     (r"^(?:can|could|do|will) (?:you|i|we) count ", "count "),
+    (r"^count (?:how many|up|all|the number of)\b(?: the)?", "count"),
+    (r"^be (any|a|no) (NS|OS|N|O)$", r"be there \1 \2"),
     (r"^(how many (?:moving |stationary )?(?:OS|NS|collisions)) there be\b", r"\1 be there"),
     (r"\b(any|no|none) of (?:the )?(?=NS|OS)", lambda m: "any " if m[1] == "any" else "no "),
     (r"\bkind of (?=shape|material|color)|\btype of (?=shape|material|color)|\bsort of (?=shape|material|color)", ""),
@@ -162,6 +172,8 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\b(?:at|in|by) <scene> 's (?:end|ending)\b", "when video end"),
     (r"\bfinally\b", "when video end"),
     (r"\b(?:as|while)\b", "when"),
+    (r"\bbefore to\b", "before"),
+    (r"\bfollowing (?=<N>|the (?:entrance|exit|collision|first|second|last|arrival|departure)\b)", "after "),
     (r"\b(?:at the (?:time|moment) of|during|upon)(?= (?:the )?(?:first|second|last|collision|entrance|exit|[NO])\b)", "when"),
     (r"\bwhen (?=when video)", ""),
     # Seeing, entrances and exits.
@@ -179,7 +191,7 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\b(enter|entering|entrance)(?: (?:in|into|to|on|onto))? <scene>", r"\1"),
     (r"\b(?:leave|leaves|left|disappear|disappears|disappeared|depart|departs|departed|vanish|vanishes|vanished)(?: (?:from|out of|of))?(?: <scene>)?(?= |$)(?! out)", "exit"),
     (r"\b(?:leaving|disappearing|departing|vanishing)(?: (?:from|out of|of))?(?: <scene>)?(?= |$)", "exiting"),
-    (r"\b(?:go|goes|went|move|get|gets|got|come|roll|rolls|rolled|slide|slides|slid|drive|drives|fly|flies|travel|travels|drift|drifts|glide|glides|pass|passes|fall|falls)"
+    (r"\b(?:go|goes|went|move|get|gets|got|come|roll|rolls|rolled|slide|slides|slid|drive|drives|fly|flies|travel|travels|drift|drifts|glide|glides|pass|passes|fall|falls|drop|drops)"
      r" (?:out of <scene>|out|off <scene>|off|outside <scene>|away|offscreen|off camera)(?= |$)", "exit"),
     (r"\b(?:going|moving|getting|coming|rolling|sliding|driving|flying|traveling|drifting|gliding|passing|falling)"
      r" (?:out of <scene>|out|off <scene>|off|outside <scene>|away|offscreen|off camera)(?= |$)", "exiting"),
@@ -203,12 +215,14 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (rf"(?:^| )(?:remove|removing|delete|deleting|take out|taking out|take away|taking away) (<N>)(?: from <scene>)?(?: and)?(?= what|$)", r" without \1"),
     (rf"(?:^| ){_IF} it be not for (?=<N>)", " without "),
     (rf"(?:^| )(?:have|be) (<N>) (?:not (?:be |have be )?(?:there|present|exist|existed)|not be there|(?:be )?{_BE_GONE})(?= |$)", r" without \1"),
-    (rf"(?:^| )with (<N>) (?:be )?{_BE_GONE}(?= |$)", r" without \1"),
+    (rf"(?:^| )with (<N>) (?:be )?(?:{_BE_GONE}|out(?: of (?:the way|<scene>))?)(?= |$)", r" without \1"),
+    (r"(?:^| )have there (?:be )?no (?:a |the )?(?=[NO]\b)", " without the "),
     (r"(?:^| )with no (?:sign of )?(?:the )?(?=[NO]\b)", " without the "),
     (r"(?:^| )in (?:the )?absence of (?=<N>)", " without "),
     (r"\bwithout (<N>)(?: (?:being |be )?(?:there|present|around)| in the way| in <scene>)(?= |$)", r"without \1"),
     (rf"\b(?:after|upon|on|by|following) (?:the )?(?:removal of|removing|taking away|deleting|taking out) (<N>)(?= |$)", r"without \1"),
     (r"\bwithout the presence of\b", "without"),
+    (r"^(without <N>) (what .*)$", r"\2 \1"),
     (r"\b(without the presence of|without) (?=<N>)", "without "),
     # Motion.
     (r"\bin motion\b|\bon the move\b", "moving"),
@@ -255,15 +269,19 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\bhow often (?:be|do) there (?:be )?(?:a )?collisions?\b", "how many collisions happen"),
     (r"\bhow many times\b", "how often"),
     (r"\btake part in\b|\bparticipate in\b", "have"),
+    (r"^do (<N>) have (a|any) (collisions?)\b", r"be \1 in \2 \3"),
+    (r"^(how many collisions be <N>) part of\b", r"\1 in"),
+    (r"^in how many collisions be (<N>)(?: involve| part)?(?= |$)", r"how many collisions be \1 in"),
     (r"\b(collisions?) (?:that )?(?:be )?(?:with|having|that have)\b(?= <N>)", r"\1 with"),
     (r"\b(?:the )?(?:only|sole|single) (?=collision)", "the only "),
     # What happens.
     (r"\b(?:be (?:going|about|set|(?:most )?likely|expected|bound|supposed) to)\b", "will"),
     (r"\bwill (?:have |be )?(?:happening|happened)\b", "will happen"),
+    (r"\bwill not (?:have |be )+happen(?:ing|ed)?\b", "will not happen"),
     (r"\bwill have happen\b|\bhave happen\b|\bcan happen\b", "will happen"),
     (r"\bgo on\b|\bgoing on\b|\bgoes on\b", "happen"),
     (r"\b(?:cannot|can not|can) (?=happen)", lambda m: "will not " if "not" in m[0] else "will "),
-    (r"\b(?:probably|likely|most likely|do you think|you think)\b(?! to)", ""),
+    (r"\b(?:probably|likely|most likely|do you (?:think|predict|expect|believe)|you think)\b(?! to)", ""),
     (r"\bno longer (?=happen)", "not "),
     (r"\bcome to pass\b", "happen"),
     (r"\b(?:fail|fails|failed) to (?=happen|cause)", "not "),
@@ -271,9 +289,9 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"\bafter the(?: end)?$", "next"),
     (r"\bnext (?:in time|up)\b|\b(?:right|just) next\b", "next"),
     (r"\bwhat (?:will )?(?:come|comes|came|follow|follows)(?: up)?(?: next)?$", "what will happen next"),
-    (r"\bwhat (?:be|have) next\b|^what next$|\bwhat (?:be )?the next(?: event)?$|\bwhat be the next event$", "what happen next"),
+    (r"\bwhat (?:be|have) next\b|^what next$|\bwhat (?:be )?the next(?: event)?$|\bwhat be the next (?:events?|collisions?)$", "what happen next"),
     (r"\bnext (will|do|happen)\b", r"\1"),
-    (r"\bhappen (?:when video end|next next)\b", "happen next"),
+    (r"\bhappen next next\b", "happen next"),
     # Causes.
     (r"\b(?:be )?(not )?(?:be )?(?:responsible for|(?:(?:a|the|one|one of the|among the|part of the) )?(?:cause|causes|causing|reason|reasons|explanation)(?: of| for| behind| why| that|(?= <N>))|to blame for|behind|the cause behind|causing)\b",
      lambda m: f"{m[1] or ''}cause"),
@@ -286,7 +304,8 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"^what (?:be )?(?:the )?(?:cause|reason)$", "what cause"),
     (r"^what (do .*) because of$", r"why \1"),
     (r"\bfor what reason\b|\bbecause of what\b|\bdue to what\b|\bwhat be the reason why\b", "why"),
-    (r"\bwhy be it that\b|\bhow come\b|\bwhat be the cause\b", "why"),
+    (r"\bwhy be it that\b|\bhow come\b", "why"),
+    (r"^why (?=(?:the|[NO])\b)", "why do "),
     (r"\bwhat (?:be|do) (?=cause)(?!.*caused by)", "what "),
     (r"\bwhat be not cause\b|\bwhat do not cause\b|\bwhat have not cause\b", "what not cause"),
     (r"\b(?:a |the )?(?:part of|part in|participant in|partner in)(?= (?:a|any|how|the|many))", "in"),
@@ -315,7 +334,7 @@ SHORT_CORRECTABLE = frozenset("cube ball blue gray grey cyan many what when move
 OTHER_WORDS = frozenset(
     "agent alter bail bails bald bale balk beacon bean bell bells best big bigger bill bills black blacks blocked blown "
     "blur boring boxer boxing bread bred breed brow bull bulls burst cased cases center centre chan clan class clause "
-    "clauses clock clue code colder collapse collar collate cone cones cooler counts court crown crude crush crushes cubs "
+    "clauses clock clue code colder collapse collar collate cone cones cooler counts court crown crude crush crushes "
     "cue cure cute dies docs dots edits emits exciting far fast fever fist fists flock glue grab grad gram gran great greek "
     "greens greet grep grew grown guest hall halt halving hast head hill hinting holder hull inner inter iron large larger "
     "least less list lock long lost loving mail major maker mall manor mast meal medal mental meta metals mobile mode modes "
