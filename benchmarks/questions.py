@@ -1,8 +1,8 @@
 """How the question parser reads texts in people's words: `python benchmarks/questions.py FILE.json ... --rules 200`.
 
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
-refused. Prints, for each file and kind, the shares that are right, refused, and accepted and wrong, and the share of texts refused
-among those that must be, with 95 % intervals. Two sets ship: `benchmarks/questions_by_hand.json` and
+refused. Prints, for each file and kind, the shares that are right, refused, and accepted and wrong, and those of the texts that
+must be refused, with 95 % intervals. Two sets ship: `benchmarks/questions_by_hand.json` and
 `nsdr/question_parser/grammar/paraphrases.json`; both were used to tune the rules.
 """
 

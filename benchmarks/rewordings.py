@@ -110,6 +110,7 @@ def paraphrased(text: str, rng: random.Random) -> str:
 def _replacement(wordings: Sequence[str], rng: random.Random) -> Callable[[re.Match[str]], str]:
     return lambda match: match.expand(rng.choice(wordings))
 
+
 _STRANGE = (
     "big", "small", "black", "left", "two", "three", "almost", "all", "both", "every", "or", "most", "faster", "slowly",
     "except", "third", "white", "only", "twice", "other", "near", "behind", "same",

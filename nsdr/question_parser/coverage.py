@@ -94,7 +94,9 @@ def refusal(text: str, kind: str, tokens: Sequence[str] = ()) -> str:
     if not near:
         return f"{text!r} fits no program; {REMEDY}"
     program, unused = near[0]
-    words = f"the word{'s' if len(unused) > 1 else ''} {' '.join(unused)!r} {'were' if len(unused) > 1 else 'was'} not used"
+    words = (
+        f"the word{'s' if len(unused) > 1 else ''} {' '.join(unused)!r} {'were' if len(unused) > 1 else 'was'} not used"
+    )
     return f"{text!r} fits no program (understood: {_said(program)}; {words}); {REMEDY}"
 
 

@@ -1,7 +1,7 @@
 """The normal form of a text: one spelling, one word for each meaning, noun phrases found, the question before its clauses.
 
-"When the metallic ball comes into view, how many cubes aren't moving?" becomes "how many cubes be not moving when the metal sphere
-enter". The network reads normal forms, and the rules that check its programs do (`grammar.english`).
+"When the metallic ball comes into view, how many blocks aren't moving?" becomes "how many cubes be stationary when the metal
+sphere enter". The network reads normal forms, and so do the rules that check its programs (`grammar.english`).
 """
 
 import re
@@ -136,7 +136,7 @@ def corrected(word: str) -> str:
     """
     if len(word) < MIN_CORRECTED_LETTERS or word in OTHER_WORDS:
         return ""
-    near = set()
+    near: set[str] = set()
     for i in range(1, len(word) + 1):
         head, tail = word[:i], word[i:]
         near.update(head + letter + tail for letter in string.ascii_lowercase)
@@ -253,7 +253,11 @@ def _words_of_patterns() -> set[str]:
 
 
 _CENTRAL = frozenset(
-    FORMS.keys() | {word for form in FORMS.values() for word in form.split()} | ADJECTIVES.keys() | NOUNS.keys() | ENGLISH.words
+    FORMS.keys()
+    | {word for form in FORMS.values() for word in form.split()}
+    | ADJECTIVES.keys()
+    | NOUNS.keys()
+    | ENGLISH.words
 )
 _KNOWN = frozenset({"'s", "one", "ones"} | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
 """All words that a text may have."""

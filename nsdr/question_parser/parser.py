@@ -15,8 +15,8 @@ from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
 from nsdr.question_parser.coverage import REMEDY, check_coverage, check_text, readings, refusal
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
-from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
+from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer, split_words
 from nsdr.symbolic.program import Program
 

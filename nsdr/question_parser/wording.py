@@ -83,12 +83,17 @@ class _Words:
             return f"what is the {step.token.removeprefix('query_')} of {self.object(step.inputs[0])}?"
         raise ProgramError(f"no question ends in {step.token!r}")
 
+    def _step(self, i: int, *kinds: str) -> Step:
+        if i < 0 or self.steps[i].kind not in kinds:
+            raise ProgramError("no question or choice stands for the program")
+        return self.steps[i]
+
     def _judges(self, i: int) -> bool:
         step = self.steps[i]
         return step.token == "belong_to" or self.steps[step.inputs[0]].token == "belong_to"
 
     def objects(self, i: int) -> _Objects:
-        step = self.steps[i]
+        step = self._step(i, "objects", "object")
         if step.token == "objects":
             return _Objects()
         if step.kind == "object":
@@ -113,7 +118,7 @@ class _Words:
         return f"the {order}{noun} that {_INOUT[found.kind][0]}s the scene{found.when}"
 
     def events(self, i: int) -> _Events:
-        step = self.steps[i]
+        step = self._step(i, "events")
         if not step.inputs:
             return _Events(step.token)
         below = self.events(step.inputs[0])
@@ -177,7 +182,9 @@ class _Words:
 
     def _participants(self, events: _Events) -> str:
         single = [self.object(who) for who in events.who if self.steps[who].kind == "object"]
-        return {0: "", 1: f" involving {single[0] if single else ''}", 2: f" between {' and '.join(single)}"}[len(single)]
+        return {0: "", 1: f" involving {single[0] if single else ''}", 2: f" between {' and '.join(single)}"}[
+            len(single)
+        ]
 
     def _exist(self, i: int, is_negated: bool) -> str:
         inside = self.steps[i].inputs[0]

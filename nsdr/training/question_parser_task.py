@@ -13,6 +13,7 @@ from torch.nn import functional as F
 
 from nsdr.clevrer.questions import iterate_questions
 from nsdr.errors import DataError
+from nsdr.io.checkpoint import load_checkpoint, load_description
 from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
 from nsdr.question_parser.grammar.english import ENGLISH, START_SYMBOLS
 from nsdr.question_parser.grammar.paraphrase import VOCABULARY, draw_wording, read_paraphrases
@@ -43,6 +44,7 @@ class QuestionParserTraining:
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         questions: question file in CLEVRER's format to train on; "" draws texts from the grammar.
         samples: n, to train on n descriptive, n multiple-choice and 4n choice programs only (paper); 0 for all.
+        initial: folder of a checkpoint to start from, whose words must be the same; "" starts from random weights.
         paraphrase: probability that a training text is drawn from the rules of other wordings (`grammar.english`).
         other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
             another kind, half have their words shuffled, or one left out or put in.
@@ -58,6 +60,7 @@ class QuestionParserTraining:
     output: str = ""
     questions: str = ""
     samples: int = 0
+    initial: str = ""
     paraphrase: float = 0.0
     other: float = 0.08
     evaluation_texts: int = 1000
@@ -82,6 +85,10 @@ class QuestionParserTask(Task):
         pool_texts = [normal_form(text, "keep").text for pairs in (self.pool or {}).values() for text, _ in pairs]
         self.tokenizer = Tokenizer.from_texts([*VOCABULARY, *pool_texts])
         self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
+        if config.initial:
+            if load_description(config.initial, "question_parser")["words"] != list(self.tokenizer.words):
+                raise DataError(f"{config.initial}: has other words than this training; leave --initial out")
+            self.model.load_state_dict(load_checkpoint(config.initial, "question_parser")[0])
 
     def _pool(self) -> dict[str, list[Pair]] | None:
         """The training pairs of each kind; None where each batch is drawn from the grammar anew."""

@@ -6,10 +6,20 @@ known one.
 """
 
 import re
+from collections.abc import Callable
 
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["ADJECTIVES", "CLAUSE_STARTS", "FORMS", "NOUNS", "OTHER_WORDS", "PHRASES", "QUESTION_STARTS", "SHORT_CORRECTABLE"]
+__all__ = [
+    "ADJECTIVES",
+    "CLAUSE_STARTS",
+    "FORMS",
+    "NOUNS",
+    "OTHER_WORDS",
+    "PHRASES",
+    "QUESTION_STARTS",
+    "SHORT_CORRECTABLE",
+]
 
 ADJECTIVES = {
     **{w: w for name in ("color", "material") for w in ATTRIBUTES[name]},
@@ -23,8 +33,8 @@ NOUNS = {
     **{f"{shape}s": (shape, "NS") for shape in ATTRIBUTES["shape"]},
     **{"ball": ("sphere", "N"), "balls": ("sphere", "NS"), "block": ("cube", "N"), "blocks": ("cube", "NS")},
     **{"box": ("cube", "N"), "boxes": ("cube", "NS")},
-    **{w: ("", "N") for w in ("object", "thing", "item")},
-    **{w: ("", "NS") for w in ("objects", "things", "items")},
+    **dict.fromkeys(("object", "thing", "item"), ("", "N")),
+    **dict.fromkeys(("objects", "things", "items"), ("", "NS")),
 }
 """Nouns for objects: their shape, or "" for any, and whether they are singular (N) or plural (NS)."""
 
@@ -77,11 +87,10 @@ collection: collections
 FORMS = {form: line.split(":")[0] for line in _FORMS.split("\n") if line for form in line.split(":")[1].split()}
 """Word -> its normal form."""
 
-QUESTION_STARTS = frozenset("how what which be do why will when count have predict tell say name give state".split())
+QUESTION_STARTS = frozenset(["how", "what", "which", "be", "do", "why", "will", "when", "count", "have", "predict", "tell", "say", "name", "give", "state"])
 """Normal forms of words that a question starts with."""
 CLAUSE_STARTS = frozenset(
-    "when as while once before after until at in by during if without with suppose supposing imagine assume assuming say given"
-    " have initially finally from throughout on upon following prior since remove removing delete deleting because".split()
+    ["when", "as", "while", "once", "before", "after", "until", "at", "in", "by", "during", "if", "without", "with", "suppose", "supposing", "imagine", "assume", "assuming", "say", "given", "have", "initially", "finally", "from", "throughout", "on", "upon", "following", "prior", "since", "remove", "removing", "delete", "deleting", "because"]
 )
 """Normal forms of words that a clause in front of a question starts with."""
 
@@ -101,7 +110,7 @@ _NOT_THERE = (
 )
 _IF = r"(?:if|after|suppose|supposing|imagine|assume|assuming|when|given|once|say)(?: that)?"
 
-_PHRASES: tuple[tuple[str, str], ...] = (
+_PHRASES: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"\bbeing (?=hit|struck|touched|bumped|rammed|collision)", ""),
     (r"\bbeing\b", "be"),
     # Polite beginnings and requests.
@@ -212,7 +221,7 @@ _PHRASES: tuple[tuple[str, str], ...] = (
      r"get rid of|got rid of|leave out|left out|take out|took out|take away|took away)"
      r" (<N>)(?: from <scene>)?(?= |$)", r" without \1"),
     (rf"(?:^| ){_IF} (?:we|you|i|one|someone|they|somebody) (?:take|took|leave|exit|takes) (<N>) (?:out|away|out of <scene>)(?= |$)", r" without \1"),
-    (rf"(?:^| )(?:remove|removing|delete|deleting|take out|taking out|take away|taking away) (<N>)(?: from <scene>)?(?: and)?(?= what|$)", r" without \1"),
+    (r"(?:^| )(?:remove|removing|delete|deleting|take out|taking out|take away|taking away) (<N>)(?: from <scene>)?(?: and)?(?= what|$)", r" without \1"),
     (rf"(?:^| ){_IF} it be not for (?=<N>)", " without "),
     (rf"(?:^| )(?:have|be) (<N>) (?:not (?:be |have be )?(?:there|present|exist|existed)|not be there|(?:be )?{_BE_GONE})(?= |$)", r" without \1"),
     (rf"(?:^| )with (<N>) (?:be )?(?:{_BE_GONE}|out(?: of (?:the way|<scene>))?)(?= |$)", r" without \1"),
@@ -220,7 +229,7 @@ _PHRASES: tuple[tuple[str, str], ...] = (
     (r"(?:^| )with no (?:sign of )?(?:the )?(?=[NO]\b)", " without the "),
     (r"(?:^| )in (?:the )?absence of (?=<N>)", " without "),
     (r"\bwithout (<N>)(?: (?:being |be )?(?:there|present|around)| in the way| in <scene>)(?= |$)", r"without \1"),
-    (rf"\b(?:after|upon|on|by|following) (?:the )?(?:removal of|removing|taking away|deleting|taking out) (<N>)(?= |$)", r"without \1"),
+    (r"\b(?:after|upon|on|by|following) (?:the )?(?:removal of|removing|taking away|deleting|taking out) (<N>)(?= |$)", r"without \1"),
     (r"\bwithout the presence of\b", "without"),
     (r"^(without <N>) (what .*)$", r"\2 \1"),
     (r"\b(without the presence of|without) (?=<N>)", "without "),
@@ -328,22 +337,10 @@ def _compiled(pattern: str) -> re.Pattern[str]:
 PHRASES = tuple((_compiled(pattern), replacement) for pattern, replacement in _PHRASES)
 """(pattern, replacement), applied in this order to a text whose noun phrases are N, NS, O, OS and A."""
 
-SHORT_CORRECTABLE = frozenset("cube ball blue gray grey cyan many what when move does".split())
+SHORT_CORRECTABLE = frozenset(["cube", "ball", "blue", "gray", "grey", "cyan", "many", "what", "when", "move", "does"])
 """Words of four letters that misspelt words may be corrected to."""
 
 OTHER_WORDS = frozenset(
-    "agent alter bail bails bald bale balk beacon bean bell bells best big bigger bill bills black blacks blocked blown "
-    "blur boring boxer boxing bread bred breed brow bull bulls burst cased cases center centre chan clan class clause "
-    "clauses clock clue code colder collapse collar collate cone cones cooler counts court crown crude crush crushes "
-    "cue cure cute dies docs dots edits emits exciting far fast fever fist fists flock glue grab grad gram gran great greek "
-    "greens greet grep grew grown guest hall halt halving hast head hill hinting holder hull inner inter iron large larger "
-    "least less list lock long lost loving mail major maker mall manor mast meal medal mental meta metals mobile mode modes "
-    "mold mole moles mood more motel mother motor mould mouth mover must mute near newer novel numbers older orange others "
-    "outer paint petal petals pink points predicts presents preset prevent print proving rabbit read remote remoter retain "
-    "retained retains ribbon river road rob robber rubbed rubble ruby saying says season seconds seed seven shade shades "
-    "shake shaped shapeless shaper share shares sharp sheep shell shine ship slow small smaller smart smarts spear speed "
-    "spheric sphinx stabs staged staging stall star stare stared starry stars stating steps stern sting store storm story "
-    "stove tall test than them theme thin thinks three tiger tube tubes tying videos wall wand waste water wheel white "
-    "world worst yell".split()
+    ["agent", "alter", "bail", "bails", "bald", "bale", "balk", "beacon", "bean", "bell", "bells", "best", "big", "bigger", "bill", "bills", "black", "blacks", "blocked", "blown", "blur", "boring", "boxer", "boxing", "bread", "bred", "breed", "brow", "bull", "bulls", "burst", "cased", "cases", "center", "centre", "chan", "clan", "class", "clause", "clauses", "clock", "clue", "code", "colder", "collapse", "collar", "collate", "cone", "cones", "cooler", "counts", "court", "crown", "crude", "crush", "crushes", "cue", "cure", "cute", "dies", "docs", "dots", "edits", "emits", "exciting", "far", "fast", "fever", "fist", "fists", "flock", "glue", "grab", "grad", "gram", "gran", "great", "greek", "greens", "greet", "grep", "grew", "grown", "guest", "hall", "halt", "halving", "hast", "head", "hill", "hinting", "holder", "hull", "inner", "inter", "iron", "large", "larger", "least", "less", "list", "lock", "long", "lost", "loving", "mail", "major", "maker", "mall", "manor", "mast", "meal", "medal", "mental", "meta", "metals", "mobile", "mode", "modes", "mold", "mole", "moles", "mood", "more", "motel", "mother", "motor", "mould", "mouth", "mover", "must", "mute", "near", "newer", "novel", "numbers", "older", "orange", "others", "outer", "paint", "petal", "petals", "pink", "points", "predicts", "presents", "preset", "prevent", "print", "proving", "rabbit", "read", "remote", "remoter", "retain", "retained", "retains", "ribbon", "river", "road", "rob", "robber", "rubbed", "rubble", "ruby", "saying", "says", "season", "seconds", "seed", "seven", "shade", "shades", "shake", "shaped", "shapeless", "shaper", "share", "shares", "sharp", "sheep", "shell", "shine", "ship", "slow", "small", "smaller", "smart", "smarts", "spear", "speed", "spheric", "sphinx", "stabs", "staged", "staging", "stall", "star", "stare", "stared", "starry", "stars", "stating", "steps", "stern", "sting", "store", "storm", "story", "stove", "tall", "test", "than", "them", "theme", "thin", "thinks", "three", "tiger", "tube", "tubes", "tying", "videos", "wall", "wand", "waste", "water", "wheel", "white", "world", "worst", "yell"]
 )
 """Words that are near to known ones and mean something else; they are not corrected."""
