@@ -46,7 +46,9 @@ _CONTRACTIONS = tuple(
         (r"\bi'm\b", "i am"),
         (r"\b(what|where|there|who|it|that|which|how|here|when|why)'s\b", r"\1 is"),
         (r"\bwhats\b", "what is"),
-        (r"\bwhich thing(?= (?:caused|causes|led|leads|made|triggered))", "which"),
+        (r"\bwhich (?:thing|object)s?(?= (?:caused?s?|led|leads|made|makes|triggered)\b)", "which"),
+        (r"\bwhich (?:thing|object)s?(?= (?:is|was|are|were) (?:not )?responsible)", "which"),
+        (r"\bcollision events?\b", "collisions"),
         (r"\bthe (first|second|last)(?: one)? (to|that|which)\b", r"the \1 object \2"),
         (r"\btheres\b", "there is"),
         (r"\bgoing to be\b", "going to"),
@@ -87,7 +89,6 @@ class Normal:
         return tuple(w if isinstance(w, str) else w.form for w in self.words)
 
 
-@lru_cache(maxsize=1 << 12)
 def normal_form(text: str, unknown: str = "error") -> Normal:
     """The normal form of a text.
 
@@ -98,7 +99,16 @@ def normal_form(text: str, unknown: str = "error") -> Normal:
     Raises:
         QuestionError: an unknown word that is no misspelling of a known one; names it.
     """
-    words, corrections, left_out = _known_words(text, unknown)
+    normal = _normal(text, unknown == "keep")
+    if normal.left_out and unknown == "error":
+        raise QuestionError(f"unknown word {normal.left_out[0]!r} in {text!r}")
+    return normal
+
+
+@lru_cache(maxsize=1 << 12)
+def _normal(text: str, is_kept: bool) -> Normal:
+    """The normal form, with unknown words as they are (`is_kept`), or corrected or left out."""
+    words, corrections, left_out = _known_words(text, is_kept)
     parts = _in_order(_with_noun_phrases(words))
     slots = [part for part in parts if isinstance(part, Slot)]
     rewritten = _rewritten(" ".join(part if isinstance(part, str) else part.form for part in parts))
@@ -107,7 +117,7 @@ def normal_form(text: str, unknown: str = "error") -> Normal:
     return Normal(tuple(next(remaining) if word in forms else word for word in rewritten), corrections, left_out)
 
 
-def _known_words(text: str, unknown: str) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
+def _known_words(text: str, is_kept: bool) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
     """Normal forms of the words, the corrected words, and those that are left out."""
     text = text.lower()
     for pattern, replacement in _CONTRACTIONS:
@@ -116,10 +126,8 @@ def _known_words(text: str, unknown: str) -> tuple[list[str], tuple[tuple[str, s
     corrections: list[tuple[str, str]] = []
     left_out: list[str] = []
     for word in _TOKEN.findall(text):
-        known = word if word in _KNOWN or word in _BREAKS or unknown == "keep" else corrected(word)
+        known = word if word in _KNOWN or word in _BREAKS or is_kept else corrected(word)
         if not known:
-            if unknown == "error":
-                raise QuestionError(f"unknown word {word!r} in {text!r}")
             left_out.append(word)
             continue
         if known != word:
@@ -132,9 +140,9 @@ def _known_words(text: str, unknown: str) -> tuple[list[str], tuple[tuple[str, s
 def corrected(word: str) -> str:
     """The only known word that a misspelt word can be; "" if there is none or several.
 
-    One letter may be wrong, missing, too much, or two neighbours exchanged, but the first letter must be right.
+    One letter may be wrong, missing, too much, or two neighbours exchanged; the first letter must be right, and all be Latin.
     """
-    if len(word) < MIN_CORRECTED_LETTERS or word in OTHER_WORDS:
+    if len(word) < MIN_CORRECTED_LETTERS or word in OTHER_WORDS or not word.isascii():
         return ""
     near: set[str] = set()
     for i in range(1, len(word) + 1):

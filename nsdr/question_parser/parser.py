@@ -166,10 +166,10 @@ class QuestionParser(PretrainedPart):
         return found
 
     def _program(self, text: str, tokens: list[str], kind: str, probability: float) -> Program:
-        other_kinds = [k for k in TEXT_KINDS if k != kind and readings(normal_form(text, "ignore"), k)]
-        if OTHER in tokens and not other_kinds:
-            raise QuestionError(refusal(text, kind))
-        if OTHER in tokens:
+        normal = normal_form(text, "ignore")
+        if not readings(normal, kind) and not any(readings(normal, k) for k in TEXT_KINDS):
+            raise QuestionError(refusal(text, kind, tokens))
+        if OTHER in tokens or not readings(normal, kind):
             remedy = {
                 "descriptive": "give choices with it if it is a multiple-choice question",
                 "multiple_choice": "ask it without choices if it is a descriptive question",

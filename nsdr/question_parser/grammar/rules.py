@@ -2,8 +2,8 @@
 
 A line is `SYMBOL: pattern => program`. A pattern holds words, symbols in capitals (with a digit where one occurs twice),
 `(a|b c)` for alternatives and `[a]` for what may be left out. The program holds tokens and the symbols of the pattern, which
-stand for their own programs. The symbols N, NS and A are noun phrases and attribute words (`Slot`): N is singular, NS plural, OBJ
-and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both.
+stand for their own programs. The symbols N, NS and A are noun phrases and attribute words (`Slot`): N is singular, NS plural,
+OBJ and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both.
 """
 
 import random
