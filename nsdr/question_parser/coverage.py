@@ -54,7 +54,10 @@ def check_coverage(text: str, tokens: Sequence[str], unknown: str = "error") -> 
     Raises:
         QuestionError: says what was understood, and which words were not used or which tokens no word stands for.
     """
-    kind = _kind_of(tokens)
+    try:
+        kind = _kind_of(Program.parse(tokens))
+    except ProgramError as e:
+        raise QuestionError(f"{text!r} fits no program ({e}); {REMEDY}") from e
     found = readings(normal_form(text, unknown), kind)
     if found == [list(tokens)]:
         return
@@ -122,11 +125,7 @@ def _near_readings(text: str, kind: str) -> Iterator[tuple[list[str], list[str]]
             return
 
 
-def _kind_of(tokens: Sequence[str]) -> str:
-    try:
-        program = Program.parse(tokens)
-    except ProgramError:
-        return "descriptive"
+def _kind_of(program: Program) -> str:
     if program.needs_choice:
         return "multiple_choice"
     return "choice" if program.result in CHOICE_KINDS else "descriptive"
