@@ -90,8 +90,8 @@ def test_any_well_typed_program_is_put_in_words_or_refused(kind: str) -> None:
                 assert in_words(tokens)
 
 
-@pytest.mark.parametrize("row", [*json.loads(BY_HAND.read_text()), *read_paraphrases()], ids=lambda row: row["text"])
-def test_the_sets_by_hand_are_read_rightly(row: dict[str, str]) -> None:
-    normal = normal_form(row["text"], "ignore")
-    found = [] if normal.left_out else readings(normal, row["kind"])
-    assert found == ([row["program"].split()] if row["program"] else [])
+def test_the_sets_by_hand_are_read_rightly() -> None:
+    for row in [*json.loads(BY_HAND.read_text()), *read_paraphrases()]:
+        normal = normal_form(row["text"], "ignore")
+        found = [] if normal.left_out else readings(normal, row["kind"])
+        assert (row["text"], found) == (row["text"], [row["program"].split()] if row["program"] else [])

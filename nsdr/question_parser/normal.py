@@ -49,6 +49,8 @@ _CONTRACTIONS = tuple(
         (r"\bwhich (?:thing|object)s?(?= (?:caused?s?|led|leads|made|makes|triggered)\b)", "which"),
         (r"\bwhich (?:thing|object)s?(?= (?:is|was|are|were) (?:not )?responsible)", "which"),
         (r"\bcollision events?\b", "collisions"),
+        (r"\bnext things?\b", "next event"),
+        (r"\bof (?:the following|these) (?:things|objects)\b", "of the following"),
         (r"\bthe (first|second|last)(?: one)? (to|that|which)\b", r"the \1 object \2"),
         (r"\btheres\b", "there is"),
         (r"\bgoing to be\b", "going to"),
