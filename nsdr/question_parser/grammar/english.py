@@ -260,7 +260,7 @@ EFFECT: CLAUSE => CLAUSE
 
 # Choices: objects, events as nouns (observed), and sentences (any possible event).
 CHOICE: [the] presence of ONEA => ONEA
-CHOICE: ONEA => ONEA
+CHOICE: (the|a) N => objects N unique
 CHOICE: ONEA 's presence => ONEA
 CHOICE: [that] ONEA (be there|be present|exist) => ONEA
 CHOICE: [that] there be ONEA => ONEA
