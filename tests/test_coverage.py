@@ -1,4 +1,4 @@
-"""A program says what its text says: the check between both, without the network."""
+"""A program is the only reading of its text: the check between both, without the network."""
 
 import random
 import warnings
@@ -20,14 +20,36 @@ def parser() -> QuestionParser:
 @pytest.mark.parametrize(
     ("text", "kind", "message"),
     [
-        ("How many collisions do not happen?", "descriptive", "the negation 'not' was not used"),
-        ("Are there no collisions?", "descriptive", "the negation 'no' was not used"),
-        ("How many cubes do not enter the scene?", "descriptive", "the negation 'not' was not used"),
-        ("How many objects are there?", "descriptive", "no word of the text stands for 'filter_stationary'"),
-        ("What color is the sphere?", "descriptive", "no word of the text stands for 'filter_stationary'"),
-        ("The cube does not collide with the sphere", "choice", "the negation 'not' was not used"),
-        ("What will happen if the cube is not removed?", "multiple_choice", "the negation 'not' was not used"),
-        ("What will happen with the cube?", "multiple_choice", "no word of the text stands for 'get_counterfact'"),
+        (
+            "How many collisions do not happen?",
+            "descriptive",
+            "How many collisions happen; the words 'do not' were not used",
+        ),
+        ("How many cubes do not enter the scene?", "descriptive", "the words 'do not' were not used"),
+        ("The cube does not collide with the sphere", "choice", "the words 'does not' were not used"),
+        (
+            "What will happen if the cube is not removed?",
+            "multiple_choice",
+            "without the cube; the word 'not' was not used",
+        ),
+        ("What will happen with the cube?", "multiple_choice", "the words 'with the cube' were not used"),
+        ("What will happen if the cube were blue?", "multiple_choice", "fits no program"),
+        (
+            "What happens if the red cube and the sphere are removed?",
+            "multiple_choice",
+            "the words 'cube and the' were not",
+        ),
+        ("What did the collision between the cube and the sphere cause?", "multiple_choice", "fits no program"),
+        (
+            "How many big cubes are there?",
+            "descriptive",
+            "unknown word 'big'.*How many cubes are there; the word 'big'",
+        ),
+        ("How many red and blue cubes are there?", "descriptive", "cubes are there; the words '.*and.*' were not used"),
+        ("What color are the cubes?", "descriptive", "fits no program"),
+        ("Do the cubes collide?", "descriptive", "fits no program"),
+        ("happen collisions many How?", "descriptive", "fits no program"),
+        ("What is the color of a object that does not enter?", "descriptive", "fits no program"),
         ("How many cubes enter the scene? \U0001f389", "descriptive", "party popper"),
         ("How many \x00cubes enter the scene?", "descriptive", r"'\\x00'"),
         ("How many \u202ecubes enter the scene?", "descriptive", "right-to-left override"),
@@ -65,10 +87,20 @@ def test_other_wordings_are_still_parsed(parser, text, kind) -> None:
 @pytest.mark.parametrize("kind", TEXT_KINDS)
 def test_no_text_of_the_grammar_is_refused(kind) -> None:
     rng = random.Random(kind)
-    for _ in range(2000):
+    for _ in range(1000):
         text, program = sample(kind, rng)
         check_text(text)
         check_coverage(text, program)
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_a_program_of_another_text_is_refused(kind) -> None:
+    rng = random.Random(kind)
+    for _ in range(100):
+        (text, program), (_, other) = sample(kind, rng), sample(kind, rng)
+        if program != other:
+            with pytest.raises(QuestionError, match="understood"):
+                check_coverage(text, other)
 
 
 @pytest.mark.parametrize("kind", TEXT_KINDS)
@@ -76,11 +108,16 @@ def test_a_lost_or_invented_attribute_word_is_refused(kind) -> None:
     rng = random.Random(kind)
     for _ in range(300):
         text, program = sample(kind, rng)
-        if "red" not in text.split() and "red" not in program:
-            with pytest.raises(QuestionError, match="'red'"):
-                check_coverage(f"{text} red", program)
-            with pytest.raises(QuestionError, match="'red'"):
-                check_coverage(text, ["red", "filter_color", *program])
+        if "red" in program:
+            continue
+        with pytest.raises(QuestionError, match="'red'"):
+            check_coverage(f"{text} red", program)
+        if "objects" in program:
+            at = program.index("objects") + 1
+            with pytest.raises(QuestionError, match="no word of the text stands for 'red'"):
+                check_coverage(text, [*program[:at], "red", "filter_color", *program[at:]])
+    with pytest.raises(QuestionError, match="fits no program"):
+        check_coverage(text, ["red", *program])
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ Stack = tuple[Kind, ...] | None
 """Kinds of the values that the first tokens of a program leave on the stack; None after `OTHER`."""
 _ANSWERS = {Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE}
 _RESULTS = {
-    "descriptive": _ANSWERS,
+    "descriptive": _ANSWERS | {Kind.FRAME, Kind.EVENTS},
     "multiple_choice": {Kind.BOOLEAN},
     "choice": {Kind.OBJECT, Kind.EVENT},
 }

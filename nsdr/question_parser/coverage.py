@@ -1,76 +1,30 @@
 """What a text says stands in its program, and the other way round: a check that does not depend on the network.
 
-Refuses characters that no question has, and programs that lose or invent attribute words, ordinals, negations or kinds of
-events. It knows single words, not their order.
+The text, in normal form, must have one reading by the rules of `grammar.english`, and the program must be that reading. So no
+word of the text is lost, none is invented, and their order matters. What has no reading is refused.
 """
 
 import unicodedata
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Iterator, Sequence
 
-from nsdr.errors import QuestionError
+from nsdr.errors import ProgramError, QuestionError
 from nsdr.io.limits import check_limit
+from nsdr.question_parser.grammar.english import ENGLISH, START_SYMBOLS
+from nsdr.question_parser.grammar.rules import filled
+from nsdr.question_parser.normal import Normal, normal_form
 from nsdr.question_parser.tokenizer import split_words
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.question_parser.wording import in_words
+from nsdr.symbolic.program import CHOICE_KINDS, Program
 
-__all__ = ["check_coverage", "check_text"]
+__all__ = ["REMEDY", "check_coverage", "check_text", "readings", "refusal"]
 
-
-def _words(text: str) -> frozenset[str]:
-    return frozenset(text.split())
-
-
+REMEDY = 'word it like a CLEVRER question, such as "How many cubes enter the scene?" (docs/questions.md)'
 PUNCTUATION = frozenset("'\u2018\u2019\",.;:?!-()/\u201c\u201d\u2026")
 """Characters of a text beside letters, digits and spaces."""
-SYNONYMS = {"ball": "sphere", "block": "cube", "box": "cube", "metallic": "metal", "shiny": "metal"}
-"""Other words for attribute words."""
-ORDINALS = frozenset({"first", "second", "last"})
-"""Ordinals; "in the first frame" is none."""
-NEGATIONS = frozenset({"not", "no", "never", "nothing", "t"})
-"""Words that negate; "t" is the rest of "isn't"."""
-REMOVALS = _words("removed remove away without absence absent gone missing")
-"""Words that remove an object; without one of them, it takes a negation ("if there were no cube")."""
-AT_REST = _words("stationary rest resting still motionless unmoving standing stands stay")
-"""Words for objects at rest; without one of them, it takes a negation ("is not moving")."""
-_MOTION = _words("moving move moves motion")
-_MEETING = _words("collide collides colliding collision collisions hit hits hitting bump bumps bumping")
-_COLLISION = _MEETING | _words("crash crashes crashing strikes striking touch touches impact running runs")
-_ENTERING = _words("enter enters entering entered entrance")
-_ENTRANCE = _ENTERING | _words(
-    "appear appears appearing appearance arrive arrives arrival come comes came coming show shows once"
-)
-_LEAVING = _words("exit exits exiting leaves leaving")
-_EXIT = _LEAVING | _words("leave left disappear disappears departure go goes going out")
-_CAUSE = _words("responsible cause causes caused why makes reason lead leads contribute contributes brings do")
-_NOT_THERE = _words("no not never if had were was suppose imagine did")
-LICENSES: dict[str, frozenset[str]] = {
-    "filter_collision": _COLLISION,
-    "get_col_partner": _COLLISION,
-    "filter_in": _ENTRANCE,
-    "filter_out": _EXIT,
-    "filter_moving": _MOTION,
-    "filter_stationary": AT_REST | _MOTION,
-    "get_counterfact": REMOVALS | _NOT_THERE,
-    "filter_before": frozenset({"before", "until"}),
-    "filter_after": frozenset({"after", "once"}),
-    "filter_ancestor": _CAUSE,
-    "unseen_events": frozenset({"next", "after", "afterwards"}),
-    "query_color": frozenset({"color"}),
-    "query_material": frozenset({"material", "made"}),
-    "query_shape": frozenset({"shape"}),
-    "count": frozenset({"many", "number", "count", "often", "times"}),
-}
-"""Modules of CLEVRER's programs, and the words of which a text must have one."""
-EXPRESSED: dict[tuple[str, ...], frozenset[str]] = {
-    ("filter_collision", "get_col_partner"): _MEETING,
-    ("filter_in",): _ENTERING,
-    ("filter_out",): _LEAVING,
-    ("filter_stationary",): _words("stationary resting motionless unmoving"),
-    ("filter_before",): frozenset({"before"}),
-    ("filter_after", "unseen_events"): frozenset({"after"}),
-}
-"""Modules of which a program must have one, when its text has one of the words."""
-_NAMES = frozenset(word for values in ATTRIBUTES.values() for word in values)
+MAX_UNUSED = 4
+"""Longest sequence of words that a refusal names as not used."""
+MAX_EXPLAINED_WORDS = 30
+"""Refusals of longer texts do not say which words were not used."""
 
 
 def check_text(text: str) -> None:
@@ -89,59 +43,96 @@ def check_text(text: str) -> None:
             )
 
 
-def check_coverage(text: str, tokens: Sequence[str]) -> None:
-    """Refuse a program that loses or invents a part of the text.
+def check_coverage(text: str, tokens: Sequence[str], unknown: str = "error") -> None:
+    """Refuse a program that is not the only reading of its text.
 
     Args:
         text: a question or choice.
         tokens: its program's, as found by the network.
+        unknown: as of `normal_form`.
 
     Raises:
-        QuestionError: names the word that the program lacks, or what it has and no word stands for.
+        QuestionError: says what was understood, and which words were not used or which tokens no word stands for.
     """
-    words, program = split_words(text), set(tokens)
-    said = {_attribute(word): word for word in words} | {word: word for word in _ordinals(words)}
-    said.pop("", None)
-    for token in tokens:
-        is_named = token in said if token in _NAMES or token in ORDINALS else True
-        if not is_named or (token in LICENSES and LICENSES[token].isdisjoint(words)):
-            raise _refused(text, tokens, f"no word of the text stands for {token!r}")
-    unused = [word for meant, word in said.items() if meant not in program]
-    for modules, expressing in EXPRESSED.items():
-        if program.isdisjoint(modules):
-            unused += sorted(expressing.intersection(words))
-    if unused:
-        raise _refused(text, tokens, f"the word {unused[0]!r} was not used")
-    _check_negations(text, words, tokens)
+    try:
+        kind = _kind_of(Program.parse(tokens))
+    except ProgramError as e:
+        raise QuestionError(f"{text!r} fits no program ({e}); {REMEDY}") from e
+    found = readings(normal_form(text, unknown), kind)
+    if found == [list(tokens)]:
+        return
+    if not found:
+        raise QuestionError(refusal(text, kind, tokens))
+    if len(found) > 1:
+        texts = " or as ".join(repr(_said(program)) for program in found)
+        raise QuestionError(f"{text!r} can be read as {texts}; {REMEDY}")
+    extra = [token for token in tokens if tokens.count(token) > found[0].count(token)]
+    if extra:
+        why = f"no word of the text stands for {extra[0]!r}"
+    else:
+        lost = [token for token in found[0] if found[0].count(token) > tokens.count(token)]
+        why = f"{lost[0]!r} was not used" if lost else "in another order"
+    raise QuestionError(f"{text!r} fits no program (understood: {_said(tokens)}; {why}); {REMEDY}")
 
 
-def _check_negations(text: str, words: Sequence[str], tokens: Sequence[str]) -> None:
-    """As many negations as the program has: of choices, of motion, and of an object's presence."""
-    expected = ("negate" in tokens) + ("filter_stationary" in tokens and AT_REST.isdisjoint(words))
-    expected += "get_counterfact" in tokens and REMOVALS.isdisjoint(words)
-    found = [word for word in words if word in NEGATIONS]
-    if len(found) != expected:
-        what = (
-            f"the negation {found[-1]!r} was not used" if len(found) > expected else "it has no negation that it needs"
-        )
-        raise _refused(text, tokens, what)
+def readings(normal: Normal, kind: str) -> list[list[str]]:
+    """The programs of a text as a "descriptive" or "multiple_choice" question or as a "choice", by the rules alone."""
+    found: list[list[str]] = []
+    for program in ENGLISH.readings(START_SYMBOLS[kind], normal.forms):
+        tokens = filled(program, normal.words)
+        if tokens is not None and tokens not in found:
+            found.append(tokens)
+    return found
 
 
-@lru_cache(maxsize=1024)
-def _attribute(word: str) -> str:
-    """The attribute word that a word of a text stands for; "" for none."""
-    singular = word.removesuffix("es") if word == "boxes" else word.removesuffix("s")
-    for candidate in (word, singular):
-        meant = SYNONYMS.get(candidate, candidate)
-        if meant in _NAMES:
-            return meant
-    return ""
+def refusal(text: str, kind: str, tokens: Sequence[str] = ()) -> str:
+    """Why a text has no reading: what is understood without some of its words, and these words.
+
+    Args:
+        text: a question or choice.
+        kind: "descriptive", "multiple_choice" or "choice".
+        tokens: the network's program; preferred where several readings are equally near.
+    """
+    near = sorted(_near_readings(text, kind), key=lambda row: (len(row[1]), row[0] != list(tokens)))
+    if not near:
+        return f"{text!r} fits no program; {REMEDY}"
+    program, unused = near[0]
+    words = (
+        f"the word{'s' if len(unused) > 1 else ''} {' '.join(unused)!r} {'were' if len(unused) > 1 else 'was'} not used"
+    )
+    return f"{text!r} fits no program (understood: {_said(program)}; {words}); {REMEDY}"
 
 
-def _ordinals(words: Sequence[str]) -> set[str]:
-    followed = zip(words, [*words[1:], ""], strict=True)
-    return {word for word, following in followed if word in ORDINALS and following != "frame"}
+def _near_readings(text: str, kind: str) -> Iterator[tuple[list[str], list[str]]]:
+    """Readings of the text without a few words in sequence, and without its unknown words, with these words."""
+    unknown = set(normal_form(text, "ignore").left_out)
+    words = text.split()
+    if len(words) > MAX_EXPLAINED_WORDS:
+        return
+    is_unknown = [bool(unknown.intersection(split_words(word))) for word in words]
+    known = [word for word, is_out in zip(words, is_unknown, strict=True) if not is_out]
+    left_out = [word.strip(",.;:?!") for word, is_out in zip(words, is_unknown, strict=True) if is_out]
+    lengths = [0] if unknown else range(1, min(MAX_UNUSED, len(known) - 1) + 1)
+    for length in lengths:
+        nearest = []
+        for start in range(len(known) - length + 1 if length else 1):
+            kept = " ".join([*known[:start], *known[start + length :]])
+            for program in readings(normal_form(kept, "ignore"), kind):
+                unused = [word.strip(",.;:?!") for word in known[start : start + length]]
+                nearest.append((program, left_out or unused))
+        if nearest:
+            yield from nearest
+            return
 
 
-def _refused(text: str, tokens: Sequence[str], why: str) -> QuestionError:
-    return QuestionError(f"{text!r} fits no program: {why} (understood: {' '.join(tokens)}); see docs/questions.md")
+def _kind_of(program: Program) -> str:
+    if program.needs_choice:
+        return "multiple_choice"
+    return "choice" if program.result in CHOICE_KINDS else "descriptive"
+
+
+def _said(tokens: Sequence[str]) -> str:
+    try:
+        return in_words(tokens).rstrip("?")
+    except ProgramError:
+        return " ".join(tokens)

@@ -44,6 +44,9 @@ class Tokenizer:
         """Tokenizer of all words in the texts, in alphabetical order."""
         return cls(sorted({word for text in texts for word in split_words(text)}))
 
+    def __contains__(self, word: str) -> bool:
+        return word in self._index
+
     def __len__(self) -> int:
         return len(self.words) + 1
 

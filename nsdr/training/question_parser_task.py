@@ -13,10 +13,13 @@ from torch.nn import functional as F
 
 from nsdr.clevrer.questions import iterate_questions
 from nsdr.errors import DataError
+from nsdr.io.checkpoint import load_checkpoint, load_description
 from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
-from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
+from nsdr.question_parser.grammar.english import ENGLISH, START_SYMBOLS
+from nsdr.question_parser.grammar.paraphrase import VOCABULARY, draw_wording, read_paraphrases
 from nsdr.question_parser.grammar.templates import TEXT_KINDS, Pair, sample
 from nsdr.question_parser.model import QuestionParserConfig
+from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.parser import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
@@ -25,12 +28,10 @@ __all__ = ["QuestionParserTask", "QuestionParserTraining", "exact_share", "read_
 
 SAMPLES_OF_KIND = {"descriptive": 1, "multiple_choice": 1, "choice": 4}
 """Programs of each kind for one of `QuestionParserTraining.samples`: the paper's n, n and 4n."""
-VOCABULARY_TEXTS = 4000
-"""Texts of each kind drawn from the grammar to collect the words that the tokenizer knows."""
-VOCABULARY_SEED = 0
-"""Seed of these texts: the vocabulary does not depend on the training's seed."""
 MAX_EXAMPLE_SEED = 2**62
 """Upper bound of an example's seed."""
+ANOTHER_KIND_SHARE = 0.5
+"""Share of the texts of another kind among those that are no texts of a kind (0-1)."""
 _TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
@@ -43,8 +44,10 @@ class QuestionParserTraining:
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         questions: question file in CLEVRER's format to train on; "" draws texts from the grammar.
         samples: n, to train on n descriptive, n multiple-choice and 4n choice programs only (paper); 0 for all.
-        paraphrase: probability that a training text is paraphrased.
-        other: share of each batch whose texts are of another kind, for the network to reject.
+        initial: folder of a checkpoint to start from, whose words must be the same; "" starts from random weights.
+        paraphrase: probability that a training text is drawn from the rules of other wordings (`grammar.english`).
+        other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
+            another kind, half have their words shuffled, or one left out or put in.
         evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.
         ablation: numbers of programs such as "10,100,all": one run for each, and a table and a figure of their accuracy.
         evaluation_questions: question file with programs and answers; for the ablation.
@@ -57,6 +60,7 @@ class QuestionParserTraining:
     output: str = ""
     questions: str = ""
     samples: int = 0
+    initial: str = ""
     paraphrase: float = 0.0
     other: float = 0.08
     evaluation_texts: int = 1000
@@ -77,13 +81,14 @@ class QuestionParserTask(Task):
     def __init__(self, config: QuestionParserTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.config = config
-        vocabulary_rng = random.Random(VOCABULARY_SEED)
-        texts = [sample(kind, vocabulary_rng)[0] for kind in TEXT_KINDS for _ in range(VOCABULARY_TEXTS)]
-        if config.paraphrase:
-            texts += [paraphrased(text, vocabulary_rng) for text in texts]
-        self.tokenizer = Tokenizer.from_texts(texts)
         self.pool = self._pool()
+        pool_texts = [normal_form(text, "keep").text for pairs in (self.pool or {}).values() for text, _ in pairs]
+        self.tokenizer = Tokenizer.from_texts([*VOCABULARY, *pool_texts])
         self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
+        if config.initial:
+            if load_description(config.initial, "question_parser")["words"] != list(self.tokenizer.words):
+                raise DataError(f"{config.initial}: has other words than this training; leave --initial out")
+            self.model.load_state_dict(load_checkpoint(config.initial, "question_parser")[0])
 
     def _pool(self) -> dict[str, list[Pair]] | None:
         """The training pairs of each kind; None where each batch is drawn from the grammar anew."""
@@ -105,13 +110,35 @@ class QuestionParserTask(Task):
         return pool
 
     def _draw_pair(self, kind: str, rng: random.Random) -> Pair:
-        """A training pair of a kind, perhaps paraphrased, or a text of another kind with the program `OTHER`."""
-        is_other = rng.random() < self.config.other
-        drawn_kind = rng.choice([k for k in TEXT_KINDS if k != kind]) if is_other else kind
-        text, program = sample(drawn_kind, rng) if self.pool is None else rng.choice(self.pool[drawn_kind])
+        """A text of a kind in normal form with its program, or a text that is not of the kind with the program `OTHER`."""
+        if rng.random() >= self.config.other:
+            return self._draw_text(kind, rng)
+        if rng.random() < ANOTHER_KIND_SHARE:
+            text, _ = self._draw_text(rng.choice([k for k in TEXT_KINDS if k != kind]), rng)
+        else:
+            text = self._spoilt(self._draw_text(kind, rng)[0], rng)
+        normal = normal_form(text, "keep")
+        if ENGLISH.readings(START_SYMBOLS[kind], normal.forms):  # it is a text of this kind, too
+            return self._draw_text(kind, rng)
+        return text, [OTHER]
+
+    def _draw_text(self, kind: str, rng: random.Random) -> Pair:
         if rng.random() < self.config.paraphrase:
-            text = paraphrased(text, rng)
-        return text, [OTHER] if is_other else program
+            return draw_wording(kind, rng)
+        text, program = sample(kind, rng) if self.pool is None else rng.choice(self.pool[kind])
+        return normal_form(text, "keep").text, program
+
+    def _spoilt(self, text: str, rng: random.Random) -> str:
+        """A text with its words shuffled, or with one word left out or put in."""
+        words = text.split()
+        how = rng.randrange(3)
+        if how == 0:
+            rng.shuffle(words)
+        elif how == 1:
+            del words[rng.randrange(len(words))]
+        else:
+            words.insert(rng.randrange(len(words) + 1), rng.choice(VOCABULARY))
+        return " ".join(words) or text
 
     def draw(self, count: int, rng: np.random.Generator) -> list[int]:
         """The seed of each example."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from nsdr.question_parser.grammar.paraphrase import paraphrased, read_paraphrases
+    from nsdr.question_parser.grammar.paraphrase import draw_wording, read_paraphrases
     from nsdr.question_parser.grammar.templates import (
         TEXT_KINDS,
         Chooser,
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     )
 
 _HOME = {
-    "nsdr.question_parser.grammar.paraphrase": ["paraphrased", "read_paraphrases"],
+    "nsdr.question_parser.grammar.paraphrase": ["draw_wording", "read_paraphrases"],
     "nsdr.question_parser.grammar.templates": [
         "TEXT_KINDS",
         "Chooser",
@@ -38,8 +38,8 @@ __all__ = [
     "Pair",
     "Phrases",
     "described",
+    "draw_wording",
     "every",
-    "paraphrased",
     "read_paraphrases",
     "sample",
 ]

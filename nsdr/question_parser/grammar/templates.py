@@ -12,7 +12,7 @@ from typing import Protocol, TypeVar
 
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
 
-__all__ = ["TEXT_KINDS", "Chooser", "Grammar", "Pair", "Phrases", "described", "every", "sample"]
+__all__ = ["TEXT_KINDS", "Chooser", "Grammar", "Pair", "Phrases", "described", "every", "random_words", "sample"]
 
 T = TypeVar("T")
 Pair = tuple[str, list[str]]
@@ -270,13 +270,18 @@ class _AtRandom:
     vary = pick
 
 
+def random_words(rng: random.Random) -> tuple[str, ...]:
+    """Random attribute words of a single object, at least one."""
+    used = [name for name, probability in WORD_PROBABILITIES.items() if rng.random() < probability]
+    return tuple(rng.choice(ATTRIBUTES[name]) for name in used or ["color"])
+
+
 class _RandomWords:
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
 
     def one(self, choose: Chooser) -> tuple[str, ...]:
-        used = [name for name, probability in WORD_PROBABILITIES.items() if self.rng.random() < probability]
-        return tuple(self.rng.choice(ATTRIBUTES[name]) for name in used or ["color"])
+        return random_words(self.rng)
 
     def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
         return () if self.rng.random() < BARE_PROBABILITIES[use] else self.one(choose)

@@ -1,0 +1,85 @@
+"""Normal forms: one spelling, one word for each meaning, noun phrases, the question before its clauses."""
+
+import random
+
+import pytest
+
+from nsdr import QuestionError
+from nsdr.question_parser.grammar.lexicon import OTHER_WORDS, PHRASES
+from nsdr.question_parser.grammar.paraphrase import VOCABULARY, draw_wording
+from nsdr.question_parser.grammar.templates import TEXT_KINDS
+from nsdr.question_parser.normal import corrected, normal_form
+
+
+@pytest.mark.parametrize(
+    ("text", "normal"),
+    [
+        ("What colour is the grey ball?", "what color be the gray sphere"),
+        ("What\u2019s the cube\u2019s material?", "what be the cube 's material"),
+        ("How many blocks AREN'T moving?", "how many cubes be stationary"),
+        ("Please tell me how many things there are in the video.", "how many objects be there"),
+        ("Does the red cube bump into the metallic box?", "do the red cube hit the metal cube"),
+        ("Do the cube and the sphere crash into each other?", "do the cube and the sphere collide"),
+        ("When the ball comes into view, how many cubes move?", "how many cubes move when the sphere enter"),
+        ("At the beginning of the clip, is the cube moving?", "be the cube moving when video begin"),
+        ("If there were no red cube, what would happen?", "what will happen without the red cube"),
+        ("What won't happen if we take away the cube?", "what will not happen without the cube"),
+        ("Which of these isn't a cause of the cube's leaving?", "what not cause the cube 's exiting"),
+        ("How many of the objects made of rubber leave the frame?", "how many rubber objects exit"),
+        ("the metal red cube", "the red metal cube"),
+    ],
+)
+def test_normal_forms(text: str, normal: str) -> None:
+    assert normal_form(text).text == normal
+
+
+@pytest.mark.parametrize(
+    ("typo", "word"),
+    [
+        ("cylnder", "cylinder"),
+        ("stationery", "stationary"),
+        ("yelow", "yellow"),
+        ("bleu", "blue"),
+        ("objcts", "objects"),
+        ("sphers", "spheres"),
+        ("collison", "collision"),
+    ],
+)
+def test_one_wrong_letter_is_corrected_and_reported(typo: str, word: str) -> None:
+    normal = normal_form(f"How many {typo} enter?")
+    assert normal.corrections == ((typo, word),)
+    assert normal == normal_form(f"How many {word} enter?").__class__(normal.words, ((typo, word),))
+
+
+@pytest.mark.parametrize("word", ["black", "tube", "mental", "world", "more", "same", "bell", "exsits", "cue", "rd"])
+def test_words_with_another_meaning_and_unclear_ones_are_not_corrected(word: str) -> None:
+    assert corrected(word) == ""
+    with pytest.raises(QuestionError, match=f"unknown word '{word}'"):
+        normal_form(f"How many {word} cubes enter?")
+    assert normal_form(f"How many {word} cubes enter?", "ignore").left_out == (word,)
+
+
+def test_other_words_are_not_known() -> None:
+    for word in OTHER_WORDS:
+        assert normal_form(word, "ignore").left_out == (word,)
+
+
+def test_an_attribute_named_twice_is_no_noun_phrase() -> None:
+    assert normal_form("How many red blue cubes enter?").forms == ("how", "many", "A", "A", "A", "enter")
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_normal_forms_have_words_of_the_vocabulary_only(kind: str) -> None:
+    rng = random.Random(kind)
+    for _ in range(300):
+        assert set(draw_wording(kind, rng)[0].split()) <= set(VOCABULARY)
+
+
+def test_phrases_keep_the_noun_phrases_in_order() -> None:
+    texts = [draw_wording(kind, random.Random(i))[0] for kind in TEXT_KINDS for i in range(300)]
+    for text in texts:
+        forms = [form for form in normal_form(text).forms if form.isupper()]
+        rewritten = " ".join(normal_form(text).forms)
+        for pattern, replacement in PHRASES:
+            rewritten = " ".join(pattern.sub(replacement, rewritten).split())
+        assert [form for form in rewritten.split() if form.isupper()] == forms

@@ -1,0 +1,97 @@
+"""The rules of other wordings, programs in words, and the sets of wordings that ship."""
+
+import json
+import random
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from nsdr import Program, ProgramError
+from nsdr.question_parser.constraint import allowed, first_stack, following
+from nsdr.question_parser.coverage import readings
+from nsdr.question_parser.grammar.paraphrase import draw_wording, read_paraphrases
+from nsdr.question_parser.grammar.rules import Rules, Slot, filled
+from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
+from nsdr.question_parser.normal import normal_form
+from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS
+from nsdr.question_parser.wording import in_words
+
+BY_HAND = Path(__file__).parent.parent / "benchmarks" / "questions_by_hand.json"
+
+
+def test_the_notation_of_rules() -> None:
+    rules = Rules("S: how many NS (enter|come in) [now] => events objects NS filter_in count\n# a comment\n")
+    words = ("how", "many", "NS", "come", "in", "now")
+    assert rules.readings("S", words) == (("events", "objects", "#2", "filter_in", "count"),)
+    assert rules.readings("S", words[:-2]) == ()
+    assert rules.words == {"how", "many", "enter", "come", "in", "now"}
+
+
+def test_slots_are_filled_with_filters_in_a_fixed_order() -> None:
+    slots = [Slot("NS", ("metal", "cube")), Slot("A", ("red",)), Slot("A", ("blue",))]
+    assert filled(["objects", "#0&#1"], slots) == [
+        "objects",
+        *["red", "filter_color", "metal", "filter_material", "cube", "filter_shape"],
+    ]
+    assert filled(["#0"], slots) == ["metal", "filter_material", "cube", "filter_shape"]
+    assert filled(["#1&#2"], slots) is None
+    assert [slot.text for slot in slots] == ["metal cubes", "red", "blue"]
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_drawn_texts_have_well_typed_programs_that_the_constraint_permits(kind: str) -> None:
+    rng = random.Random(kind)
+    index = {t: i for i, t in enumerate(PROGRAM_TOKENS)}
+    for _ in range(300):
+        _, tokens = draw_wording(kind, rng)
+        assert Program.parse(tokens).needs_choice == (kind == "multiple_choice")
+        stack = first_stack(kind)
+        for step, token in enumerate([index[t] for t in tokens]):
+            assert allowed(stack, kind, step == 0)[token]
+            stack = following(stack, token)
+        assert allowed(stack, kind, False)[END]
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_texts_of_the_grammar_have_one_reading_and_programs_in_words_are_read_as_themselves(kind: str) -> None:
+    rng = random.Random(kind)
+    for _ in range(300):
+        text, tokens = sample(kind, rng)
+        assert readings(normal_form(text), kind) == [tokens]
+        for program in (tokens, draw_wording(kind, rng)[1]):
+            assert readings(normal_form(in_words(program)), kind) == [program]
+
+
+def test_programs_in_words() -> None:
+    assert in_words("objects red filter_color end get_frame filter_moving count") == (
+        "How many moving red objects are there when the video ends?"
+    )
+    assert in_words("unseen_events") == "What will happen next?"
+    for program in ("events", "objects", "events exist", "events objects unique filter_in"):
+        with pytest.raises(ProgramError, match="no question"):
+            in_words(program)
+
+
+@pytest.mark.parametrize("kind", TEXT_KINDS)
+def test_any_well_typed_program_is_put_in_words_or_refused(kind: str) -> None:
+    rng = random.Random(kind)
+    for _ in range(200):
+        stack, tokens = first_stack(kind), []
+        while len(tokens) < 30:
+            options = [i for i, ok in enumerate(allowed(stack, kind, False)) if ok]
+            token = rng.choice(options)
+            if token == END:
+                break
+            tokens.append(PROGRAM_TOKENS[token])
+            stack = following(stack, token)
+        if token == END and tokens:
+            with suppress(ProgramError):
+                assert in_words(tokens)
+
+
+def test_the_sets_by_hand_are_read_rightly() -> None:
+    for row in [*json.loads(BY_HAND.read_text()), *read_paraphrases()]:
+        normal = normal_form(row["text"], "ignore")
+        found = [] if normal.left_out else readings(normal, row["kind"])
+        assert (row["text"], found) == (row["text"], [row["program"].split()] if row["program"] else [])
