@@ -20,7 +20,7 @@ import numpy as np
 from video_kinds import ALTERED, FOREIGN, RATES, Frames
 
 from nsdr.frame_parser import empty_scene
-from nsdr.frame_parser.shots import SAME, change, is_cut
+from nsdr.frame_parser.shots import MIN_CHANGE, SAME, change, is_cut
 from nsdr.frame_parser.video_check import VideoConfig, check_video, clip_frames
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
@@ -61,7 +61,9 @@ def print_cuts(clips: list[Path]) -> None:
             frames = at_rate(original, rate)
             changes = [c for a, b in pairwise(frames) if (c := change(a, b)) > SAME]
             found = [is_cut(a, b, c) for a, b, c in zip(changes, changes[1:], changes[2:], strict=False)]
-            jumps = [b / max(a, c) for a, b, c in zip(changes, changes[1:], changes[2:], strict=False) if b > 0.006]
+            jumps = [
+                b / max(a, c) for a, b, c in zip(changes, changes[1:], changes[2:], strict=False) if b > MIN_CHANGE
+            ]
             print(f"{clip.name} {rate:3} fps: {sum(found)} cuts; largest jump {max(jumps, default=0):.2f}")
 
 
@@ -76,9 +78,14 @@ def judge(path: Path, kind: str, right: str, work: Path) -> bool:
     found = "doubtful" if check.kind == "in" and warned else check.kind
     reasons = "; ".join(str(w.message).split(": ", 1)[1] for w in warned)
     g = check.ground
-    figures = f"D {g.distance:5.2f} g {g.gain:5.2f} b {g.brightness:4.0f} c {g.color:5.2f} t {g.tint:3.0f}" if g else " " * 37
+    figures = (
+        f"D {g.distance:5.2f} g {g.gain:5.2f} b {g.brightness:4.0f} c {g.color:5.2f} t {g.tint:3.0f}" if g else " " * 37
+    )
     is_right = found in right.split(", ")
-    print(f"{'  ' if is_right else '! '}{kind:28}{found:10}{n:4} frames  {figures}  {seconds:.2f} s  {reasons}", flush=True)
+    print(
+        f"{'  ' if is_right else '! '}{kind:28}{found:10}{n:4} frames  {figures}  {seconds:.2f} s  {reasons}",
+        flush=True,
+    )
     return is_right
 
 

@@ -209,9 +209,9 @@ def _bars(_: np.random.Generator) -> Frames:
 
 def _gradient(_: np.random.Generator) -> Frames:
     across = np.linspace(0, 255, 480)
-    return np.stack([np.repeat(np.roll(across, 2 * f)[None, :, None], 320, 0).repeat(3, 2) for f in range(COUNT)]).astype(
-        np.uint8
-    )
+    return np.stack(
+        [np.repeat(np.roll(across, 2 * f)[None, :, None], 320, 0).repeat(3, 2) for f in range(COUNT)]
+    ).astype(np.uint8)
 
 
 def _slope(_: np.random.Generator) -> Frames:

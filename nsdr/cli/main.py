@@ -124,7 +124,15 @@ class _Commands:
     def __init__(self, parser: jsonargparse.ArgumentParser) -> None:
         self.commands = parser.add_subcommands(required=False, dest="command")
 
-    def add(self, name: str, summary: str, checkpoint: bool = True, pipeline: bool = False, work: bool = False) -> Any:
+    def add(
+        self,
+        name: str,
+        summary: str,
+        checkpoint: bool = True,
+        pipeline: bool = False,
+        work: bool = False,
+        videos: bool = False,
+    ) -> Any:
         """A command.
 
         Args:
@@ -133,6 +141,7 @@ class _Commands:
             checkpoint: takes `--checkpoint` and `--device`.
             pipeline: takes the settings of a pipeline.
             work: works on many files.
+            videos: looks at videos.
         """
         sub = jsonargparse.ArgumentParser(description=summary, exit_on_error=False)
         if checkpoint:
@@ -149,6 +158,10 @@ class _Commands:
             sub.add_argument(
                 "--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable"
             )
+        if videos:
+            sub.add_argument("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
+            help_text = "image of the scene without objects, for another camera or other lamps"
+            sub.add_argument("--background", default="", help=help_text)
         if work:
             help_text = "number of processes; 0 for one per CPU core"
             sub.add_argument("--workers", type=NonNegativeInt, default=0, help=help_text)
@@ -180,7 +193,7 @@ def _parser() -> jsonargparse.ArgumentParser:
 
 
 def _ask_options(commands: _Commands) -> None:
-    answer = commands.add("answer", "answer a question about a video", pipeline=True)
+    answer = commands.add("answer", "answer a question about a video", pipeline=True, videos=True)
     answer.add_argument("video", help="video file, or a scene saved by parse-video")
     answer.add_argument("-q", "--question", required=True, help="in CLEVRER's English")
     answer.add_argument("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
@@ -215,14 +228,18 @@ def _semantics_options(parser: Any) -> None:
 
 
 def _perceive_options(commands: _Commands) -> None:
-    parse_video = commands.add("parse-video", "turn a video into a symbolic scene", pipeline=True)
+    parse_video = commands.add("parse-video", "turn a video into a symbolic scene", pipeline=True, videos=True)
     parse_video.add_argument("video", help="video file")
     parse_video.add_argument("-o", "--output", required=True, help="scene file, .json or .npz")
     parse_video.add_argument("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
     parse_video.add_argument("--image", default=None, help="also write the annotated last frame as an image")
 
     parse_videos = commands.add(
-        "parse-videos", "turn a folder of videos into scenes and proposals; resumable", pipeline=True, work=True
+        "parse-videos",
+        "turn a folder of videos into scenes and proposals; resumable",
+        pipeline=True,
+        work=True,
+        videos=True,
     )
     parse_videos.add_argument("videos", help="folder with *.mp4")
     parse_videos.add_argument("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
@@ -237,7 +254,8 @@ def _perceive_options(commands: _Commands) -> None:
         "--form", default="predictions", choices=["predictions", "scenes"], help="the research code's files, or ours"
     )
 
-    visualize = commands.add("visualize", "show what was seen, and why a question got its answer", pipeline=True)
+    summary = "show what was seen, and why a question got its answer"
+    visualize = commands.add("visualize", summary, pipeline=True, videos=True)
     visualize.add_argument("video", help="video file")
     visualize.add_argument("-q", "--question", default=None, help="for an HTML report: a question")
     visualize.add_argument("-c", "--choice", action="append", default=[], help="its options; repeat it for each")

@@ -4,22 +4,16 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import make_pipeline
+from nsdr.cli.common import make_pipeline, settings_of
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.outputs import check_installed, check_output, check_output_folder
 
 __all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
 
 def parse_video(options: Any) -> int:
     """`nsdr parse-video`: one video as a scene."""
-    from nsdr.clevrer.proposals import proposals_document
-    from nsdr.io import storage
-    from nsdr.io.files import write_json
-    from nsdr.symbolic.world import world_of
-    from nsdr.visualize import write_annotated_image
-
     outputs = [
         (options.output, (".json", ".npz")),
         (options.proposals_out, (".json",)),
@@ -30,7 +24,14 @@ def parse_video(options: Any) -> int:
         if path is not None:
             check_output(path, suffixes, taken)
             taken.append(path)
-    perception = make_pipeline(options).perceive(options.video)
+    pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
+    from nsdr.clevrer.proposals import proposals_document
+    from nsdr.io import storage
+    from nsdr.io.files import write_json
+    from nsdr.symbolic.world import world_of
+    from nsdr.visualize import write_annotated_image
+
+    perception = pipeline.perceive(options.video)
     scene = perception.scene
     storage.save(scene, options.output)
     if options.proposals_out:
@@ -38,7 +39,7 @@ def parse_video(options: Any) -> int:
         number = "".join(c for c in Path(name).stem if c.isdigit())
         write_json(options.proposals_out, proposals_document(perception.proposals, int(number or 0), name))
     if options.image:
-        write_annotated_image(options.image, options.video, perception)
+        write_annotated_image(options.image, options.video, perception, pipeline.video)
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
     for o in scene.objects:
         print(f"  object {o.id}: {o.name}")
@@ -51,10 +52,9 @@ def parse_video(options: Any) -> int:
 def parse_videos(options: Any) -> int:
     """`nsdr parse-videos`: a folder of videos as scenes and proposals."""
     from nsdr.evaluation import parse_videos as run
-    from nsdr.pipeline import pipeline_settings
 
     o = options
-    settings = pipeline_settings(o.config, o.dynamics, o.set, o.stride)
+    settings = settings_of(o)
     check_output_folder(o.output)
     return _report(o, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device), "videos")
 
@@ -84,12 +84,6 @@ def visualize(options: Any) -> int:
     """`nsdr visualize`: an annotated video, an image or an HTML report."""
     import numpy as np
 
-    from nsdr.io.files import atomic_path
-    from nsdr.io.video import read_frames
-    from nsdr.visualize import stroboscopic_image, write_annotated_image, write_annotated_video, write_report
-    from nsdr.visualize.annotate import write_image
-    from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-
     kind = check_output(options.output, (".png", ".mp4", ".html"), [options.video])
     if (options.question or options.choice) and kind != ".html":
         raise DataError("--question and --choice do nothing here; they need an output ending in .html")
@@ -99,13 +93,22 @@ def visualize(options: Any) -> int:
         raise DataError("--image does nothing here; it needs an output ending in .png")
     if options.removed is not None and options.image != "plan":
         raise DataError("--removed does nothing here; it needs --image plan")
-    pipeline = make_pipeline(options)
+    if kind == ".mp4":
+        check_installed("av", "writing videos needs PyAV", "visualize")
+    elif kind == ".html" or options.image in ("plan", "causal"):
+        check_installed("matplotlib", "figures need matplotlib", "visualize")
+    pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
+    from nsdr.io.files import atomic_path
+    from nsdr.visualize import stroboscopic_image, write_annotated_image, write_annotated_video, write_report
+    from nsdr.visualize.annotate import write_image
+    from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+
     p = pipeline.perceive(options.video)
     if options.removed is not None and options.removed not in p.dynamics.counterfactual:
         raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # reported once already
-        frames = np.stack(list(read_frames(options.video)))
+        frames = np.stack(list(pipeline.frames(options.video)))
     if kind == ".html":
         questions = [options.question] if options.question else []
         answers = [pipeline.answer(options.video, q, options.choice or None) for q in questions]
@@ -113,7 +116,7 @@ def visualize(options: Any) -> int:
     elif kind == ".mp4":
         write_annotated_video(options.output, frames, p.proposals, p.tracks, p.scene)
     elif options.image == "last":
-        write_annotated_image(options.output, options.video, p)
+        write_annotated_image(options.output, options.video, p, pipeline.video)
     elif options.image == "strobe":
         write_image(options.output, stroboscopic_image(frames, p.proposals, p.tracks))
     else:

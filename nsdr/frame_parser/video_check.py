@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -16,11 +16,11 @@ from nsdr.frame_parser.empty_scene import TURNS, FloatArray, GroundFit, fit_grou
 from nsdr.frame_parser.padding import ASPECT, ASPECT_TOLERANCE, content_box, middle_of
 from nsdr.frame_parser.shots import change, first_shot, is_cut
 from nsdr.io.validation import MANY, check_ranges
-from nsdr.io.video import Layout, read_frames, sample_frames
+from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
 from nsdr.io.video_kinds import check_is_video
 from nsdr.world.timeline import FPS
 
-__all__ = ["CHECKS", "VideoCheck", "VideoConfig", "check_video", "clip_frames"]
+__all__ = ["CHECKS", "VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
 
 CHECKS = ("refuse", "warn", "off")
 SAMPLED_SECONDS, SPACING_FRAMES = 2.56, 2
@@ -80,16 +80,21 @@ class VideoCheck:
     """What was found out about a video before it is processed.
 
     Attributes:
-        kind: "in" as CLEVRER's, "doubtful", or "out".
-        reasons: why it is not "in".
+        refusals: why it certainly is not of CLEVRER's scene.
+        doubts: what else differs from CLEVRER's videos.
         layout: where in the frames the image is.
         ground: how the ground compares with the scene without objects; None where nothing is to be seen.
     """
 
-    kind: str
-    reasons: tuple[str, ...]
-    layout: Layout
+    refusals: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    layout: Layout = field(default_factory=Layout)
     ground: GroundFit | None = None
+
+    @property
+    def kind(self) -> str:
+        """Class of the video: "in" (as CLEVRER's), "doubtful" or "out"."""
+        return "out" if self.refusals else "doubtful" if self.doubts else "in"
 
 
 def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoCheck:
@@ -101,14 +106,14 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
     """
     path, config = Path(path), config or VideoConfig()
     if config.check == "off":
-        return VideoCheck("in", (), Layout())
+        return VideoCheck()
     check_is_video(path)
     status = path.stat()
     found = _looked_at(path, status.st_mtime_ns, status.st_size, config.background)
     if found.kind == "out" and config.check == "refuse":
         raise VideoError(
-            f"{path}: not a video of CLEVRER's scene: {'; '.join(found.reasons)}. Expected: its grey ground, lamps and camera, "
-            f"upright, in colour, 480x320. --force goes on all the same (in Python, VideoConfig(check='warn')); "
+            f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refusals)}. Expected: its grey ground, lamps and "
+            f"camera, upright, in colour, 480x320. --force goes on all the same (in Python, VideoConfig(check='warn')); "
             "docs/other_cameras.md is about other scenes"
         )
     return found
@@ -124,7 +129,7 @@ def clip_frames(path: str | Path, config: VideoConfig | None = None) -> Iterator
     """
     config = config or VideoConfig()
     check = check_video(path, config)
-    for reason in check.reasons:
+    for reason in (*check.refusals, *check.doubts):
         warnings.warn(f"{path}: {reason}", stacklevel=2)
     frames = read_frames(path, check.layout)
     yield from frames if config.check == "off" else first_shot(frames, path, config.max_frames)
@@ -133,15 +138,19 @@ def clip_frames(path: str | Path, config: VideoConfig | None = None) -> Iterator
 @lru_cache(maxsize=64)
 def _looked_at(path: Path, _modified_ns: int, _size: int, background: str) -> VideoCheck:
     """The check of a file; kept while it is the same."""
-    sample = sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES)
     known = [read_background(background)] if background else list(references().values())
+    return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES), known)
+
+
+def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
+    """Compare a video's sample with images (32, 48, 3) of the scene without objects, of which one has to fit."""
     frames = _until_cut(sample.frames)
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
     low, high = np.quantile(median.mean(2), [0.01, 0.99])
     if high - low < MIN_RANGE:
         name = "black" if high < DARK else "white" if low > WHITE else "one flat colour"
         when = "" if len(frames) == len(sample.frames) else f" in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s"
-        return VideoCheck("out", (f"the background is {name}{when}",), Layout())
+        return VideoCheck((f"the background is {name}{when}",))
     layout, image, expected, doubts = _layout(median, sample.size_px, known)
     ground = _best_fit(image, expected)
     refusals: list[str] = []
@@ -152,8 +161,7 @@ def _looked_at(path: Path, _modified_ns: int, _size: int, background: str) -> Vi
             ground = after
     for found, text in (*_ground_reasons(ground), *_color_reasons(ground, frames), *_motion_reasons(frames)):
         (refusals if found == "out" else doubts).append(text)
-    kind = "out" if refusals else "doubtful" if doubts else "in"
-    return VideoCheck(kind, (*refusals, *doubts), layout, ground)
+    return VideoCheck(tuple(refusals), tuple(doubts), layout, ground)
 
 
 def _until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -186,7 +194,9 @@ def _layout(
         scale = np.array(size_px)[[0, 1, 0, 1]] / np.array(median.shape)[[1, 0, 1, 0]]
         x0, y0, x1, y1 = (int(v) for v in np.round(scale * [left, top, right, bottom]))
         box = (x0, y0, x1, y1)
-        doubts.append(f"bars around the image are cut off: {x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left")
+        doubts.append(
+            f"bars around the image are cut off: {x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
+        )
     aspect = (right - left) / (bottom - top) * (size_px[0] / median.shape[1]) / (size_px[1] / median.shape[0])
     if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
         return Layout(box, stretched=True), image, known, doubts
@@ -200,6 +210,11 @@ def _layout(
 
 
 def _ground_reasons(ground: GroundFit) -> Iterator[tuple[str, str]]:
+    way = "darker" if ground.brightness < 0 else "brighter"
+    exposure = f"{way} than CLEVRER's videos by {abs(ground.brightness):.0f} of 255 levels"
+    if abs(ground.brightness) > FOREIGN_BRIGHTNESS:
+        yield "out", exposure
+        return
     if ground.distance > FOREIGN_GROUND_DISTANCE:
         figure = f"{ground.distance:.1f} levels" if np.isfinite(ground.distance) else "no such pattern"
         yield "out", f"the background is not the empty scene ({figure}; at most {FOREIGN_GROUND_DISTANCE})"
@@ -207,10 +222,8 @@ def _ground_reasons(ground: GroundFit) -> Iterator[tuple[str, str]]:
     if ground.distance > MAX_GROUND_DISTANCE:
         why = "cropped, zoomed, tilted, or another camera or other lamps; positions and sizes may be wrong"
         yield "doubtful", f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
-    way = "darker" if ground.brightness < 0 else "brighter"
     if abs(ground.brightness) > MAX_BRIGHTNESS:
-        found = "out" if abs(ground.brightness) > FOREIGN_BRIGHTNESS else "doubtful"
-        yield found, f"{way} than CLEVRER's videos by {abs(ground.brightness):.0f} of 255 levels"
+        yield "doubtful", exposure
     elif not MIN_GAIN < ground.gain < MAX_GAIN:
         yield "doubtful", f"the background has {ground.gain:.0%} of the contrast of the empty scene"
 
@@ -233,8 +246,12 @@ def _color_reasons(ground: GroundFit, frames: NDArray[np.uint8]) -> Iterator[tup
 def _motion_reasons(frames: NDArray[np.uint8]) -> Iterator[tuple[str, str]]:
     if len(frames) < 2:
         return
-    noise = float(np.median([np.median(cv2.absdiff(a, b)) for a, b in pairwise(frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX])]))
+    sparse = frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX]
+    noise = float(np.median([np.median(cv2.absdiff(a, b)) for a, b in pairwise(sparse)]))
     if noise > MAX_NOISE:
-        yield ("out" if noise > FOREIGN_NOISE else "doubtful"), f"it is noisy: still pixels change by {noise:.0f} of 255 levels"
+        yield (
+            ("out" if noise > FOREIGN_NOISE else "doubtful"),
+            f"it is noisy: still pixels change by {noise:.0f} of 255 levels",
+        )
     elif max(change(frames[0], frame) for frame in frames[1:]) < MIN_MOTION:
         yield "doubtful", f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s"

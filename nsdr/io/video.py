@@ -1,6 +1,5 @@
 """Video files: decoding to 480x320 RGB frames at 25 frames per second, and encoding as H.264."""
 
-import importlib.util
 import math
 import os
 import warnings
@@ -19,11 +18,19 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError, VideoError
 from nsdr.io.files import atomic_path
 from nsdr.io.limits import check_limit
+from nsdr.io.outputs import check_installed
 from nsdr.io.video_kinds import check_is_video, undecodable
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.timeline import FPS, VIDEO_FRAMES
 
-__all__ = ["Layout", "VideoSample", "check_can_write_video", "read_frames", "read_video", "sample_frames", "write_video"]
+__all__ = [
+    "Layout",
+    "VideoSample",
+    "read_frames",
+    "read_video",
+    "sample_frames",
+    "write_video",
+]
 
 RATES = (1.0, 1000.0)
 """Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
@@ -229,23 +236,13 @@ def _fitted(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.uint8]:
     return canvas
 
 
-def check_can_write_video() -> None:
-    """Refuse before the work what `write_video` would refuse after it.
-
-    Raises:
-        DataError: PyAV is missing.
-    """
-    if importlib.util.find_spec("av") is None:
-        raise DataError("writing videos needs PyAV: pip install 'nsdr[visualize]'")
-
-
 def write_video(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: int = 25, crf: int = 20) -> None:
     """Write frames (H, W, 3) uint8 RGB as an H.264 mp4, atomically.
 
     Raises:
         DataError: PyAV is missing, or there are no frames.
     """
-    check_can_write_video()
+    check_installed("av", "writing videos needs PyAV", "visualize")
     import av
 
     with atomic_path(path) as temporary:

@@ -12,7 +12,15 @@ CONVERT = "convert it to H.264, for example: ffmpeg -i IN -c:v libx264 -pix_fmt 
 IMAGES = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"BM": "BMP", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 SOUNDS = {b"ID3": "MP3", b"\xff\xfb": "MP3", b"\xff\xf3": "MP3", b"fLaC": "FLAC", b"\xff\xf1": "AAC", b"MThd": "MIDI"}
 OTHERS = {b"%PDF": "a PDF document", b"PK\x03\x04": "a zip archive", b"\x1f\x8b": "a gzip file"}
-CODECS = {"AV01": "AV1", "VP90": "VP9", "VP80": "VP8", "HEVC": "H.265", "HVC1": "H.265", "HEV1": "H.265", "VVC1": "H.266"}
+CODECS = {
+    "AV01": "AV1",
+    "VP90": "VP9",
+    "VP80": "VP8",
+    "HEVC": "H.265",
+    "HVC1": "H.265",
+    "HEV1": "H.265",
+    "VVC1": "H.266",
+}
 """Four-character codes of codecs that not every decoder knows, and their names."""
 
 
@@ -86,6 +94,7 @@ def _streams(path: Path) -> tuple[str, str]:
 
     with av.open(str(path)) as container:
         names = [
-            stream[0].codec_context.name if stream else "" for stream in (container.streams.video, container.streams.audio)
+            stream[0].codec_context.name if stream else ""
+            for stream in (container.streams.video, container.streams.audio)
         ]
     return {"libdav1d": "AV1", "av1": "AV1", "libaom-av1": "AV1"}.get(names[0], names[0]), names[1]
