@@ -67,6 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     check_arguments(arguments)
+    try:
+        import nsdr.world.camera  # noqa: F401  # reads the camera's place from the environment
+    except ValueError as e:
+        raise DataError(str(e)) from e
     configured = {"train": train, "generate": _generate}.get(arguments[0] if arguments else "")
     if configured and arguments[1:2] not in (["--help"], ["-h"]):
         return configured(arguments[1:])
