@@ -1,5 +1,6 @@
 """The whole system: a video and a question go in, an answer with its trace comes out."""
 
+import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -23,6 +24,7 @@ from nsdr.io.validation import MANY, MAX_SIZE, check_ranges
 from nsdr.io.video_kinds import check_is_video
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
+from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, VideoProposals, VideoTracks
 
@@ -242,6 +244,8 @@ class Pipeline:
                 raise VideoError(
                     f"{what}: no objects found in more than {self.tracker.min_frames} frames; is it a CLEVRER clip?"
                 )
+            if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
+                warnings.warn(f"{video}: {doubt}", stacklevel=2)
             if true_scene is None:
                 dynamics = self.dynamics.predict(tracks)
             else:
