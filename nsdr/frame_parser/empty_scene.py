@@ -47,7 +47,8 @@ class GroundFit:
 
     Attributes:
         distance: difference of the brightness after gain and offset, root of the mean square over cells taken as ground
-            (levels of 255 at the reference's contrast); infinite where there is no pattern.
+            (levels of 255 at the reference's contrast); infinite where there is no pattern. Of darker videos it is less by
+            their exposure: encoders keep less of dark patterns.
         gain: contrast relative to the reference's.
         brightness: mean brightness of the ground minus the reference's (levels of 255).
         color: correlation of red minus blue with the reference's over the ground; 1 for the same colours, -1 where red and
@@ -86,9 +87,10 @@ def fit_ground(image: NDArray[Any], reference: FloatArray) -> GroundFit:
         offset = float(y[ground].mean() - gain * x[ground].mean())
     rms = float(np.sqrt(np.square(y - gain * x - offset)[ground].mean()))
     warm, expected = _warmth(found)[ground], _warmth(reference)[ground]
+    exposure = min(float(y[ground].mean() / x[ground].mean()), 1.0)
     is_colored = min(warm.std(), expected.std()) > MIN_SPREAD
     return GroundFit(
-        distance=rms / gain if gain > MIN_GAIN else float("inf"),
+        distance=rms * exposure / gain if gain > MIN_GAIN else float("inf"),
         gain=gain,
         brightness=float(np.mean(y[ground] - x[ground])),
         color=float(np.corrcoef(warm, expected)[0, 1]) if is_colored else 0.0,
