@@ -42,9 +42,9 @@ MAX_TINT = 6.0
 """`GroundFit.tint` up to which white is white (levels of 255)."""
 MAX_BRIGHTNESS, FOREIGN_BRIGHTNESS = 15.0, 112.0
 """`GroundFit.brightness` up to which a video is as bright as CLEVRER's, and above which nothing is to be seen."""
-MIN_GAIN, MAX_GAIN = 0.7, 1.5
+MIN_GAIN, MAX_GAIN = 0.8, 1.25
 """`GroundFit.gain` of videos with CLEVRER's contrast."""
-MAX_NOISE, FOREIGN_NOISE = 4.0, 30.0
+MAX_NOISE, FOREIGN_NOISE = 4.0, 18.0
 """Change of an unmoved pixel between sampled frames, up to which it is compression, and above which objects drown (levels)."""
 MIN_MOTION = 0.0005
 """Share of pixels that changes at least between some sampled frames, if anything moves."""
@@ -225,7 +225,10 @@ def _ground_reasons(ground: GroundFit) -> Iterator[tuple[str, str]]:
     if abs(ground.brightness) > MAX_BRIGHTNESS:
         yield "doubtful", exposure
     elif not MIN_GAIN < ground.gain < MAX_GAIN:
-        yield "doubtful", f"the background has {ground.gain:.0%} of the contrast of the empty scene"
+        yield (
+            "doubtful",
+            f"the background has {ground.gain:.0%} of the contrast of the empty scene: cropped, or other levels",
+        )
 
 
 def _color_reasons(ground: GroundFit, frames: NDArray[np.uint8]) -> Iterator[tuple[str, str]]:
