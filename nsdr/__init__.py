@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from nsdr.frame_parser.dataset import FrameDataset
     from nsdr.frame_parser.model import build_frame_parser
     from nsdr.frame_parser.parser import FrameParser
+    from nsdr.frame_parser.video_check import VideoConfig
     from nsdr.io.storage import load, save
     from nsdr.pipeline import Perception, Pipeline, PipelineConfig
     from nsdr.question_parser.model import ParserNetwork
@@ -85,6 +86,7 @@ _HOME = {
     "nsdr.frame_parser.model": ["build_frame_parser"],
     "nsdr.frame_parser.parser": ["FrameParser"],
     "nsdr.io.storage": ["load", "save"],
+    "nsdr.frame_parser.video_check": ["VideoConfig"],
     "nsdr.pipeline": ["Perception", "Pipeline", "PipelineConfig"],
     "nsdr.question_parser.model": ["ParserNetwork"],
     "nsdr.question_parser.parser": ["QuestionParser"],
@@ -139,6 +141,7 @@ __all__ = [
     "TraceStep",
     "Track",
     "TrackerConfig",
+    "VideoConfig",
     "VideoError",
     "VideoProposals",
     "VideoTracks",

@@ -1,23 +1,29 @@
 """The whole system: a video and a question go in, an answer with its trace comes out."""
 
+import warnings
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, NsdrError, QuestionError, VideoError
+from nsdr.frame_parser.video_check import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import resolve_device
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.validation import MANY, MAX_SIZE, check_ranges
-from nsdr.io.video import read_frames
+from nsdr.io.video_kinds import check_is_video
 from nsdr.question_parser.suggestions import suggestion
 from nsdr.symbolic import Executor, Program
+from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, VideoProposals, VideoTracks
 
@@ -39,12 +45,14 @@ class PipelineConfig:
     Attributes:
         stride: the frame parser processes every n-th frame; the tracker bridges the others.
         batch_size: frames per forward pass of the frame parser.
+        video: what is expected of videos, and how many frames of them are processed.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
     """
 
     stride: int = 1
     batch_size: int = 8
+    video: VideoConfig = field(default_factory=VideoConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
@@ -107,6 +115,7 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
+        video: what is expected of videos; None for CLEVRER's.
     """
 
     def __init__(
@@ -116,12 +125,14 @@ class Pipeline:
         question_parser: "QuestionParser",
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
+        video: VideoConfig | None = None,
     ) -> None:
         self.frame_parser = frame_parser
         self.dynamics = dynamics
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.semantics = semantics
+        self.video = video or VideoConfig()
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
 
@@ -161,6 +172,7 @@ class Pipeline:
         from nsdr.question_parser.parser import QuestionParser
 
         options.setdefault("tracker", config.tracker)
+        options.setdefault("video", config.video)
         pipeline = cls(
             FrameParser.from_checkpoint(folder, batch_size=config.batch_size, stride=config.stride),
             load_backend(folder, config.dynamics),
@@ -187,11 +199,15 @@ class Pipeline:
                 part.to(name)
         return self
 
+    def frames(self, video: str | Path) -> Iterator[NDArray[np.uint8]]:
+        """The frames (320, 480, 3) uint8 RGB of a video file that perception processes, with its warnings and errors."""
+        return clip_frames(video, self.video)
+
     def scene(self, video: str | Path) -> Scene:
         """The symbolic scene of a video file. Computed once for each content of the file.
 
         Raises:
-            VideoError: the file cannot be read, or no object was found in it.
+            VideoError: the file cannot be read, is not of CLEVRER's scene (see `VideoConfig`), or no object was found in it.
         """
         return self.perceive(video).scene
 
@@ -213,18 +229,20 @@ class Pipeline:
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
         Raises:
-            VideoError: nothing is given, the file cannot be read, or no object was found.
+            VideoError: nothing is given, the file cannot be read or is not of CLEVRER's scene (see `VideoConfig`), or no
+                object was found.
         """
-        key, parts = None, (self.frame_parser, vars(self.frame_parser).get("stride"), self.tracker, self.dynamics)
+        stride = vars(self.frame_parser).get("stride")
+        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video)
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
-            check_video_file(video)
+            check_is_video(Path(video))
             key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])], code=False)
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
-            proposals = self.frame_parser.parse(read_frames(video), progress=self.progress)
+            proposals = self.frame_parser.parse(self.frames(video), progress=self.progress)
         if dynamics is None:
             if tracks is None:
                 assert proposals is not None
@@ -234,6 +252,8 @@ class Pipeline:
                 raise VideoError(
                     f"{what}: no objects found in more than {self.tracker.min_frames} frames; is it a CLEVRER clip?"
                 )
+            if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
+                warnings.warn(f"{video}: {doubt}", stacklevel=2)
             if true_scene is None:
                 dynamics = self.dynamics.predict(tracks)
             else:
@@ -270,7 +290,7 @@ class Pipeline:
             ProgramError, ExecutionError: a given program is malformed, or the question's program does not fit the scene.
         """
         if isinstance(video_or_scene, str | Path):
-            check_video_file(video_or_scene)
+            check_is_video(Path(video_or_scene))
         if program is None and not question.strip():
             raise QuestionError("the question is empty")
         given = video_or_scene if isinstance(video_or_scene, Scene) else None
@@ -319,13 +339,6 @@ class Pipeline:
             if type(e) is not QuestionError:  # of the parser, whatever the text is
                 raise
             return QuestionError(f"{e}{suggestion(text, scene, kind)}")
-
-
-def check_video_file(path: str | Path) -> None:
-    """Raise `VideoError` unless there is such a file; takes no time."""
-    if not Path(path).is_file():
-        what = "is a folder or a device; expected a video" if Path(path).exists() else "no such file"
-        raise VideoError(f"{path}: {what}")
 
 
 def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:

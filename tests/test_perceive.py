@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 from nsdr import DataError, Executor, PipelineConfig, Scene, load, save
@@ -44,6 +45,15 @@ def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_pat
     assert summary.skipped == ("video_00002.mp4",)
     assert summary.failed == {}
     assert (output / "scene_00002.json").read_bytes() == before
+
+
+def test_videos_of_other_scenes_are_counted_as_failed(tmp_path, capsys) -> None:
+    write_video(tmp_path / "videos" / "video_00007.mp4", np.zeros((4, 320, 480, 3), np.uint8))
+    assert main(["parse-videos", str(tmp_path / "videos"), "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
+    found = capsys.readouterr()
+    assert "0 done, 0 kept from before, 1 failed" in found.out
+    assert "video_00007.mp4: VideoError" in found.out
+    assert "the background is black" in found.err
 
 
 def test_videos_of_one_number_are_named(videos, tmp_path) -> None:

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from nsdr import DataError, DynamicsPrediction, Pipeline, Program, QuestionError, Rollout, Scene, VideoError
+from nsdr import (
+    DataError,
+    DynamicsPrediction,
+    Pipeline,
+    Program,
+    QuestionError,
+    Rollout,
+    Scene,
+    VideoConfig,
+    VideoError,
+)
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.questions import read_questions
 from nsdr.pipeline import Perception
@@ -92,8 +102,16 @@ def test_a_video_without_objects_is_a_clear_error(pipeline: Pipeline, tmp_path) 
     for _ in range(128):
         writer.write(np.full((320, 480, 3), 130, np.uint8))
     writer.release()
-    with pytest.raises(VideoError, match=r"gray\.mp4: no objects found"):
+    with pytest.raises(
+        VideoError, match=r"gray\.mp4: not a video of CLEVRER's scene: the background is one flat colour"
+    ):
         pipeline.scene(tmp_path / "gray.mp4")
+    pipeline.video = VideoConfig("off")
+    try:
+        with pytest.raises(VideoError, match=r"gray\.mp4: no objects found"):
+            pipeline.scene(tmp_path / "gray.mp4")
+    finally:
+        pipeline.video = VideoConfig()
 
 
 def test_a_missing_video_is_a_clear_error(pipeline: Pipeline, tmp_path) -> None:

@@ -2,10 +2,9 @@
 
 import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import check_input, endpoint_parser, load_scene, make_pipeline
+from nsdr.cli.common import endpoint_parser, is_scene, load_scene, make_pipeline
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError, EndpointError, QuestionError
 from nsdr.types import Answer
@@ -15,17 +14,16 @@ __all__ = ["answer", "demo", "execute", "parse_question"]
 
 def answer(options: Any) -> int:
     """`nsdr answer`: a question about a video or a saved scene."""
-    is_scene = Path(options.video).suffix in (".json", ".npz")
-    given = [f"--{name}" for name in ("dynamics", "config") if getattr(options, name)]
+    saved = is_scene(options.video)
+    given = [f"--{name}" for name in ("dynamics", "config", "force", "background") if getattr(options, name)]
     given += [f"--set {value}" for value in options.set]
-    if is_scene and given:
+    if saved and given:
         raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
     if not options.question.strip():
         raise QuestionError("the question is empty")
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
-    check_input(options.video)
-    source: Any = load_scene(options.video) if is_scene else options.video
+    source: Any = load_scene(options.video) if saved else options.video
     parser = endpoint_parser(options)
     pipeline = make_pipeline(options)
     pipeline.question_parser = parser or pipeline.question_parser

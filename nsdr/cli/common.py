@@ -4,20 +4,54 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from nsdr.errors import DataError, VideoError
+from nsdr.errors import DataError
 from nsdr.types import Scene
 
-__all__ = ["check_input", "endpoint_parser", "load_scene", "make_pipeline"]
+__all__ = ["endpoint_parser", "is_scene", "load_scene", "make_pipeline", "settings_of"]
+
+
+def settings_of(options: Any) -> Any:
+    """The `PipelineConfig` of the command's options."""
+    from nsdr.pipeline import pipeline_settings
+
+    overrides = list(options.set)
+    if options.force:
+        overrides.append("video.check=warn")
+    if options.background:
+        overrides.append(f"video.background={options.background}")
+    return pipeline_settings(options.config, options.dynamics, overrides, getattr(options, "stride", 1))
 
 
 def make_pipeline(options: Any) -> Any:
-    """The pipeline of the command's options; it shows progress on a terminal."""
-    from nsdr.pipeline import Pipeline, pipeline_settings
+    """The pipeline of the command's options; it shows progress on a terminal.
 
-    settings = pipeline_settings(options.config, options.dynamics, options.set)
+    Raises:
+        VideoError: the command's video is not one to be processed; mostly before the networks' libraries are loaded.
+    """
+    if not is_scene(options.video):
+        _check_early(options)
+    from nsdr.pipeline import Pipeline
+
+    settings = settings_of(options)
     pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings, device=options.device)
     pipeline.progress = sys.stderr.isatty()
     return pipeline
+
+
+def _check_early(options: Any) -> None:
+    """Check the video within a second or two, unless what is expected of it stands in the settings of the pipeline.
+
+    The settings take the networks' libraries, which take seconds; `Pipeline.perceive` checks in any case.
+    """
+    from nsdr.frame_parser.video_check import VideoConfig, check_video
+
+    if not options.config and not any(value.startswith("video") for value in options.set):
+        check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
+
+
+def is_scene(path: str) -> bool:
+    """Whether a file is a saved scene by its name, and not a video."""
+    return Path(path).suffix in (".json", ".npz")
 
 
 def endpoint_parser(options: Any) -> Any:
@@ -33,13 +67,6 @@ def endpoint_parser(options: Any) -> Any:
     from nsdr.question_parser.endpoint import EndpointParser
 
     return EndpointParser.connect(options.parser, options.parser_model)
-
-
-def check_input(path: str) -> None:
-    """Refuse a missing file or a folder before anything is loaded."""
-    if not Path(path).is_file():
-        what = "is a folder or a device; expected a file" if Path(path).exists() else "no such file"
-        raise VideoError(f"{path}: {what}")
 
 
 def load_scene(path: str) -> Scene:

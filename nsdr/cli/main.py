@@ -67,6 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     check_arguments(arguments)
+    try:
+        import nsdr.world.camera  # noqa: F401  # reads the camera's place from the environment
+    except ValueError as e:
+        raise DataError(str(e)) from e
     configured = {"train": train, "generate": _generate}.get(arguments[0] if arguments else "")
     if configured and arguments[1:2] not in (["--help"], ["-h"]):
         return configured(arguments[1:])
@@ -132,6 +136,7 @@ class _Commands:
         pipeline: bool = False,
         work: bool = False,
         texts: bool = False,
+        videos: bool = False,
     ) -> Any:
         """A command.
 
@@ -142,6 +147,7 @@ class _Commands:
             pipeline: takes the settings of a pipeline.
             work: works on many files.
             texts: takes `--parser`.
+            videos: looks at videos.
         """
         sub = jsonargparse.ArgumentParser(description=summary, exit_on_error=False)
         if checkpoint:
@@ -164,6 +170,10 @@ class _Commands:
             )
             sub.add_argument("--parser", default="", help=server)
             sub.add_argument("--parser-model", default="", help="its model's name; may be left out if it has only one")
+        if videos:
+            sub.add_argument("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
+            help_text = "image of the scene without objects, for another camera or other lamps"
+            sub.add_argument("--background", default="", help=help_text)
         if work:
             help_text = "number of processes; 0 for one per CPU core"
             sub.add_argument("--workers", type=NonNegativeInt, default=0, help=help_text)
@@ -195,7 +205,7 @@ def _parser() -> jsonargparse.ArgumentParser:
 
 
 def _ask_options(commands: _Commands) -> None:
-    answer = commands.add("answer", "answer a question about a video", pipeline=True, texts=True)
+    answer = commands.add("answer", "answer a question about a video", pipeline=True, videos=True, texts=True)
     answer.add_argument("video", help="video file, or a scene saved by parse-video")
     answer.add_argument("-q", "--question", required=True, help="in CLEVRER's English")
     answer.add_argument("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
@@ -231,14 +241,18 @@ def _semantics_options(parser: Any) -> None:
 
 
 def _perceive_options(commands: _Commands) -> None:
-    parse_video = commands.add("parse-video", "turn a video into a symbolic scene", pipeline=True)
+    parse_video = commands.add("parse-video", "turn a video into a symbolic scene", pipeline=True, videos=True)
     parse_video.add_argument("video", help="video file")
     parse_video.add_argument("-o", "--output", required=True, help="scene file, .json or .npz")
     parse_video.add_argument("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
     parse_video.add_argument("--image", default=None, help="also write the annotated last frame as an image")
 
     parse_videos = commands.add(
-        "parse-videos", "turn a folder of videos into scenes and proposals; resumable", pipeline=True, work=True
+        "parse-videos",
+        "turn a folder of videos into scenes and proposals; resumable",
+        pipeline=True,
+        work=True,
+        videos=True,
     )
     parse_videos.add_argument("videos", help="folder with *.mp4")
     parse_videos.add_argument("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
@@ -253,7 +267,8 @@ def _perceive_options(commands: _Commands) -> None:
         "--form", default="predictions", choices=["predictions", "scenes"], help="the research code's files, or ours"
     )
 
-    visualize = commands.add("visualize", "show what was seen, and why a question got its answer", pipeline=True)
+    summary = "show what was seen, and why a question got its answer"
+    visualize = commands.add("visualize", summary, pipeline=True, videos=True)
     visualize.add_argument("video", help="video file, or a scene saved by parse-video")
     visualize.add_argument("-q", "--question", default=None, help="for an HTML report: a question")
     visualize.add_argument("-c", "--choice", action="append", default=[], help="its options; repeat it for each")

@@ -1,15 +1,14 @@
 """`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
 
-import importlib.util
 import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import check_input, load_scene, make_pipeline
+from nsdr.cli.common import is_scene, load_scene, make_pipeline, settings_of
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.outputs import check_installed, check_output, check_output_folder
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
@@ -19,12 +18,6 @@ __all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
 def parse_video(options: Any) -> int:
     """`nsdr parse-video`: one video as a scene."""
-    from nsdr.clevrer.proposals import proposals_document
-    from nsdr.io import storage
-    from nsdr.io.files import write_json
-    from nsdr.symbolic.world import world_of
-    from nsdr.visualize import write_annotated_image
-
     outputs = [
         (options.output, (".json", ".npz")),
         (options.proposals_out, (".json",)),
@@ -35,8 +28,14 @@ def parse_video(options: Any) -> int:
         if path is not None:
             check_output(path, suffixes, taken)
             taken.append(path)
-    check_input(options.video)
-    perception = make_pipeline(options).perceive(options.video)
+    pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
+    from nsdr.clevrer.proposals import proposals_document
+    from nsdr.io import storage
+    from nsdr.io.files import write_json
+    from nsdr.symbolic.world import world_of
+    from nsdr.visualize import write_annotated_image
+
+    perception = pipeline.perceive(options.video)
     scene = perception.scene
     storage.save(replace(scene, dynamics=_rounded(perception.dynamics)), options.output)
     if options.proposals_out:
@@ -44,7 +43,7 @@ def parse_video(options: Any) -> int:
         number = "".join(c for c in Path(name).stem if c.isdigit())
         write_json(options.proposals_out, proposals_document(perception.proposals, int(number or 0), name))
     if options.image:
-        write_annotated_image(options.image, options.video, perception)
+        write_annotated_image(options.image, options.video, perception, pipeline.video)
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
     for o in scene.objects:
         print(f"  object {o.id}: {o.name}")
@@ -69,10 +68,9 @@ def _rounded(dynamics: Any) -> Any:
 def parse_videos(options: Any) -> int:
     """`nsdr parse-videos`: a folder of videos as scenes and proposals."""
     from nsdr.evaluation import parse_videos as run
-    from nsdr.pipeline import pipeline_settings
 
     o = options
-    settings = pipeline_settings(o.config, o.dynamics, o.set, o.stride)
+    settings = settings_of(o)
     check_output_folder(o.output)
     return _report(o, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device), "videos")
 
@@ -105,18 +103,18 @@ OF_SCENES = ("plan", "causal")
 
 def visualize(options: Any) -> int:
     """`nsdr visualize`: annotated videos, images and HTML reports of one video or saved scene, which is looked at once."""
-    is_scene = Path(options.video).suffix in (".json", ".npz")
-    outputs = _pictures(options, is_scene)
-    check_input(options.video)
-    needed = {"matplotlib" for _, image in outputs if image in (*OF_SCENES, "html")}
-    needed |= {"av" for _, image in outputs if image == "mp4"}
-    for module in sorted(needed):
-        if importlib.util.find_spec(module) is None:
-            raise DataError(f"{options.output[0]}: needs {module}: pip install 'nsdr[visualize]'")
-    scene = load_scene(options.video) if is_scene else None
+    saved = is_scene(options.video)
+    outputs = _pictures(options, saved)
+    if "mp4" in {image for _, image in outputs}:
+        check_installed("av", "writing videos needs PyAV", "visualize")
+    if {*OF_SCENES, "html"}.intersection(image for _, image in outputs):
+        check_installed("matplotlib", "figures need matplotlib", "visualize")
+    scene = load_scene(options.video) if saved else None
     if scene is not None and scene.dynamics is None and "plan" in {image for _, image in outputs}:
         raise DataError(f"{options.video}: holds no trajectories for --image plan; make it again with nsdr parse-video")
-    given = [f"--{name}" for name in ("dynamics", "config", "set") if is_scene and getattr(options, name)]
+    given = [
+        f"--{name}" for name in ("dynamics", "config", "set", "force", "background") if saved and getattr(options, name)
+    ]
     if given:
         raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
 
@@ -129,8 +127,8 @@ def visualize(options: Any) -> int:
         raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
     answers = [pipeline.answer(p.scene, options.question, options.choice or None)] if options.question else []
     frames = None
-    if not is_scene and {"strobe", "last", "mp4", "html"}.intersection(image for _, image in outputs):
-        frames = _frames(options.video)
+    if not saved and {"strobe", "last", "mp4", "html"}.intersection(image for _, image in outputs):
+        frames = _frames(pipeline, options.video)
     for path, image in outputs:
         _write_picture(path, image, frames, p, answers, options.removed)
         print(path)
@@ -138,7 +136,7 @@ def visualize(options: Any) -> int:
     return failures_line(len(errors), len(options.choice), "choices", "".join(errors[:1]), options.keep_going)
 
 
-def _pictures(options: Any, is_scene: bool) -> list[tuple[str, str]]:
+def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
     """(file, image) of every picture to make: an image of `IMAGES`, "mp4" or "html"."""
     kinds, taken = [], [options.video]
     for path in options.output:
@@ -152,8 +150,8 @@ def _pictures(options: Any, is_scene: bool) -> list[tuple[str, str]]:
         raise DataError("--image does nothing here; it needs an output ending in .png")
     if options.removed is not None and options.image not in ("plan", "all"):
         raise DataError("--removed does nothing here; it needs --image plan")
-    image = options.image or ("causal" if is_scene else "strobe")
-    possible = OF_SCENES if is_scene else IMAGES
+    image = options.image or ("causal" if saved else "strobe")
+    possible = OF_SCENES if saved else IMAGES
     pictures = []
     for path, kind in zip(options.output, kinds, strict=True):
         if kind == ".png" and image == "all":
@@ -163,19 +161,19 @@ def _pictures(options: Any, is_scene: bool) -> list[tuple[str, str]]:
             pictures += each
         else:
             pictures.append((path, image if kind == ".png" else kind.removeprefix(".")))
-    impossible = [image for _, image in pictures if is_scene and image not in (*OF_SCENES, "html")]
+    impossible = [image for _, image in pictures if saved and image not in (*OF_SCENES, "html")]
     if impossible:
         raise DataError(f"{options.video}: is a saved scene, which has no frames for {impossible[0]}; give the video")
     return pictures
 
 
-def _frames(video: str) -> Any:
-    """All frames, without the warnings that perceiving them has given."""
-    from nsdr.io.video import read_video
+def _frames(pipeline: Any, video: str) -> Any:
+    """The frames that perception saw, without the warnings that it has given."""
+    import numpy as np
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return read_video(video)
+        return np.stack(list(pipeline.frames(video)))
 
 
 def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any], removed: int | None) -> None:

@@ -130,7 +130,8 @@ def _jobs(
     found: Mapping[str, tuple[str, Any]], output: Path, stem: str, checkpoint: str, settings: PipelineConfig, form: str
 ) -> Sequence[Job[Any]]:
     weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
-    common = fingerprint(config=[form, asdict(settings)], weights=weights).encode()
+    background = [Path(settings.video.background)] if settings.video.background else []
+    common = fingerprint(inputs=background, config=[form, asdict(settings)], weights=weights).encode()
     return [
         Job(name, item, output / f"{stem}_{number}.json", fingerprint(inputs=[item, common]))
         for number, (name, item) in found.items()

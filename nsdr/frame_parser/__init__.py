@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
     from nsdr.frame_parser.parser import FrameParser
     from nsdr.frame_parser.training_frames import frame_records, write_frames
+    from nsdr.frame_parser.video_check import VideoCheck, VideoConfig, check_video, clip_frames
 
 _HOME = {
     "nsdr.frame_parser.dataset": ["AugmentConfig", "FrameDataset", "augment", "collate", "image_tensor"],
@@ -17,6 +18,7 @@ _HOME = {
     "nsdr.frame_parser.model": ["FrameParserConfig", "FrameParserNetwork", "build_frame_parser"],
     "nsdr.frame_parser.parser": ["FrameParser"],
     "nsdr.frame_parser.training_frames": ["frame_records", "write_frames"],
+    "nsdr.frame_parser.video_check": ["VideoCheck", "VideoConfig", "check_video", "clip_frames"],
 }
 
 __all__ = [
@@ -25,9 +27,13 @@ __all__ = [
     "FrameParser",
     "FrameParserConfig",
     "FrameParserNetwork",
+    "VideoCheck",
+    "VideoConfig",
     "augment",
     "average_precision",
     "build_frame_parser",
+    "check_video",
+    "clip_frames",
     "collate",
     "detection_scores",
     "frame_records",

@@ -1,5 +1,6 @@
 """Outputs are checked before the work whose results they take."""
 
+import importlib.util
 import os
 import stat
 import tempfile
@@ -9,7 +10,7 @@ from pathlib import Path
 from nsdr.errors import DataError
 from nsdr.io.files import writing
 
-__all__ = ["check_output", "check_output_folder"]
+__all__ = ["check_installed", "check_output", "check_output_folder"]
 
 PROBE_BYTES = 4096
 """Bytes that are written for a test, and deleted."""
@@ -51,6 +52,21 @@ def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequenc
             raise DataError(f"{path}: is read-only; make it writable (chmod u+w), or choose another name")
         _probe_folder(target.parent, path)
     return suffix
+
+
+def check_installed(module: str, purpose: str, extra: str) -> None:
+    """Refuse before the work what needs a package that is not installed.
+
+    Args:
+        module: the package's module.
+        purpose: what needs it and its name, such as "figures need matplotlib".
+        extra: the extra of nsdr that brings it.
+
+    Raises:
+        DataError: it is not installed; says how to install it.
+    """
+    if importlib.util.find_spec(module) is None:
+        raise DataError(f"{purpose}: pip install 'nsdr[{extra}]'")
 
 
 def check_output_folder(path: str | Path) -> None:

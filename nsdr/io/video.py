@@ -1,9 +1,13 @@
 """Video files: decoding to 480x320 RGB frames at 25 frames per second, and encoding as H.264."""
 
+import math
 import os
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
+from itertools import count, repeat
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +18,54 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError, VideoError
 from nsdr.io.files import atomic_path
 from nsdr.io.limits import check_limit
+from nsdr.io.outputs import check_installed
+from nsdr.io.video_kinds import check_is_video, undecodable
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.timeline import FPS, VIDEO_FRAMES
 
-__all__ = ["read_frames", "read_video", "write_video"]
+__all__ = [
+    "Layout",
+    "VideoSample",
+    "read_frames",
+    "read_video",
+    "sample_frames",
+    "write_video",
+]
 
 RATES = (1.0, 1000.0)
 """Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
 RATE_TOLERANCE = 0.1
 """Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
+UNEVEN = 1.0
+"""Frames that are shown so much earlier or later than at an even rate make a variable frame rate (frames of CLEVRER)."""
 REPRODUCIBLE = {"threads": "1", "mbtree": "0"}
 """Options without which x264 encodes the same frames differently from run to run, or from one number of cores to another."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where in a video's frames CLEVRER's image is.
+
+    Attributes:
+        box_xyxy_px: left, top, right and bottom of the part that is used; None for all.
+        stretched: the part is scaled to 480x320 whatever its sides are; else its shape is kept and the rest filled.
+    """
+
+    box_xyxy_px: tuple[int, int, int, int] | None = None
+    stretched: bool = False
+
+
+@dataclass(frozen=True)
+class VideoSample:
+    """Some early frames of a video, and what is known of it without decoding it all.
+
+    Attributes:
+        frames: (F, height, width, 3) uint8 RGB, of at most 480x320 pixels, in the shape of the video's frames.
+        size_px: width and height of the video's frames (pixels).
+    """
+
+    frames: NDArray[np.uint8]
+    size_px: tuple[int, int]
 
 
 def read_video(path: str | Path) -> NDArray[np.uint8]:
@@ -32,7 +73,7 @@ def read_video(path: str | Path) -> NDArray[np.uint8]:
 
     Another image size is scaled to fit, the rest filled with the mean colour, so that shapes keep their aspect;
     another frame rate is resampled: of a fast video the nearest frame in time is taken, the frames of a slow one are repeated
-    (the same array). Both warn, and so does a video shorter than CLEVRER's 128 frames.
+    (the same array). Both warn, and so does a video of another length than CLEVRER's 128 frames.
 
     Raises:
         VideoError: no such file, not a video, no frames, or more or larger ones than `nsdr.io.limits` allows.
@@ -44,11 +85,60 @@ def read_video(path: str | Path) -> NDArray[np.uint8]:
     return np.stack(frames)
 
 
-def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
-    """Frames of `read_video` one by one, (320, 480, 3) each; the same warnings and errors."""
+def read_frames(path: str | Path, layout: Layout | None = None) -> Iterator[NDArray[np.uint8]]:
+    """Frames of `read_video` one by one, (320, 480, 3) each; the same warnings and errors.
+
+    Args:
+        path: a video file.
+        layout: which part of the frames to use; None for all.
+    """
     path = Path(path)
-    if not path.is_file():
-        raise VideoError(f"{path}: {'is a folder or a device; expected a video' if path.exists() else 'no such file'}")
+    layout = layout or Layout()
+    with _opened(path) as (capture, rate):
+        if abs(rate - FPS) > RATE_TOLERANCE:
+            warnings.warn(f"{path}: {rate:g} frames per second, resampled to {FPS}", stacklevel=2)
+        n = 0
+        for frame in _at_rate(_decoded(capture, path, rate), rate):
+            _check(n + 1, "frames", path)
+            height, width = frame.shape[:2]
+            if n == 0 and (height, width) != (HEIGHT_PX, WIDTH_PX):
+                warnings.warn(f"{path}: {width}x{height} px, resized to {WIDTH_PX}x{HEIGHT_PX}", stacklevel=2)
+            if (height, width) != (HEIGHT_PX, WIDTH_PX) or layout.box_xyxy_px is not None:
+                frame = _fitted(frame, layout)
+            n += 1
+            yield frame
+        if n == 0:
+            raise undecodable(path, int(capture.get(cv2.CAP_PROP_FOURCC)))
+        if n != VIDEO_FRAMES:
+            warnings.warn(f"{path}: {n} frames, CLEVRER's videos have {VIDEO_FRAMES}", stacklevel=2)
+
+
+def sample_frames(path: str | Path, seconds: float, spacing: int) -> VideoSample:
+    """Every `spacing`-th frame, at 25 frames a second, of the first seconds of a video; warns of nothing.
+
+    Raises:
+        VideoError: as of `read_video`.
+    """
+    path = Path(path)
+    frames: list[NDArray[np.uint8]] = []
+    size = (0, 0)
+    with _opened(path) as (capture, rate), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for index, frame in enumerate(_at_rate(_decoded(capture, path, rate), rate)):
+            if index >= seconds * FPS:
+                break
+            if index % spacing == 0:
+                size = (frame.shape[1], frame.shape[0])
+                frames.append(_small(frame))
+        if not frames:
+            raise undecodable(path, int(capture.get(cv2.CAP_PROP_FOURCC)))
+    return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[cv2.VideoCapture, float]]:
+    """An opened video and its frame rate (1/s)."""
+    check_is_video(path)
     # OpenCV and FFmpeg print their own complaints about broken files; ours follow.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel() if hasattr(cv2, "utils") else None
@@ -57,30 +147,13 @@ def read_frames(path: str | Path) -> Iterator[NDArray[np.uint8]]:
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
-            raise VideoError(
-                f"{path}: not a video that OpenCV can read; convert it to H.264 mp4, for example with ffmpeg"
-            )
+            raise undecodable(path)
         _check(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path)
         _check(capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT), "image_pixels", path)
         rate = float(capture.get(cv2.CAP_PROP_FPS)) or float(FPS)
         if not RATES[0] <= rate <= RATES[1]:
             raise VideoError(f"{path}: {rate:g} frames per second, expected {RATES[0]:g} to {RATES[1]:g}; convert it")
-        if abs(rate - FPS) > RATE_TOLERANCE:
-            warnings.warn(f"{path}: {rate:g} frames per second, resampled to {FPS}", stacklevel=2)
-        count = 0
-        for frame in _at_rate(_decoded(capture, path), rate):
-            _check(count + 1, "frames", path)
-            height, width = frame.shape[:2]
-            if (height, width) != (HEIGHT_PX, WIDTH_PX):
-                if count == 0:
-                    warnings.warn(f"{path}: {width}x{height} px, resized to {WIDTH_PX}x{HEIGHT_PX}", stacklevel=2)
-                frame = _fitted(frame)
-            count += 1
-            yield frame
-        if count == 0:
-            raise VideoError(f"{path}: holds no frames; the file may be cut off")
-        if count < VIDEO_FRAMES:
-            warnings.warn(f"{path}: {count} frames, CLEVRER's videos have {VIDEO_FRAMES}", stacklevel=2)
+        yield capture, rate
     finally:
         capture.release()
         if level is not None:
@@ -94,8 +167,14 @@ def _check(value: float, limit: str, path: str | Path) -> None:
         raise VideoError(str(e)) from e
 
 
-def _decoded(capture: cv2.VideoCapture, path: Path) -> Iterator[NDArray[np.uint8]]:
-    while True:
+def _decoded(capture: cv2.VideoCapture, path: Path, rate: float) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """(time, RGB frame); the time since the first frame counts frames of CLEVRER.
+
+    Frames are taken as evenly spaced unless the file says clearly otherwise; then a warning is given once.
+    """
+    even_step = 1.0 if abs(rate - FPS) <= RATE_TOLERANCE else FPS / rate
+    start, before, warned = 0.0, -1.0, False
+    for index in count():
         try:
             ok, frame = capture.read()
         except (cv2.error, MemoryError) as e:
@@ -103,27 +182,53 @@ def _decoded(capture: cv2.VideoCapture, path: Path) -> Iterator[NDArray[np.uint8
         if not ok:
             return
         _check(frame.shape[0] * frame.shape[1], "image_pixels", path)
-        yield cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)  # type: ignore[misc]
+        shown = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000 * FPS
+        if index == 0:
+            start = shown
+        time = index * even_step
+        if shown > before and abs(shown - start - time) > UNEVEN:
+            time = shown - start
+            if not warned:
+                warnings.warn(f"{path}: variable frame rate, resampled to {FPS} frames per second", stacklevel=2)
+            warned = True
+        before = shown
+        yield time, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)  # type: ignore[misc]
 
 
-def _at_rate(frames: Iterator[NDArray[np.uint8]], rate: float) -> Iterator[NDArray[np.uint8]]:
+def _at_rate(frames: Iterator[tuple[float, NDArray[np.uint8]]], rate: float) -> Iterator[NDArray[np.uint8]]:
     """Frames at every 25th of a second: the nearest in time of a fast video; each frame of a slow one until the next."""
-    if abs(rate - FPS) <= RATE_TOLERANCE:
-        yield from frames
-        return
-    shown = 0
-    for index, frame in enumerate(frames):
-        nearest = index == round(shown * rate / FPS)
-        until = shown + nearest if rate > FPS else round((index + 1) * FPS / rate)
-        while shown < until:
-            yield frame
-            shown += 1
+    held: NDArray[np.uint8] | None = None
+    slot, following, distance, time = 0, 0, 0.0, 0.0
+    for time, frame in frames:
+        nearest = math.ceil(time - 0.5)
+        if held is not None and nearest > slot:
+            yield from repeat(held, nearest - following)
+            following = nearest
+        if held is None or nearest > slot or abs(time - nearest) < distance:
+            held, slot, distance = frame, max(nearest, slot), abs(time - nearest)
+    if held is not None:
+        yield from repeat(held, max(round(time + FPS / rate), 1) - following)
 
 
-def _fitted(frame: NDArray[Any]) -> NDArray[np.uint8]:
+def _small(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The frame scaled down to at most 480x320 pixels."""
+    height, width = frame.shape[:2]
+    scale = min(WIDTH_PX / width, HEIGHT_PX / height)
+    if scale >= 1:
+        return frame
+    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _fitted(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.uint8]:
+    if layout.box_xyxy_px is not None:
+        left, top, right, bottom = layout.box_xyxy_px
+        frame = frame[top:bottom, left:right]
     height, width = frame.shape[:2]
     scale = min(WIDTH_PX / width, HEIGHT_PX / height)
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    if layout.stretched:
+        size = (WIDTH_PX, HEIGHT_PX)
     small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
     canvas = np.full((HEIGHT_PX, WIDTH_PX, 3), small.reshape(-1, 3).mean(0), np.uint8)
     top, left = (HEIGHT_PX - size[1]) // 2, (WIDTH_PX - size[0]) // 2
@@ -137,10 +242,9 @@ def write_video(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: int 
     Raises:
         DataError: PyAV is missing, or there are no frames.
     """
-    try:
-        import av
-    except ImportError as e:
-        raise DataError("writing videos needs PyAV: pip install 'nsdr[visualize]'") from e
+    check_installed("av", "writing videos needs PyAV", "visualize")
+    import av
+
     with atomic_path(path) as temporary:
         container = av.open(str(temporary), "w", format="mp4")
         with container:

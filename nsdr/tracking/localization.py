@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.tracking.visibility import cut_sides
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, on_ground, pixels_from_world
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["ground_location", "outline"]
+__all__ = ["expected_size", "ground_location", "outline"]
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -81,6 +81,13 @@ def _calibration() -> dict[str, tuple[FloatArray, FloatArray]]:
         to_edges = np.linalg.lstsq(_terms(centres), np.array(edges) - np.tile(centres, 2), rcond=None)[0]
         result[shape] = (to_centre, to_edges)
     return result
+
+
+def expected_size(shape: str, location_world: FloatArray) -> FloatArray:
+    """Width and height (N, 2) in pixels of the bounding boxes of objects of a shape at (x, y) (N, 2) on the ground."""
+    _, to_edges = _calibration()[shape]
+    edges = _terms(pixels_from_world(on_ground(location_world))) @ to_edges
+    return edges[:, 2:] - edges[:, :2]
 
 
 def ground_location(

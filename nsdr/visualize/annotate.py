@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.errors import DataError
+from nsdr.frame_parser.video_check import VideoConfig, clip_frames
 from nsdr.io.files import atomic_path
-from nsdr.io.video import read_frames
 from nsdr.pipeline import Perception
 from nsdr.types import Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -90,13 +90,16 @@ def annotated_image(
     return image  # type: ignore[return-value]
 
 
-def write_annotated_image(path: str | Path, video: str | Path, perception: Perception) -> None:
+def write_annotated_image(
+    path: str | Path, video: str | Path, perception: Perception, config: VideoConfig | None = None
+) -> None:
     """Write the annotated last frame of a video; missing folders are created.
 
     Args:
         path: image file ending in .png or .jpg.
         video: the video file.
         perception: result of `Pipeline.perceive` for this video.
+        config: what the pipeline expected of videos (`Pipeline.video`).
 
     Raises:
         DataError: the perception has no tracks, or the image file cannot be written.
@@ -106,7 +109,7 @@ def write_annotated_image(path: str | Path, video: str | Path, perception: Perce
         raise DataError(f"{video}: no tracks to draw; the perception was made without them")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # perceiving the video has already shown them
-        for index, frame in enumerate(read_frames(video)):
+        for index, frame in enumerate(clip_frames(video, config)):
             last_index, last_frame = index, frame
     image = annotated_image(last_frame, last_index, perception.proposals, perception.tracks, perception.scene)
     write_image(path, image)

@@ -4,6 +4,8 @@ World: z up, x towards the camera, y to the right of the image; object centres a
 480x320 image, pixel centres at +0.5. Grid: (row, column); one grid unit is 3.2 pixels.
 """
 
+import math
+import os
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,12 +17,14 @@ from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = [
     "CLEVRER_CAMERA",
+    "EYE_VARIABLE",
     "EYE_WORLD",
     "HEIGHT_PX",
     "LENS_MM",
     "SENSOR_MM",
     "WIDTH_PX",
     "Camera",
+    "eye_of",
     "grid_from_pixels",
     "ground_from_pixels",
     "on_ground",
@@ -30,8 +34,35 @@ __all__ = [
 
 WIDTH_PX, HEIGHT_PX = 480, 320
 """Size of the released videos (pixels)."""
-EYE_WORLD = (4.330127, 0.0, 2.5)
-"""Position (x, y, z) of CLEVRER's camera, which looks at the origin (world units). A render of CLEVR's base scene from here
+EYE_VARIABLE = "NSDR_CAMERA_EYE"
+"""Environment variable with another position of the camera, such as "5.0,0.5,3.0" (docs/other_cameras.md)."""
+MIN_HEIGHT_WORLD, MIN_ASIDE_WORLD = 0.5, 0.1
+"""The camera's least height, and least distance from the vertical through the origin, where images have no upward direction
+(world units)."""
+
+
+def eye_of(text: str) -> tuple[float, float, float]:
+    """The position (x, y, z) that `EYE_VARIABLE` has, in world units; CLEVRER's for "".
+
+    Raises:
+        ValueError: not three numbers, or no place from which a camera sees the ground.
+    """
+    if not text:
+        return 4.330127, 0.0, 2.5
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x, y, z = math.nan, math.nan, math.nan
+    if not (z >= MIN_HEIGHT_WORLD and math.inf > math.hypot(x, y) >= MIN_ASIDE_WORLD and z < math.inf):
+        raise ValueError(
+            f"{EYE_VARIABLE}={text}: expected the camera's place as X,Y,Z with Z of at least {MIN_HEIGHT_WORLD} and not right "
+            "above the origin, such as 5.0,0.5,3.0"
+        )
+    return x, y, z
+
+
+EYE_WORLD = eye_of(os.environ.get(EYE_VARIABLE, ""))
+"""Position (x, y, z) of the camera, which looks at the origin (world units). With CLEVRER's, a render of CLEVR's base scene
 differs from a released background by 1.8 of 255 on average."""
 LENS_MM, SENSOR_MM = 35.0, 32.0
 """Focal length and sensor width of CLEVR's camera (mm); the focal length is 525 px for a width of 480 px."""
@@ -102,7 +133,7 @@ class Camera:
 
 
 CLEVRER_CAMERA = Camera()
-"""The camera of every released video."""
+"""The camera of every released video, unless `EYE_VARIABLE` says otherwise."""
 
 
 def pixels_from_world(location_world: ArrayLike) -> FloatArray:

@@ -1,0 +1,306 @@
+"""Altered and foreign videos for `benchmarks/video_check.py`: each is made from a clip's frames, or from nothing."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.generate.render.preview import render_preview
+from nsdr.generate.render.raycast import Solid
+from nsdr.generate.render.view import View
+from nsdr.types import SceneObject
+from nsdr.world.camera import Camera
+
+__all__ = ["ALTERED", "FOREIGN", "RATES", "Frames", "seen_from"]
+
+Frames = NDArray[np.uint8]
+"""(F, height, width, 3) RGB."""
+Alteration = Callable[[Frames], Frames]
+COUNT, SIZE = 128, (320, 480)
+
+
+def _each(change: Callable[[NDArray[np.uint8]], NDArray[np.uint8]]) -> Alteration:
+    return lambda frames: np.stack([change(frame) for frame in frames])
+
+
+def _resized(width: int, height: int) -> Alteration:
+    return _each(lambda frame: cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def _cut(left: float, top: float, right: float, bottom: float, resize: bool = True) -> Alteration:
+    """The part of the image between these shares of its sides, at the size of the image or its own."""
+
+    def change(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        h, w = frame.shape[:2]
+        part = frame[int(top * h) // 2 * 2 : int(bottom * h) // 2 * 2, int(left * w) // 2 * 2 : int(right * w) // 2 * 2]
+        return cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA) if resize else part
+
+    return _each(change)
+
+
+def _padded(sides: int, ends: int, value: int | None = 0) -> Alteration:
+    """Bars of so many pixels at left and right, top and bottom; of the first frame's mean colour if `value` is None."""
+
+    def change(frames: Frames) -> Frames:
+        color = frames[0].reshape(-1, 3).mean(0).astype(np.uint8) if value is None else value
+        shape = (len(frames), frames.shape[1] + 2 * ends, frames.shape[2] + 2 * sides, 3)
+        result = np.full(shape, color, np.uint8)
+        result[:, ends : ends + frames.shape[1], sides : sides + frames.shape[2]] = frames
+        return result
+
+    return change
+
+
+def _levels(gain: float, offset: float = 0.0, gamma: float = 1.0) -> Alteration:
+    table = np.clip(255 * (np.arange(256) / 255) ** gamma * gain + offset, 0, 255).astype(np.uint8)
+    return lambda frames: table[frames]
+
+
+def _gray(frames: Frames) -> Frames:
+    return np.stack([cv2.cvtColor(cv2.cvtColor(f, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB) for f in frames])
+
+
+def _noisy(sigma: float) -> Alteration:
+    def change(frames: Frames) -> Frames:
+        rng = np.random.default_rng(0)
+        return np.stack([np.clip(f + sigma * rng.standard_normal(f.shape), 0, 255).astype(np.uint8) for f in frames])
+
+    return change
+
+
+def _hue(shift: int) -> Alteration:
+    def change(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        hsv = cv2.cvtColor(frame, cv2.COLOR_RGB2HSV)
+        hsv[..., 0] = (hsv[..., 0].astype(int) + shift) % 180
+        return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)
+
+    return _each(change)
+
+
+def _turned(degrees: float) -> Alteration:
+    def change(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        h, w = frame.shape[:2]
+        matrix = cv2.getRotationMatrix2D((w / 2, h / 2), degrees, 1.0)
+        return cv2.warpAffine(frame, matrix, (w, h), borderMode=cv2.BORDER_REPLICATE)
+
+    return _each(change)
+
+
+def _shaken(frames: Frames) -> Frames:
+    rng = np.random.default_rng(0)
+    moved = []
+    for frame in frames:
+        dx, dy = rng.normal(0, 4, 2)
+        moved.append(cv2.warpAffine(frame, np.float32([[1, 0, dx], [0, 1, dy]]), SIZE[::-1], borderMode=1))
+    return np.stack(moved)
+
+
+def _captioned(frames: Frames) -> Frames:
+    result = frames.copy()
+    for frame in result:
+        cv2.putText(frame, "sample video", (20, 300), cv2.FONT_HERSHEY_SIMPLEX, 1.2, (255, 255, 255), 2)
+    return result
+
+
+RATES = {"15 fps": 15, "20 fps": 20, "24 fps": 24, "30 fps": 30, "50 fps": 50, "60 fps": 60}
+"""Kinds that only change the frame rate: the frames nearest in time."""
+
+ALTERED: dict[str, tuple[str, Alteration]] = {
+    "unchanged": ("in", lambda f: f),
+    "480x320, blurred": ("in, doubtful", _each(lambda f: cv2.GaussianBlur(f, (0, 0), 1.5))),
+    "240x160": ("in, doubtful", _resized(240, 160)),
+    "720x480": ("in, doubtful", _resized(720, 480)),
+    "first 60 frames": ("in, doubtful", lambda f: f[:60]),
+    "2 frames": ("doubtful, out", lambda f: f[:2]),
+    "frozen": ("doubtful, out", lambda f: np.repeat(f[60:61], COUNT, 0)),
+    "looped": ("doubtful", lambda f: np.concatenate([f, f])),
+    "backwards": ("in, doubtful", lambda f: f[::-1]),
+    "black second first": ("doubtful, out", lambda f: np.concatenate([0 * f[:25], f])),
+    "mirrored": ("doubtful", lambda f: f[:, :, ::-1]),
+    "upside down": ("out", lambda f: f[:, ::-1]),
+    "rotated by 180": ("out", lambda f: f[:, ::-1, ::-1]),
+    "rotated by 90": ("out", lambda f: np.rot90(f, 1, (1, 2))),
+    "rotated by 270": ("out", lambda f: np.rot90(f, 3, (1, 2))),
+    "rotated by 90, resized": ("out", lambda f: _resized(480, 320)(np.rot90(f, 1, (1, 2)))),
+    "rotated by 90, padded": ("out", lambda f: _resized(480, 320)(_padded(200, 0)(np.rot90(f, 1, (1, 2))))),
+    "turned by 10": ("doubtful, out", _turned(10)),
+    "grayscale": ("out", _gray),
+    "red and blue exchanged": ("out", lambda f: f[..., ::-1]),
+    "colours inverted": ("out", lambda f: 255 - f),
+    "hues shifted by 60": ("doubtful, out", _hue(30)),
+    "hues shifted by 120": ("doubtful, out", _hue(60)),
+    "black and white": ("out", lambda f: np.where(_gray(f) > 130, 255, 0).astype(np.uint8)),
+    "edges": ("out", _each(lambda f: cv2.cvtColor(cv2.Canny(f, 50, 100), cv2.COLOR_GRAY2RGB))),
+    "darker 0.8": ("in, doubtful", _levels(0.8)),
+    "darker 0.5": ("doubtful", _levels(0.5)),
+    "darker 0.25": ("doubtful, out", _levels(0.25)),
+    "brighter 1.3": ("in, doubtful", _levels(1.3)),
+    "gamma 1.8": ("doubtful", _levels(1.0, gamma=1.8)),
+    "low contrast": ("doubtful", _levels(0.4, 80)),
+    "noise 5": ("in, doubtful", _noisy(5)),
+    "noise 15": ("doubtful", _noisy(15)),
+    "noise 40": ("doubtful, out", _noisy(40)),
+    "shaken": ("doubtful, out", _shaken),
+    "caption": ("in, doubtful", _captioned),
+    "pillarbox 640x320": ("doubtful", _padded(80, 0)),
+    "pillarbox, 16:9": ("doubtful", lambda f: _resized(640, 360)(_padded(44, 0)(f))),
+    "letterbox 480x360": ("doubtful", _padded(0, 20)),
+    "letterbox, white": ("doubtful", _padded(0, 40, 255)),
+    "pillarbox, gray": ("doubtful", _padded(60, 0, None)),
+    "window box": ("doubtful", _padded(40, 40)),
+    "window box, 3:2, small": ("doubtful", lambda f: _resized(480, 320)(_padded(120, 80)(f))),
+    "stretched 480x360": ("doubtful", _resized(480, 360)),
+    "stretched 640x360": ("doubtful", _resized(640, 360)),
+    "stretched 480x480": ("doubtful", _resized(480, 480)),
+    "cropped to 4:3": ("doubtful", _cut(1 / 18, 0, 17 / 18, 1, resize=False)),
+    "cropped to 1:1": ("doubtful", _cut(1 / 6, 0, 5 / 6, 1, resize=False)),
+    "cropped to 16:9": ("doubtful", _cut(0, 0.08, 1, 0.92, resize=False)),
+    "cropped by 5 %, resized": ("in, doubtful", _cut(0.05, 0.05, 0.95, 0.95)),
+    "cropped by 10 %, resized": ("doubtful", _cut(0.1, 0.1, 0.9, 0.9)),
+    "cropped by 20 %, resized": ("doubtful, out", _cut(0.2, 0.2, 0.8, 0.8)),
+    "cropped, a corner, resized": ("doubtful, out", _cut(0.25, 0, 1, 0.75)),
+    "cropped by 10 %, 384x256": ("doubtful", _cut(0.1, 0.1, 0.9, 0.9, resize=False)),
+}
+"""Kind -> (classes that are right for it, how the frames are changed)."""
+
+
+def _textures(rng: np.random.Generator, sizes: tuple[int, ...]) -> NDArray[np.float32]:
+    """A coloured texture (600, 2000, 3), 0-1, with structure of the given sizes (pixels)."""
+    image = np.zeros((600, 2000, 3), np.float32)
+    for size in sizes:
+        coarse = rng.random((600 // size + 2, 2000 // size + 2, 3)).astype(np.float32)
+        image += size**0.5 * cv2.resize(coarse, (2000, 600), interpolation=cv2.INTER_CUBIC)
+    low, high = np.percentile(image, [1, 99])
+    return np.clip((image - low) / (high - low), 0, 1)
+
+
+def _street(rng: np.random.Generator) -> Frames:
+    """Sky, houses, a road and cars of several colours that drive by while the camera pans."""
+    walls = (255 * _textures(rng, (8, 40, 160))).astype(np.uint8)
+    frames = []
+    cars = [(tuple(map(int, rng.integers(0, 255, 3))), rng.uniform(-6, 6), rng.uniform(0, 480)) for _ in range(4)]
+    for f in range(COUNT):
+        frame = walls[:320, f * 3 : f * 3 + 480].copy()
+        frame[:90] = (150, 190, 230)
+        frame[220:] = (90, 90, 95)
+        for k, (color, speed, start) in enumerate(cars):
+            x = int(start + speed * f) % 560 - 80
+            cv2.rectangle(frame, (x, 200 + 20 * k), (x + 70, 230 + 20 * k), color, -1)
+        frames.append(frame)
+    return np.stack(frames)
+
+
+def _panned(rng: np.random.Generator) -> Frames:
+    image = (255 * _textures(rng, (4, 30, 200))).astype(np.uint8)
+    return np.stack([image[f : f + 320, 5 * f : 5 * f + 480] for f in range(COUNT)])
+
+
+def _bars(_: np.random.Generator) -> Frames:
+    colors = [(191, 191, 191), (191, 191, 0), (0, 191, 191), (0, 191, 0), (191, 0, 191), (191, 0, 0), (0, 0, 191)]
+    image = np.zeros((*SIZE, 3), np.uint8)
+    for k, color in enumerate(colors):
+        image[:, k * 480 // 7 : (k + 1) * 480 // 7] = color
+    frames = np.repeat(image[None], COUNT, 0)
+    for f, frame in enumerate(frames):
+        frame[280:300, (3 * f) % 460 : (3 * f) % 460 + 20] = 255
+    return frames
+
+
+def _gradient(_: np.random.Generator) -> Frames:
+    across = np.linspace(0, 255, 480)
+    return np.stack(
+        [np.repeat(np.roll(across, 2 * f)[None, :, None], 320, 0).repeat(3, 2) for f in range(COUNT)]
+    ).astype(np.uint8)
+
+
+def _slope(_: np.random.Generator) -> Frames:
+    """A still grey gradient near CLEVRER's brightness, with a ball that moves."""
+    image = np.repeat(np.linspace(100, 160, 320)[:, None], 480, 1)[..., None].repeat(3, 2).astype(np.uint8)
+    return _balls_on(image)
+
+
+def _balls_on(image: NDArray[np.uint8]) -> Frames:
+    frames = np.repeat(image[None], COUNT, 0)
+    colors = [(200, 30, 30), (30, 160, 40), (40, 60, 200)]
+    for f, frame in enumerate(frames):
+        for k, color in enumerate(colors):
+            cv2.circle(frame, (int(40 + (2 + k) * f) % 480, 110 + 70 * k), 24, color, -1)
+    return frames
+
+
+def _cartoon(rng: np.random.Generator) -> Frames:
+    image = np.full((*SIZE, 3), (150, 210, 250), np.uint8)
+    image[200:] = (110, 200, 90)
+    cv2.circle(image, (400, 60), 35, (250, 220, 60), -1)
+    return _balls_on(image)
+
+
+def _text(_: np.random.Generator) -> Frames:
+    image = np.full((*SIZE, 3), 30, np.uint8)
+    for row in range(14):
+        cv2.putText(image, "def line(): return 42  # text", (10, 20 + 22 * row), 0, 0.6, (200, 220, 200), 1)
+    frames = np.repeat(image[None], COUNT, 0)
+    for f, frame in enumerate(frames):
+        frame[10:24, 400 : 410 if f % 20 < 10 else 400] = 255
+    return frames
+
+
+def _plot(_: np.random.Generator) -> Frames:
+    """White ground, axes, and points that move, as an animated figure has."""
+    image = np.full((*SIZE, 3), 255, np.uint8)
+    cv2.rectangle(image, (40, 20), (460, 290), (0, 0, 0), 1)
+    return _balls_on(image)
+
+
+def _noise(rng: np.random.Generator) -> Frames:
+    return rng.integers(0, 256, (COUNT, *SIZE, 3), dtype=np.uint8)
+
+
+def _flat(value: int) -> Callable[[np.random.Generator], Frames]:
+    return lambda _: np.full((COUNT, *SIZE, 3), value, np.uint8)
+
+
+def _flicker(rng: np.random.Generator) -> Frames:
+    return np.stack([np.full((*SIZE, 3), v, np.uint8) for v in rng.integers(0, 256, COUNT)])
+
+
+def seen_from(*eye: float) -> Callable[[np.random.Generator], Frames]:
+    """CLEVRER's ground and lamps with three objects, by the preview renderer, from another place (world units)."""
+
+    def make(_: np.random.Generator) -> Frames:
+        view = View(Camera((eye[0], eye[1], eye[2])))
+        words = [("red", "rubber", "sphere"), ("cyan", "metal", "cube"), ("green", "rubber", "cylinder")]
+        objects = [SceneObject(k, *word) for k, word in enumerate(words)]
+        frames = []
+        for f in range(0, COUNT, 4):
+            places = [(-1.0 + 0.02 * f, -1.0, 0.2), (0.5, 1.5 - 0.01 * f, 0.2), (1.0, 0.0, 0.2)]
+            solids = [Solid(o.shape, np.array(p), np.eye(3)) for o, p in zip(objects, places, strict=True)]
+            frames.append(render_preview(objects, solids, view))
+        return np.repeat(np.stack(frames), 4, 0)
+
+    return make
+
+
+FOREIGN: dict[str, tuple[str, Callable[[np.random.Generator], Frames]]] = {
+    "black": ("out", _flat(0)),
+    "white": ("out", _flat(255)),
+    "grey of CLEVRER's ground": ("out", _flat(132)),
+    "noise": ("out", _noise),
+    "flicker": ("out", _flicker),
+    "street": ("out", _street),
+    "panned texture": ("out", _panned),
+    "test bars": ("out", _bars),
+    "moving gradient": ("out", _gradient),
+    "grey slope with balls": ("out", _slope),
+    "flat grey with balls": ("out", lambda rng: _balls_on(_flat(132)(rng)[0])),
+    "cartoon": ("out", _cartoon),
+    "text": ("out", _text),
+    "plot": ("out", _plot),
+    "camera from above": ("doubtful, out", seen_from(1.0, 0.0, 5.0)),
+    "camera at the side": ("doubtful, out", seen_from(3.0, 3.0, 2.5)),
+    "camera nearer": ("doubtful, out", seen_from(3.3, 0.0, 1.9)),
+    "camera farther": ("doubtful, out", seen_from(6.0, 0.0, 3.5)),
+    "camera a little aside": ("in, doubtful, out", seen_from(4.3, 0.5, 2.6)),
+}
+"""Kind -> (classes that are right for it, how it is made)."""
