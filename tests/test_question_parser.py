@@ -80,6 +80,17 @@ def test_one_text_alone_gives_what_a_batch_gives(parser: QuestionParser) -> None
     assert parser.parse_batch([]) == []
 
 
+def test_a_bad_text_does_not_lose_the_others(parser) -> None:
+    texts = ["How many zebras are there?", "How many cubes enter the scene?", "", "How many cubes enter many?"]
+    found = parser.parse_each(texts)
+    assert [type(program) for program in found] == [QuestionError, Program, QuestionError, QuestionError]
+    assert found[1] == parser.parse(texts[1])
+    with pytest.raises(QuestionError, match="zebras"):
+        parser.parse_batch(texts)
+    with pytest.raises(QuestionError, match="kind is 'poem'"):
+        parser.parse_each(texts, "poem")
+
+
 def test_unknown_words_are_named_with_what_is_understood_without_them(parser: QuestionParser) -> None:
     with pytest.raises(
         QuestionError, match=r"unknown word 'gleam'.*understood: What is the color of the moving object;"

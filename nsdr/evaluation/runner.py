@@ -17,8 +17,9 @@ from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.parsed_programs import with_parsed_programs
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import checkpoint_folders
-from nsdr.errors import DataError, EndpointError, NsdrError
+from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
+from nsdr.evaluation.parsing import endpoint_parse, parse_all
 from nsdr.evaluation.score import Parse, evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
@@ -30,7 +31,7 @@ from nsdr.io.runner import Job, run_jobs
 from nsdr.io.tasks import ENGINES
 from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
 from nsdr.pipeline import PipelineConfig, pipeline_settings
-from nsdr.symbolic import Executor, Program
+from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
 __all__ = ["EvaluationConfig", "evaluation_fingerprint", "run_evaluation"]
@@ -150,14 +151,13 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         EndpointError: the server of `parser` is not there.
         ConnectionError: it fails in the midst of the questions, after the scenes were kept.
     """
-    parse = _endpoint(config)
+    parse = endpoint_parse(config.parser, config.parser_model) if config.parser else None
     settings, device = config.pipeline(), str(resolve_device(config.device))
     questions, data = _questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        return evaluate(
-            _official(questions, Path(config.data), config.collisions), parse or _parser(config), config.types
-        )
+        parse = parse or _programs(config, questions)
+        return evaluate(_official(questions, Path(config.data), config.collisions), parse, config.types)
     wanted = {s.scene_index for s in questions}
     source = SOURCES[config.source](data, wanted)
     true_source = SOURCES[config.truth_source](Path(config.truth), wanted) if config.truth_source else None
@@ -187,7 +187,13 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         folder = jobs[0].output.parent
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
-    return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), parse or _parser(config), config.types)
+    parse = parse or _programs(config, questions)
+    return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), parse, config.types)
+
+
+def _programs(config: EvaluationConfig, questions: Sequence[SceneQuestions]) -> Parse | None:
+    """The programs of all texts by the checkpoint's question parser; None where the question file has them."""
+    return parse_all(config.checkpoint, config.device, questions, config.types) if config.programs == "parsed" else None
 
 
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
@@ -283,28 +289,3 @@ def _official(
             yield s, Executor(prediction_file(folder, s.scene_index), "official", collisions)
         except NsdrError as e:
             yield s, e
-
-
-def _endpoint(config: EvaluationConfig) -> Parse | None:
-    """The parser on the server of the configuration; an error of the server is none of a question, and ends the evaluation."""
-    if not config.parser:
-        return None
-    from nsdr.question_parser.endpoint import EndpointParser
-
-    parser = EndpointParser.connect(config.parser, config.parser_model)
-
-    def parse(text: str, kind: str) -> Program:
-        try:
-            return parser.parse(text, kind)
-        except EndpointError as e:
-            raise ConnectionError(str(e)) from e
-
-    return parse
-
-
-def _parser(config: EvaluationConfig) -> Parse | None:
-    if config.programs != "parsed":
-        return None
-    from nsdr.question_parser.parser import QuestionParser
-
-    return QuestionParser.from_pretrained(config.checkpoint, config.device).parse

@@ -9,7 +9,7 @@ from typing import Any, Self
 import torch
 from torch import nn
 
-from nsdr.errors import CheckpointError, ProgramError, QuestionError
+from nsdr.errors import CheckpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.checkpoint import load_description, load_network
 from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
@@ -125,13 +125,36 @@ class QuestionParser(PretrainedPart):
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program]:
         """Programs of many texts of one kind; raises the errors of `parse`."""
+        programs = []
+        for program in self.parse_each(texts, kind):
+            if isinstance(program, NsdrError):
+                raise program
+            programs.append(program)
+        return programs
+
+    def parse_each(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
+        """Programs of many texts of one kind; for a text that has none, the error of `parse`.
+
+        Raises:
+            QuestionError: an unknown kind.
+        """
         if kind not in TEXT_KINDS:
             raise QuestionError(f"kind is {kind!r}; expected one of {', '.join(TEXT_KINDS)}")
-        for text in texts:
-            check_text(text)
-            self._check_words(text, kind)
-        found = self.candidates(texts, kind)
-        return [self._program(t, tokens, kind, p) for t, (tokens, p) in zip(texts, found, strict=True)]
+        programs: dict[int, Program | NsdrError] = {}
+        readable = []
+        for i, text in enumerate(texts):
+            try:
+                check_text(text)
+                self._check_words(text, kind)
+                readable.append(i)
+            except NsdrError as e:
+                programs[i] = e
+        for i, (tokens, probability) in zip(readable, self.candidates([texts[i] for i in readable], kind), strict=True):
+            try:
+                programs[i] = self._program(texts[i], tokens, kind, probability)
+            except NsdrError as e:
+                programs[i] = e
+        return [programs[i] for i in range(len(texts))]
 
     def _check_words(self, text: str, kind: str) -> None:
         """Refuse an empty text and one with unknown words; warn of words that are corrected or left out."""
