@@ -196,7 +196,7 @@ def _truth(folder):
         (["answer", "none.mp4", "-q", "How many collisions happen?"], "none.mp4: no such file"),
         (["answer", TRUTH, "-q", ""], "the question is empty"),
         (["answer", TRUTH, "-q", "How many zebras enter the scene?"], "unknown word 'zebras'"),
-        (["answer", TRUTH, "-q", "What will happen next?"], "give choices with it"),
+        (["answer", TRUTH, "-q", "What will happen if the cube is removed?"], "give choices with it"),
         (
             ["answer", TRUTH, "-q", "How many collisions happen?", "-c", "the presence of the cube"],
             "ask it without choices",

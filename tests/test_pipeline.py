@@ -82,7 +82,7 @@ def test_a_true_scene_answers_without_pixels(pipeline: Pipeline, example_scene: 
 
 def test_choices_missing_or_too_many(pipeline: Pipeline, example_scene: Scene) -> None:
     with pytest.raises(QuestionError, match="give choices with it"):
-        pipeline.answer(example_scene, "What will happen next?")
+        pipeline.answer(example_scene, "What will happen if the cube is removed?")
     with pytest.raises(QuestionError, match="ask it without"):
         pipeline.answer(example_scene, "How many collisions happen?", ["the presence of the cube"])
     with pytest.raises(QuestionError, match="give choices with it"):

@@ -26,7 +26,7 @@ def reading(text: str) -> list[str]:
         ("Does the red cube hit the green object?", "no"),
         ("How many crashes involve the blue object?", "2"),
         ("When does the red sphere enter?", "frame 10"),
-        ("What will happen next?", "green rubber cylinder and red rubber sphere collide (frame 150)"),
+        ("What will happen next?", "the green rubber cylinder and the red rubber sphere collide (about frame 150)"),
     ],
 )
 def test_answers(small_scene: Scene, text: str, answer: str) -> None:

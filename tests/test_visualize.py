@@ -104,7 +104,7 @@ def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_step
     for count, table in tables:
         assert re.findall(r"<tr><td class=number>(\d+)", table) == [str(i + 1) for i in range(int(count))]
     assert "<code>filter_color</code> (2, purple)" in tables[0][1]
-    assert "http" not in page  # self-contained
+    assert "://" not in page  # self-contained
     monkeypatch.setattr(report, "MAX_VIDEO_BYTES", 1000)
     write_report(tmp_path / "report.html", frames, p, [])
     assert "<video" not in (tmp_path / "report.html").read_text()

@@ -220,12 +220,14 @@ def _serve(connection: Any, function: Callable[[Any], Any], threads: int) -> Non
 
     cv2.setNumThreads(threads)
     Thread(target=_end_with_parent, daemon=True).start()
-    connection.send(None)
-    with suppress(EOFError):
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the program has ended
+        connection.send(None)
         while True:
             outcome = _attempt(function, connection.recv())
             try:
                 connection.send((outcome.result, outcome.error))
+            except (BrokenPipeError, ConnectionResetError):
+                raise
             except Exception as e:
                 connection.send((None, f"its result cannot be sent: {type(e).__name__}: {e}"))
 

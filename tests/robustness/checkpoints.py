@@ -15,7 +15,7 @@ __all__ = ["checkpoint_cases"]
 
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints" / "default"
 PARTS = ("question_parser", "frame_parser", "dynamics")
-VIDEO = ("parse-video", "{good}/gray.mp4", "--checkpoint", "weights", "-o", "scene.json")
+VIDEO = ("parse-video", "{good}/gray.mp4", "--set", "video.check=off", "--checkpoint", "weights", "-o", "scene.json")
 COMMANDS = {
     "question_parser": ("parse-question", "How many collisions happen?", "--checkpoint", "weights"),
     "frame_parser": VIDEO,
