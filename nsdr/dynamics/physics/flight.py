@@ -1,0 +1,110 @@
+"""Free motion of one body, compiled: sliding in closed form with its derivatives, and the steps of a spinning cube.
+
+A sliding body loses a + b v + c v² of its speed per second (see `nsdr.dynamics.sliding`). The integral of that law is a tangent
+for cubes and cylinders, and an exponential for spheres, which feel no friction. A spinning cube has no closed form: its four
+corners rub on the ground with forces that depend on both speed and spin, so it moves in Bullet's steps.
+"""
+
+import numpy as np
+
+from nsdr.dynamics.physics.contact_geometry import FLAT, ROUND, SPHERE
+from nsdr.dynamics.physics.numba_cache import cached_njit
+from nsdr.world.physics_constants import (
+    ANGULAR_DAMPING,
+    GRAVITY,
+    GROUND_FRICTION,
+    LINEAR_DAMPING,
+    SPINNING_FRICTION,
+    STEP_SECONDS,
+)
+
+__all__ = ["INERTIA", "MIN_SPIN_RAD_PER_S", "slide_compiled", "slow_down"]
+
+_DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
+_SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
+"""Torque per mass by which the ground resists spinning (world units²/s²)."""
+INERTIA = 2 * (2 * ROUND) ** 2 / 12
+"""Moment of inertia per mass; Bullet takes that of the bounding box (world units²)."""
+_SPIN_SLIDING_WORLD = 0.2
+"""Lever (world units) by which spin adds to the speed over the ground in the test for rest."""
+MIN_SPIN_RAD_PER_S = 1e-3
+"""Slower spin counts as none."""
+_MAX_SPEED_WORLD_PER_S = 6.0
+"""Fastest speed that going back in time leads to; twice CLEVRER's fastest start."""
+_MIN_SPEED_WORLD_PER_S = 1e-9
+"""Slower bodies are at rest."""
+_ROOT = np.sqrt(4 * _DECELERATION * LINEAR_DAMPING - LINEAR_DAMPING**2)
+_REST_ANGLE = np.arctan(LINEAR_DAMPING / _ROOT)
+_MAX_ANGLE = np.arctan((2 * LINEAR_DAMPING * _MAX_SPEED_WORLD_PER_S + LINEAR_DAMPING) / _ROOT)
+_MAX_RATIO = _MAX_SPEED_WORLD_PER_S / (1 + _MAX_SPEED_WORLD_PER_S)
+
+
+@cached_njit
+def slide_compiled(shape, speed, seconds):  # type: ignore[no-untyped-def]
+    """Distance slid (world units) and speed afterwards (world units/s), and the derivatives of both by the speed before.
+
+    Args:
+        shape: index into `nsdr.world.vocabulary.SHAPES`.
+        speed: at time 0 (world units/s).
+        seconds: positive for later and negative for earlier.
+    """
+    k = LINEAR_DAMPING
+    if speed < _MIN_SPEED_WORLD_PER_S:
+        if shape == SPHERE:
+            return 0.0, 0.0, seconds, 1.0
+        return 0.0, 0.0, 0.0, 0.0
+    if shape == SPHERE:
+        ratio = min(speed / (1 + speed) * np.exp(-k * seconds), _MAX_RATIO)
+        later = ratio / (1 - ratio)
+        loss = k * speed * (1 + speed)
+        return np.log((1 + speed) / (1 + later)) / k, later, (speed - later) / loss, k * later * (1 + later) / loss
+    loss = _DECELERATION + k * speed + k * speed * speed
+    angle = np.arctan((2 * k * speed + k) / _ROOT)
+    final = min(angle - _ROOT * seconds / 2, _MAX_ANGLE)
+    if final <= _REST_ANGLE:
+        distance = np.log(loss / _DECELERATION) / (2 * k) - (angle - _REST_ANGLE) / _ROOT
+        return distance, 0.0, speed / loss, 0.0
+    later = (_ROOT * np.tan(final) - k) / (2 * k)
+    loss_later = _DECELERATION + k * later + k * later * later
+    distance = np.log(loss / loss_later) / (2 * k) - (angle - final) / _ROOT
+    return distance, later, (speed - later) / loss, loss_later / loss
+
+
+@cached_njit
+def slow_down(shape, velocity, spin, yaw, i):  # type: ignore[no-untyped-def]
+    """Damping and friction of one Bullet step, applied to the velocity and spin of body i."""
+    speed = np.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2)
+    loss = LINEAR_DAMPING * speed + LINEAR_DAMPING * speed * speed
+    abs_spin = abs(spin[i])
+    spin[i] -= STEP_SECONDS * ANGULAR_DAMPING * spin[i] * (1 + abs_spin)
+    if shape[i] == SPHERE:
+        if speed > 0:
+            factor = 1 - STEP_SECONDS * loss / speed
+            velocity[i, 0] *= factor
+            velocity[i, 1] *= factor
+        return
+    if abs_spin < MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * _DECELERATION:
+        factor = max(0.0, 1 - STEP_SECONDS * (loss + _DECELERATION) / speed) if speed > 0 else 0.0
+        velocity[i, 0] *= factor
+        velocity[i, 1] *= factor
+        spin[i] = 0.0
+        return
+    c, s = np.cos(yaw[i]), np.sin(yaw[i])
+    fx, fy, torque = 0.0, 0.0, 0.0
+    for k in range(4):  # a quarter of the weight on each corner of the flat face
+        kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
+        rx, ry = c * kx - s * ky, s * kx + c * ky
+        ux, uy = velocity[i, 0] - spin[i] * ry, velocity[i, 1] + spin[i] * rx
+        u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * _DECELERATION)
+        gx, gy = -_DECELERATION / 4 * ux / u, -_DECELERATION / 4 * uy / u
+        fx += gx
+        fy += gy
+        torque += rx * gy - ry * gx
+    if speed > 0:
+        velocity[i, 0] *= 1 - STEP_SECONDS * loss / speed
+        velocity[i, 1] *= 1 - STEP_SECONDS * loss / speed
+    velocity[i, 0] += STEP_SECONDS * fx
+    velocity[i, 1] += STEP_SECONDS * fy
+    spin[i] += STEP_SECONDS * torque / INERTIA
+    brake = STEP_SECONDS * _SPINNING_DECELERATION / INERTIA
+    spin[i] = np.copysign(max(abs(spin[i]) - brake, 0.0), spin[i])
