@@ -95,6 +95,15 @@ def _spin_steps(shape, state, count, rows):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
+def _between(rows, elapsed, whole, out):  # type: ignore[no-untyped-def]
+    """Write the state at a time, between two rows (T, 6) of steps up to the time `whole`, to `out` (6,)."""
+    k = min(int(elapsed / STEP_SECONDS), int(whole / STEP_SECONDS + 0.5) - 1)
+    share = elapsed / STEP_SECONDS - k
+    for c in range(6):
+        out[c] = rows[k, c] + share * (rows[k + 1, c] - rows[k, c])
+
+
+@cached_njit
 def start_segment(bodies, i, seconds, horizon):  # type: ignore[no-untyped-def]
     """Start the segment of body i at a time with the state that is there already."""
     bodies.start[i] = seconds
@@ -113,12 +122,7 @@ def state_at(bodies, i, seconds, out):  # type: ignore[no-untyped-def]
     elapsed = seconds - bodies.start[i]
     state = bodies.state[i]
     if bodies.end[i] < np.inf:
-        k = int(elapsed / STEP_SECONDS)
-        rest = elapsed - k * STEP_SECONDS
-        out[:] = bodies.steps[i, k]
-        out[0] += rest * out[2]
-        out[1] += rest * out[3]
-        out[_YAW] += rest * out[_SPIN]
+        _between(bodies.steps[i], elapsed, bodies.end[i] - bodies.start[i], out)
         return
     out[:] = state
     speed = np.sqrt(state[2] ** 2 + state[3] ** 2)
@@ -167,12 +171,7 @@ def spin_derivatives(bodies, i, seconds, times, out):  # type: ignore[no-untyped
         for t in range(len(times) + 1):
             when = times[t] if t < len(times) else seconds
             state_at(bodies, i, when, base)
-            k = int((when - bodies.start[i]) / STEP_SECONDS)
-            rest = when - bodies.start[i] - k * STEP_SECONDS
-            changed[:] = rows[k]
-            changed[0] += rest * changed[2]
-            changed[1] += rest * changed[3]
-            changed[_YAW] += rest * changed[_SPIN]
+            _between(rows, when - bodies.start[i], count * STEP_SECONDS, changed)
             for r in range(6):
                 out[t, r, c] = (changed[r] - base[r]) / _SPIN_DIFFERENCE
 
