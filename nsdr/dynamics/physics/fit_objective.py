@@ -165,46 +165,48 @@ def _add_datum(p, i, d, state, derivatives, loss, force, curvature):  # type: ig
 @cached_njit
 def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ignore[no-untyped-def]
     """Add a segment's sums in six dimensions to those of the parameters."""
-    parameters = np.flatnonzero(active)
-    for a in parameters:
-        bent = np.zeros(6)
+    bent = np.empty(6)
+    for a in range(len(active)):
+        if not active[a]:
+            continue
         for r in range(6):
             gradient[a] += force[r] * sensitivity[r, a]
+            bent[r] = 0.0
             for c in range(6):
                 bent[r] += curvature[r, c] * sensitivity[c, a]
-        for b in parameters:
-            for r in range(6):
-                total[a, b] += bent[r] * sensitivity[r, b]
+        for b in range(len(active)):
+            if active[b]:
+                for r in range(6):
+                    total[a, b] += bent[r] * sensitivity[r, b]
 
 
 @cached_njit
-def _finish_segment(p, bodies, sums, i, seconds, last):  # type: ignore[no-untyped-def]
-    """Gather the data of body i's segment up to a time (with `last`, the frame at it, too), and move its start there."""
+def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
+    """Gather the data of body i's segment before a time, and move its start there."""
     begin = sums.next_frame[i]
     end = begin
-    while end < sums.motion.shape[1] and (end * FRAME_SECONDS < seconds or last):
+    while end < sums.motion.shape[1] and end * FRAME_SECONDS < seconds:
         end += 1
     spinning = bodies.end[i] < np.inf
-    derivatives = np.empty((end - begin + 1 if spinning else 1, 6, 6))
+    derivatives = np.empty((end - begin + 1, 6, 6))
     if spinning:
-        spin_derivatives(bodies, i, seconds, np.arange(begin, end) * FRAME_SECONDS, derivatives)
+        spin_derivatives(bodies, i, seconds, begin, derivatives)
     force, curvature = np.zeros(6), np.zeros((6, 6))
-    for frame in range(begin, end):
-        state = sums.motion[i, frame]
-        state_at(bodies, i, frame * FRAME_SECONDS, state)
+    for k in range(end - begin + 1):
+        when = (begin + k) * FRAME_SECONDS if k < end - begin else seconds
+        if not spinning:
+            slide_derivatives(bodies.shape[i], bodies.state[i], when - bodies.start[i], derivatives[k])
+        if k == end - begin:
+            break
+        state = sums.motion[i, begin + k]
+        state_at(bodies, i, when, state)
         d = sums.next_datum[i]
-        if d < p.first[i + 1] and p.frame[d] == frame:
-            if not spinning:
-                slide_derivatives(p.shape[i], bodies.state[i], frame * FRAME_SECONDS - bodies.start[i], derivatives[0])
-            here = derivatives[frame - begin if spinning else 0]
-            _add_datum(p, i, d, state, here, sums.loss, force, curvature)
+        if d < p.first[i + 1] and p.frame[d] == begin + k:
+            _add_datum(p, i, d, state, derivatives[k], sums.loss, force, curvature)
             sums.next_datum[i] += 1
     sums.next_frame[i] = end
     _carry(bodies.sensitivity[i], bodies.active[i], force, curvature, sums.gradient, sums.curvature)
-    if not last:
-        if not spinning:
-            slide_derivatives(p.shape[i], bodies.state[i], seconds - bodies.start[i], derivatives[0])
-        advance(bodies, i, seconds, derivatives[-1])
+    advance(bodies, i, seconds, derivatives[end - begin])
 
 
 @cached_njit
@@ -269,6 +271,19 @@ def _add_priors(p, x, sums):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
+def _next_event(when, ends):  # type: ignore[no-untyped-def]
+    """Time of the next contact of a pair (n, n) or end of a spinning segment (n,), and the one or two bodies concerned."""
+    now, a, b = np.inf, 0, 0
+    for i in range(len(ends)):
+        if ends[i] < now:
+            now, a, b = ends[i], i, i
+        for j in range(i + 1, len(ends)):
+            if when[i, j] < now:
+                now, a, b = when[i, j], i, j
+    return now, a, b
+
+
+@cached_njit
 def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
     """Mean robust loss of the residuals of frames below `n_frames`, its derivatives, and the run.
 
@@ -293,32 +308,34 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
     )
     first_contact, contacts = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.int64)
     last_contact, when = np.full((n, n), -np.inf), np.full((n, n), np.inf)
-    for i in range(n):
-        _search(bodies, i, contacts, last_contact, when, 0.0, horizon)
+    concerned, now = np.ones(n, np.bool_), 0.0
     while True:
-        pair, stop = np.argmin(when), np.argmin(bodies.end)
-        i, j = pair // n, pair % n
-        now = min(when[i, j], bodies.end[stop])
-        if now >= horizon:
+        for i in range(n):
+            if concerned[i]:
+                _search(bodies, i, contacts, last_contact, when, now, horizon)
+        now, a, b = _next_event(when, bodies.end)
+        last = now >= horizon
+        if last:
+            now = horizon + STEP_SECONDS / 2
+        for i in range(n):
+            concerned[i] = last or i in (a, b)
+            if concerned[i]:
+                _finish_segment(p, bodies, sums, i, now)
+        if last:
             break
-        if bodies.end[stop] <= now:
-            i = j = stop
-        _finish_segment(p, bodies, sums, i, now, False)
-        if i != j:
-            _finish_segment(p, bodies, sums, j, now, False)
-            _contact(p, bodies, x, i, j, contacts[i, j] > 0)
-            if contacts[i, j] == 0:
+        if a != b:
+            _contact(p, bodies, x, a, b, contacts[a, b] > 0)
+            if contacts[a, b] == 0:
                 step = int(now / STEP_SECONDS) + 1
-                first_contact[i, j] = first_contact[j, i] = int(step / STEPS_PER_FRAME + 0.5)
-            contacts[i, j] += 1
-            last_contact[i, j] = now
-            start_segment(bodies, j, now, horizon)
-        start_segment(bodies, i, now, horizon)
-        _search(bodies, i, contacts, last_contact, when, now, horizon)
-        if i != j:
-            _search(bodies, j, contacts, last_contact, when, now, horizon)
-    for i in range(n):
-        _finish_segment(p, bodies, sums, i, horizon, True)
+                first_contact[a, b] = first_contact[b, a] = int(step / STEPS_PER_FRAME + 0.5)
+            contacts[a, b] += 1
+            last_contact[a, b] = now
+        for i in range(n):
+            if concerned[i]:
+                start_segment(bodies, i, now, horizon)
     _add_priors(p, x, sums)
-    count = sums.loss[1]
-    return sums.loss[0] / count, sums.gradient / count, sums.curvature / count, sums.motion, first_contact
+    for a in range(len(x)):
+        sums.gradient[a] /= sums.loss[1]
+        for b in range(len(x)):
+            sums.curvature[a, b] /= sums.loss[1]
+    return sums.loss[0] / sums.loss[1], sums.gradient, sums.curvature, sums.motion, first_contact

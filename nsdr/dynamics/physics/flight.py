@@ -71,40 +71,41 @@ def slide_compiled(shape, speed, seconds):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def slow_down(shape, velocity, spin, yaw, i):  # type: ignore[no-untyped-def]
-    """Damping and friction of one Bullet step, applied to the velocity and spin of body i."""
-    speed = np.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2)
+def slow_down(shape, row):  # type: ignore[no-untyped-def]
+    """Apply the damping and friction of one Bullet step to a body's state `row` (x, y, vx, vy, yaw, spin)."""
+    speed = np.sqrt(row[2] * row[2] + row[3] * row[3])
+    abs_spin = abs(row[5])
+    if speed == 0.0 and abs_spin == 0.0:
+        return
     loss = LINEAR_DAMPING * speed + LINEAR_DAMPING * speed * speed
-    abs_spin = abs(spin[i])
-    spin[i] -= STEP_SECONDS * ANGULAR_DAMPING * spin[i] * (1 + abs_spin)
-    if shape[i] == SPHERE:
-        if speed > 0:
-            factor = 1 - STEP_SECONDS * loss / speed
-            velocity[i, 0] *= factor
-            velocity[i, 1] *= factor
+    row[5] -= STEP_SECONDS * ANGULAR_DAMPING * row[5] * (1 + abs_spin)
+    if shape == SPHERE:
+        factor = 1 - STEP_SECONDS * loss / speed if speed > 0 else 0.0
+        row[2] *= factor
+        row[3] *= factor
         return
     if abs_spin < MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * _DECELERATION:
         factor = max(0.0, 1 - STEP_SECONDS * (loss + _DECELERATION) / speed) if speed > 0 else 0.0
-        velocity[i, 0] *= factor
-        velocity[i, 1] *= factor
-        spin[i] = 0.0
+        row[2] *= factor
+        row[3] *= factor
+        row[5] = 0.0
         return
-    c, s = np.cos(yaw[i]), np.sin(yaw[i])
+    c, s = np.cos(row[4]), np.sin(row[4])
     fx, fy, torque = 0.0, 0.0, 0.0
     for k in range(4):  # a quarter of the weight on each corner of the flat face
         kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
         rx, ry = c * kx - s * ky, s * kx + c * ky
-        ux, uy = velocity[i, 0] - spin[i] * ry, velocity[i, 1] + spin[i] * rx
+        ux, uy = row[2] - row[5] * ry, row[3] + row[5] * rx
         u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * _DECELERATION)
         gx, gy = -_DECELERATION / 4 * ux / u, -_DECELERATION / 4 * uy / u
         fx += gx
         fy += gy
         torque += rx * gy - ry * gx
     if speed > 0:
-        velocity[i, 0] *= 1 - STEP_SECONDS * loss / speed
-        velocity[i, 1] *= 1 - STEP_SECONDS * loss / speed
-    velocity[i, 0] += STEP_SECONDS * fx
-    velocity[i, 1] += STEP_SECONDS * fy
-    spin[i] += STEP_SECONDS * torque / INERTIA
+        row[2] *= 1 - STEP_SECONDS * loss / speed
+        row[3] *= 1 - STEP_SECONDS * loss / speed
+    row[2] += STEP_SECONDS * fx
+    row[3] += STEP_SECONDS * fy
+    row[5] += STEP_SECONDS * torque / INERTIA
     brake = STEP_SECONDS * _SPINNING_DECELERATION / INERTIA
-    spin[i] = np.copysign(max(abs(spin[i]) - brake, 0.0), spin[i])
+    row[5] = np.copysign(max(abs(row[5]) - brake, 0.0), row[5])

@@ -13,21 +13,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.physics.contact_geometry import CUBE, ROUND, outline_gap
-from nsdr.dynamics.physics.flight import INERTIA, MIN_SPIN_RAD_PER_S, slide_compiled, slow_down
+from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
+from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push
+from nsdr.dynamics.physics.flight import MIN_SPIN_RAD_PER_S, slide_compiled, slow_down
 from nsdr.dynamics.physics.numba_cache import cached_njit
-from nsdr.world.physics_constants import STEP_SECONDS
+from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
 __all__ = ["Bodies", "advance", "exchange", "find_contact", "new_bodies", "start_segment", "state_at"]
 
-CONTACT_GAP_WORLD = 0.003
-"""Gap at which contacts happen: the mean gap of Bullet's rule at usual speeds."""
-_CORNER_WORLD = 0.07
-"""How far a cube's corner extends beyond `ROUND` (world units, rounded up)."""
 _NEWTON_STEPS = 3
 """Refinements of the moment of a contact."""
 _MIN_APPROACH_WORLD_PER_S = 0.02
 """The moment of a slower contact is not derived: it would move too far with the parameters."""
+_TIMED_GAP_WORLD = 1e-4
+"""The moment of a contact at a gap farther off that of contacts is not derived: the bodies overlapped before."""
 _SPIN_DIFFERENCE = 1e-4
 """Step of the numerical derivatives of a spinning cube's motion (world units/s, radians, radians/s)."""
 _CONTACT_DIFFERENCE = 1e-6
@@ -76,20 +75,14 @@ def new_bodies(shape, n_parameters, n_steps):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _spin_steps(shape, state, count, rows):  # type: ignore[no-untyped-def]
+def _spin_steps(state, count, rows):  # type: ignore[no-untyped-def]
     """Fill `rows` (T, 6) with the states of a spinning cube, at most `count` steps; returns the number done until it stops."""
-    position, velocity = state[:2].copy(), np.empty((1, 2))
-    velocity[0, 0], velocity[0, 1] = state[2], state[3]
-    kind, yaw, spin = np.array([shape]), np.array([state[_YAW]]), np.array([state[_SPIN]])
     rows[0] = state
     for k in range(1, count + 1):
-        slow_down(kind, velocity, spin, yaw, 0)
-        position += STEP_SECONDS * velocity[0]
-        yaw[0] += STEP_SECONDS * spin[0]
-        rows[k, 0], rows[k, 1] = position[0], position[1]
-        rows[k, 2], rows[k, 3] = velocity[0, 0], velocity[0, 1]
-        rows[k, _YAW], rows[k, _SPIN] = yaw[0], spin[0]
-        if spin[0] == 0.0:
+        rows[k] = rows[k - 1]
+        slow_down(CUBE, rows[k])
+        drift(rows[k], STEP_SECONDS)
+        if rows[k, _SPIN] == 0.0:
             return k
     return count
 
@@ -110,7 +103,7 @@ def start_segment(bodies, i, seconds, horizon):  # type: ignore[no-untyped-def]
     bodies.end[i] = np.inf
     if bodies.shape[i] == CUBE and abs(bodies.state[i, _SPIN]) >= MIN_SPIN_RAD_PER_S:
         count = min(int((horizon - seconds) / STEP_SECONDS) + 1, bodies.steps.shape[1] - 1)
-        done = _spin_steps(CUBE, bodies.state[i], count, bodies.steps[i])
+        done = _spin_steps(bodies.state[i], count, bodies.steps[i])
         bodies.end[i] = seconds + done * STEP_SECONDS
     else:
         bodies.state[i, _SPIN] = 0.0
@@ -151,25 +144,26 @@ def slide_derivatives(shape, state, elapsed, out):  # type: ignore[no-untyped-de
 
 
 @cached_njit
-def spin_derivatives(bodies, i, seconds, times, out):  # type: ignore[no-untyped-def]
-    """Write the derivatives (T, 6, 6) of a spinning cube's states at times (T,) and at the end by that at the start to `out`.
+def spin_derivatives(bodies, i, seconds, first_frame, out):  # type: ignore[no-untyped-def]
+    """Write the derivatives of a spinning cube's states by that at the start to `out` (T, 6, 6).
 
-    The last row of `out` (T + 1, 6, 6) belongs to `seconds`, the end.
+    The states are those at the frames from `first_frame` on, and the last one is that at a time `seconds`.
     """
     count = int((seconds - bodies.start[i]) / STEP_SECONDS) + 1
     rows = np.empty((count + 1, 6))
     base, changed, state = np.empty(6), np.empty(6), bodies.state[i].copy()
     out[:] = 0.0
-    for t in range(len(times) + 1):
-        out[t, 0, 0] = out[t, 1, 1] = 1.0
-    for c in range(2, 6):
+    for c in range(6):
+        if c < 2:
+            out[:, c, c] = 1.0
+            continue
         state[c] += _SPIN_DIFFERENCE
-        done = _spin_steps(CUBE, state, count, rows)
+        done = _spin_steps(state, count, rows)
         state[c] -= _SPIN_DIFFERENCE
         for k in range(done, count):  # it stops a step or two before the unchanged one
             rows[k + 1] = rows[k]
-        for t in range(len(times) + 1):
-            when = times[t] if t < len(times) else seconds
+        for t in range(len(out)):
+            when = (first_frame + t) * FRAME_SECONDS if t < len(out) - 1 else seconds
             state_at(bodies, i, when, base)
             _between(rows, when - bodies.start[i], count * STEP_SECONDS, changed)
             for r in range(6):
@@ -194,20 +188,7 @@ def advance(bodies, i, seconds, derivatives):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _approach(shape, state, position, yaw):  # type: ignore[no-untyped-def]
-    """Gap of two bodies (2, 6), separation speed, normal from the first, levers of the normal; fills position and yaw."""
-    for b in range(2):
-        position[b, 0], position[b, 1], yaw[b] = state[b, 0], state[b, 1], state[b, _YAW]
-    gap, nx, ny, px, py = outline_gap(shape, position, yaw, 0, 1)
-    ix, iy = px - state[0, 0], py - state[0, 1]
-    jx, jy = px - state[1, 0], py - state[1, 1]
-    ux = state[1, 2] - state[1, _SPIN] * jy - state[0, 2] + state[0, _SPIN] * iy
-    uy = state[1, 3] + state[1, _SPIN] * jx - state[0, 3] - state[0, _SPIN] * ix
-    return gap, ux * nx + uy * ny, nx, ny, ix * ny - iy * nx, jx * ny - jy * nx
-
-
-@cached_njit
-def _refined(bodies, i, j, shape, state, position, yaw, seconds, left, apart):  # type: ignore[no-untyped-def]
+def _refined(bodies, i, j, shape, state, seconds, left, apart):  # type: ignore[no-untyped-def]
     """The moment at which the gap is that of contacts, not before `seconds`."""
     when = seconds
     for _ in range(_NEWTON_STEPS):
@@ -216,8 +197,8 @@ def _refined(bodies, i, j, shape, state, position, yaw, seconds, left, apart):  
         when = max(min(when - left / apart, seconds + 2 * STEP_SECONDS), seconds)
         state_at(bodies, i, when, state[0])
         state_at(bodies, j, when, state[1])
-        gap, apart, _, _, _, _ = _approach(shape, state, position, yaw)
-        left = gap - CONTACT_GAP_WORLD
+        gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
+        left = gap - GIVEN_GAP_WORLD
     return when
 
 
@@ -228,10 +209,9 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
     Bodies that are apart by a distance can't touch before they have covered it at their present speeds, which only fall. Where
     they are near, they are looked at after every Bullet step.
     """
-    shape = np.array([bodies.shape[i], bodies.shape[j]])
-    state, position, yaw = np.empty((2, 6)), np.empty((2, 2)), np.empty(2)
-    corners = (_CORNER_WORLD if shape[0] == CUBE else 0.0) + (_CORNER_WORLD if shape[1] == CUBE else 0.0)
-    reach = 2 * ROUND + CONTACT_GAP_WORLD + corners
+    shape, state = np.array([bodies.shape[i], bodies.shape[j]]), np.empty((2, 6))
+    corners = (CORNER_WORLD if shape[0] == CUBE else 0.0) + (CORNER_WORLD if shape[1] == CUBE else 0.0)
+    reach = 2 * ROUND + GIVEN_GAP_WORLD + corners
     seconds = since
     while seconds <= until:
         state_at(bodies, i, seconds, state[0])
@@ -244,42 +224,50 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
         if apart_world > speed * STEP_SECONDS:
             seconds += apart_world / speed if speed > 0.0 else np.inf
             continue
-        gap, apart, _, _, _, _ = _approach(shape, state, position, yaw)
-        left = gap - CONTACT_GAP_WORLD
+        gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
+        left = gap - GIVEN_GAP_WORLD
         if apart < 0 and left + apart * STEP_SECONDS <= 0:
-            return min(_refined(bodies, i, j, shape, state, position, yaw, seconds, left, apart), until)
-        seconds += max(left / (speed + spin * (ROUND + _CORNER_WORLD)), STEP_SECONDS)
+            return min(_refined(bodies, i, j, shape, state, seconds, left, apart), until)
+        seconds += max(left / (speed + spin * (ROUND + CORNER_WORLD)), STEP_SECONDS)
     return np.inf
 
 
 @cached_njit
-def _exchanged(shape, state, mass, rebound, timed, position, yaw, out):  # type: ignore[no-untyped-def]
-    """Write the states (2, 6) after a contact to `out`; `timed` contacts happen at the gap of contacts, others at once."""
-    gap, apart, nx, ny, ci, cj = _approach(shape, state, position, yaw)
-    out[:] = state
-    before = (gap - CONTACT_GAP_WORLD) / -apart if timed else 0.0
+def _exchanged(shape, state, mass, rebound, timed):  # type: ignore[no-untyped-def]
+    """Change the states (2, 6) by a contact; `timed` ones happen when the gap is that of contacts, others at once."""
+    gap, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
+    before = 0.0
     if timed:
-        for b in range(2):
-            out[b, 0] += before * out[b, 2]
-            out[b, 1] += before * out[b, 3]
-            out[b, _YAW] += before * out[b, _SPIN]
-        _, apart, nx, ny, ci, cj = _approach(shape, out, position, yaw)
-    spin_i = ci * ci / (INERTIA * mass[0]) if shape[0] == CUBE else 0.0
-    spin_j = cj * cj / (INERTIA * mass[1]) if shape[1] == CUBE else 0.0
-    impulse = -(1 + rebound) * apart / (1 / mass[0] + 1 / mass[1] + spin_i + spin_j)
-    out[0, 2] -= impulse * nx / mass[0]
-    out[0, 3] -= impulse * ny / mass[0]
-    out[1, 2] += impulse * nx / mass[1]
-    out[1, 3] += impulse * ny / mass[1]
-    if shape[0] == CUBE:
-        out[0, _SPIN] -= impulse * ci / (INERTIA * mass[0])
-    if shape[1] == CUBE:
-        out[1, _SPIN] += impulse * cj / (INERTIA * mass[1])
-    if timed:
-        for b in range(2):
-            out[b, 0] -= before * out[b, 2]
-            out[b, 1] -= before * out[b, 3]
-            out[b, _YAW] -= before * out[b, _SPIN]
+        before = (gap - GIVEN_GAP_WORLD) / -apart
+        drift(state[0], before)
+        drift(state[1], before)
+        _, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
+    push(shape, state, mass, 0, 1, -(1 + rebound) * apart, nx, ny, ci, cj)
+    drift(state[0], -before)
+    drift(state[1], -before)
+
+
+@cached_njit
+def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ignore[no-untyped-def]
+    """Write the states (2, 6) after a contact to `after`, and to `out` (2, 6, 15) their derivatives.
+
+    They are those by the states before (12), by both masses, and by the rebound.
+    """
+    gap, apart, _, _, _, _ = approach(shape, before, 0, 1)
+    timed = apart < -_MIN_APPROACH_WORLD_PER_S and abs(gap - GIVEN_GAP_WORLD) < _TIMED_GAP_WORLD
+    inputs, state = np.empty(15), np.empty((2, 6))
+    for k in range(-1, 15):
+        if 0 <= k < 12 and k % 6 >= _YAW and shape[k // 6] != CUBE:
+            continue
+        inputs[:6], inputs[6:12], inputs[12:14], inputs[14] = before[0], before[1], mass, rebound
+        if k >= 0:
+            inputs[k] += _CONTACT_DIFFERENCE
+        state[0], state[1] = inputs[:6], inputs[6:12]
+        _exchanged(shape, state, inputs[12:14], inputs[14], timed)
+        if k < 0:
+            after[:] = state
+        else:
+            out[:, :, k] = (state - after) / _CONTACT_DIFFERENCE
 
 
 @cached_njit
@@ -296,30 +284,10 @@ def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ign
     """
     shape = np.array([bodies.shape[i], bodies.shape[j]])
     mass = np.array([bodies.mass[i], bodies.mass[j]])
-    state, after, changed = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 6))
-    position, yaw = np.empty((2, 2)), np.empty(2)
-    state[0], state[1] = bodies.state[i], bodies.state[j]
-    gap, apart, _, _, _, _ = _approach(shape, state, position, yaw)
-    timed = apart < -_MIN_APPROACH_WORLD_PER_S and abs(gap - CONTACT_GAP_WORLD) < 1e-4
-    _exchanged(shape, state, mass, rebound, timed, position, yaw, after)
-    by_input = np.zeros((2, 6, 15))  # the last three: both masses and the rebound
-    for k in range(15):
-        if k < 12:
-            b, c = k // 6, k % 6
-            if c >= _YAW and shape[b] != CUBE:
-                continue
-            state[b, c] += _CONTACT_DIFFERENCE
-            _exchanged(shape, state, mass, rebound, timed, position, yaw, changed)
-            state[b, c] = bodies.state[i if b == 0 else j, c]
-        elif k < 14:
-            mass[k - 12] += _CONTACT_DIFFERENCE
-            _exchanged(shape, state, mass, rebound, timed, position, yaw, changed)
-            mass[k - 12] -= _CONTACT_DIFFERENCE
-        else:
-            _exchanged(shape, state, mass, rebound + _CONTACT_DIFFERENCE, timed, position, yaw, changed)
-        for b in range(2):
-            for r in range(6):
-                by_input[b, r, k] = (changed[b, r] - after[b, r]) / _CONTACT_DIFFERENCE
+    before, after = np.empty((2, 6)), np.empty((2, 6))
+    before[0], before[1] = bodies.state[i], bodies.state[j]
+    by_input = np.zeros((2, 6, 15))
+    _exchange_derivatives(shape, before, mass, rebound, after, by_input)
     moved = np.empty((2, 6))
     for p in range(bodies.sensitivity.shape[2]):
         if not (bodies.active[i, p] or bodies.active[j, p]):

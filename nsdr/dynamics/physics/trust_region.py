@@ -57,19 +57,30 @@ def _backward(factor, right):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
+def _dot(first, second):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for i in range(len(first)):
+        total += first[i] * second[i]
+    return total
+
+
+@cached_njit
 def trust_region_step(gradient, curvature, radius):  # type: ignore[no-untyped-def]
     """The step (P,) that lowers a quadratic model most and is at most about `radius` long (Moré and Sorensen, 1983)."""
     factor = np.zeros_like(curvature)
-    multiplier = _RIDGE * max(np.diag(curvature).max(), 1e-12)
+    multiplier = 0.0
+    for i in range(len(gradient)):
+        multiplier = max(multiplier, _RIDGE * curvature[i, i])
     step = np.zeros_like(gradient)
     for trial in range(_MULTIPLIERS):
         _cholesky(curvature, multiplier, factor)
         step = _backward(factor, _forward(factor, -gradient))
-        length = np.sqrt((step**2).sum())
+        length = np.sqrt(_dot(step, step))
         if length <= radius * (1 + _BOUNDARY) and (trial == 0 or length >= radius * (1 - _BOUNDARY)):
-            return step
+            break
         bent = _forward(factor, step)
-        multiplier = max(multiplier + length**2 / (bent**2).sum() * (length - radius) / radius, multiplier / 10)
+        change = length * length / _dot(bent, bent) * (length - radius) / radius
+        multiplier = max(multiplier + change, multiplier / 10)
     return step
 
 
@@ -83,16 +94,13 @@ def minimise(p, x, n_frames, evaluations):  # type: ignore[no-untyped-def]
         n_frames: frames that are fitted.
         evaluations: maximum number of evaluations.
     """
-    cost, gradient, curvature, _, _ = evaluate(p, x, n_frames)
-    radius = FIRST_RADIUS
-    for _ in range(evaluations - 1):
-        step = trust_region_step(gradient, curvature, radius)
-        length = np.sqrt((step**2).sum())
-        promised = -(gradient * step).sum()
-        for a in range(len(step)):
-            promised -= 0.5 * step[a] * (curvature[a] * step).sum()
+    step, gradient, curvature = np.zeros_like(x), np.zeros_like(x), np.zeros((len(x), len(x)))
+    cost, radius = np.inf, FIRST_RADIUS
+    for evaluation in range(evaluations):
         new = evaluate(p, x + step, n_frames)
-        gain = cost - new[0]
+        gain, promised, length = cost - new[0], -_dot(gradient, step), np.sqrt(_dot(step, step))
+        for a in range(len(step)):
+            promised -= 0.5 * step[a] * _dot(curvature[a], step)
         if gain < 0.25 * promised:
             radius = 0.25 * length
         elif gain > 0.75 * promised and length > (1 - 2 * _BOUNDARY) * radius:
@@ -100,6 +108,7 @@ def minimise(p, x, n_frames, evaluations):  # type: ignore[no-untyped-def]
         done = length < MIN_STEP or (gain < MIN_GAIN * cost and gain >= 0.25 * promised)
         if gain > 0:
             x, cost, gradient, curvature = x + step, new[0], new[1], new[2]
-        if done:
+        if done and evaluation > 0:
             break
+        step = trust_region_step(gradient, curvature, radius)
     return x, cost
