@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from nsdr.dynamics.physics.numba_cache import cached_njit
+from nsdr.dynamics.numba_cache import cached_njit
 
 FUNCTIONS = {
     "constants.py": "FACTOR = 2.0\n",
-    "inner.py": "from nsdr.dynamics.physics.numba_cache import cached_njit\n\n"
+    "inner.py": "from nsdr.dynamics.numba_cache import cached_njit\n\n"
     "@cached_njit\ndef inner(x):\n    return x + 1.0\n",
     "outer.py": "from constants import FACTOR\nfrom inner import inner\n"
-    "from nsdr.dynamics.physics.numba_cache import cached_njit\n\n"
+    "from nsdr.dynamics.numba_cache import cached_njit\n\n"
     "@cached_njit\ndef outer(x):\n    return FACTOR * inner(x)\n",
 }
 CALL = "from outer import outer; print(outer(1.0), sum(outer.stats.cache_hits.values()), outer.stats.cache_path)"

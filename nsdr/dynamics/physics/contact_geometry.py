@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nsdr.dynamics.physics.numba_cache import cached_njit
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.world.physics_constants import HULL_MARGIN_WORLD, OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import CUBE_EDGE_WORLD, CUBE_EXPONENT, CUBE_STEPS
 from nsdr.world.vocabulary import SHAPES

@@ -1,8 +1,8 @@
 """How two touching bodies act on each other in the plane, compiled by Numba; states are rows (x, y, vx, vy, yaw, spin)."""
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CUBE, outline_gap
 from nsdr.dynamics.physics.flight import INERTIA
-from nsdr.dynamics.physics.numba_cache import cached_njit
 
 __all__ = ["GIVEN_GAP_WORLD", "approach", "drift", "push"]
 

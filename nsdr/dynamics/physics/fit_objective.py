@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_OUTLINE
-from nsdr.dynamics.physics.numba_cache import cached_njit
 from nsdr.dynamics.physics.sensitive_run import (
     advance,
     exchange,

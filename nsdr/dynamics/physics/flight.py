@@ -1,14 +1,13 @@
-"""Free motion of one body, compiled: sliding in closed form with its derivatives, and the steps of a spinning cube.
+"""One Bullet step of a body that touches no other, compiled by Numba.
 
-A sliding body loses a + b v + c v² of its speed per second (see `nsdr.dynamics.sliding`). The integral of that law is a tangent
-for cubes and cylinders, and an exponential for spheres, which feel no friction. A spinning cube has no closed form: its four
-corners rub on the ground with forces that depend on both speed and spin, so it moves in Bullet's steps.
+A body that only slides needs no steps (`nsdr.dynamics.sliding`). A spinning cube does: its four corners rub on the ground with
+forces that depend on both speed and spin, so its motion has no closed form.
 """
 
 import numpy as np
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import FLAT, ROUND, SPHERE
-from nsdr.dynamics.physics.numba_cache import cached_njit
 from nsdr.world.physics_constants import (
     ANGULAR_DAMPING,
     GRAVITY,
@@ -18,7 +17,7 @@ from nsdr.world.physics_constants import (
     STEP_SECONDS,
 )
 
-__all__ = ["INERTIA", "MIN_SPIN_RAD_PER_S", "slide_compiled", "slow_down"]
+__all__ = ["INERTIA", "MIN_SPIN_RAD_PER_S", "slow_down"]
 
 _DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
 _SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
@@ -29,45 +28,6 @@ _SPIN_SLIDING_WORLD = 0.2
 """Lever (world units) by which spin adds to the speed over the ground in the test for rest."""
 MIN_SPIN_RAD_PER_S = 1e-3
 """Slower spin counts as none."""
-_MAX_SPEED_WORLD_PER_S = 6.0
-"""Fastest speed that going back in time leads to; twice CLEVRER's fastest start."""
-_MIN_SPEED_WORLD_PER_S = 1e-9
-"""Slower bodies are at rest."""
-_ROOT = np.sqrt(4 * _DECELERATION * LINEAR_DAMPING - LINEAR_DAMPING**2)
-_REST_ANGLE = np.arctan(LINEAR_DAMPING / _ROOT)
-_MAX_ANGLE = np.arctan((2 * LINEAR_DAMPING * _MAX_SPEED_WORLD_PER_S + LINEAR_DAMPING) / _ROOT)
-_MAX_RATIO = _MAX_SPEED_WORLD_PER_S / (1 + _MAX_SPEED_WORLD_PER_S)
-
-
-@cached_njit
-def slide_compiled(shape, speed, seconds):  # type: ignore[no-untyped-def]
-    """Distance slid (world units) and speed afterwards (world units/s), and the derivatives of both by the speed before.
-
-    Args:
-        shape: index into `nsdr.world.vocabulary.SHAPES`.
-        speed: at time 0 (world units/s).
-        seconds: positive for later and negative for earlier.
-    """
-    k = LINEAR_DAMPING
-    if speed < _MIN_SPEED_WORLD_PER_S:
-        if shape == SPHERE:
-            return 0.0, 0.0, seconds, 1.0
-        return 0.0, 0.0, 0.0, 0.0
-    if shape == SPHERE:
-        ratio = min(speed / (1 + speed) * np.exp(-k * seconds), _MAX_RATIO)
-        later = ratio / (1 - ratio)
-        loss = k * speed * (1 + speed)
-        return np.log((1 + speed) / (1 + later)) / k, later, (speed - later) / loss, k * later * (1 + later) / loss
-    loss = _DECELERATION + k * speed + k * speed * speed
-    angle = np.arctan((2 * k * speed + k) / _ROOT)
-    final = min(angle - _ROOT * seconds / 2, _MAX_ANGLE)
-    if final <= _REST_ANGLE:
-        distance = np.log(loss / _DECELERATION) / (2 * k) - (angle - _REST_ANGLE) / _ROOT
-        return distance, 0.0, speed / loss, 0.0
-    later = (_ROOT * np.tan(final) - k) / (2 * k)
-    loss_later = _DECELERATION + k * later + k * later * later
-    distance = np.log(loss / loss_later) / (2 * k) - (angle - final) / _ROOT
-    return distance, later, (speed - later) / loss, loss_later / loss
 
 
 @cached_njit

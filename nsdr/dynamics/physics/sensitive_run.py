@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
 from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push
-from nsdr.dynamics.physics.flight import MIN_SPIN_RAD_PER_S, slide_compiled, slow_down
-from nsdr.dynamics.physics.numba_cache import cached_njit
+from nsdr.dynamics.physics.flight import MIN_SPIN_RAD_PER_S, slow_down
+from nsdr.dynamics.sliding import slide_one
 from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
 __all__ = ["Bodies", "advance", "exchange", "find_contact", "new_bodies", "start_segment", "state_at"]
@@ -121,7 +122,7 @@ def state_at(bodies, i, seconds, out):  # type: ignore[no-untyped-def]
     speed = np.sqrt(state[2] ** 2 + state[3] ** 2)
     if speed == 0.0:
         return
-    distance, later, _, _ = slide_compiled(bodies.shape[i], speed, elapsed)
+    distance, later, _, _ = slide_one(bodies.shape[i], speed, elapsed)
     for k in range(2):
         out[k] = state[k] + distance * state[2 + k] / speed
         out[2 + k] = later * state[2 + k] / speed
@@ -135,7 +136,7 @@ def slide_derivatives(shape, state, elapsed, out):  # type: ignore[no-untyped-de
     speed = np.sqrt(state[2] ** 2 + state[3] ** 2)
     if speed == 0.0:
         return
-    distance, later, d_distance, d_later = slide_compiled(shape, speed, elapsed)
+    distance, later, d_distance, d_later = slide_one(shape, speed, elapsed)
     ux, uy = state[2] / speed, state[3] / speed
     for row, along, across in ((0, d_distance, distance / speed), (2, d_later, later / speed)):
         out[row, 2] = across + (along - across) * ux * ux

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
 from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push
 from nsdr.dynamics.physics.flight import slow_down
-from nsdr.dynamics.physics.numba_cache import cached_njit
 from nsdr.world.physics_constants import (
     CONTACT_THRESHOLD_WORLD,
     ERROR_REDUCTION,
@@ -146,7 +146,19 @@ def simulate(
     rows, until, collisions = _prescribed_rows(prescribed, len(shape))
     exists = np.asarray(exists, np.bool_)
     return _motion(
-        *_run(shape, state, mass, exists, _rebounds(rebound, len(shape)), rows, until, collisions, start, n_frames)
+        *_run(
+            shape,
+            state,
+            np.zeros_like(state),
+            mass,
+            exists,
+            _rebounds(rebound, len(shape)),
+            rows,
+            until,
+            collisions,
+            start,
+            n_frames,
+        )
     )
 
 
@@ -170,7 +182,9 @@ def simulate_perturbed(
     shape, state, mass = _rows(bodies)
     rows, until, collisions = _prescribed_rows(prescribed, len(shape))
     exists, rebounds = np.asarray(exists, np.bool_), _rebounds(rebound, len(shape))
-    first = _motion(*_run(shape, state.copy(), mass, exists, rebounds, rows, until, collisions, 0, n_frames))
+    first = _motion(
+        *_run(shape, state, np.zeros_like(state), mass, exists, rebounds, rows, until, collisions, 0, n_frames)
+    )
     changes = np.zeros((len(perturbations.yaw), len(shape), 6))
     changes[..., :2], changes[..., 2:4] = perturbations.position, perturbations.velocity
     changes[..., 4] = perturbations.yaw
@@ -251,8 +265,17 @@ def _steps_apart(state, i, j, distance):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _follow_prescribed(rows, collisions, until, frame, exists, state, contact, touched, free_from):  # type: ignore[no-untyped-def]
-    """Bring a frame's prescribed collisions and states to the bodies."""
+def _perturb(row, change):  # type: ignore[no-untyped-def]
+    """Change a state; a body at rest stays so."""
+    rests = row[2] == 0.0 and row[3] == 0.0
+    for k in range(6):
+        if not (rests and (k == 2 or k == 3)):
+            row[k] += change[k]
+
+
+@cached_njit
+def _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from):  # type: ignore[no-untyped-def]
+    """Bring a frame's prescribed collisions and states, with the run's change (n, 6), to the bodies."""
     for e in range(len(collisions)):
         i, j, when = collisions[e, 0], collisions[e, 1], collisions[e, 2]
         if when - 1 == frame:
@@ -265,19 +288,22 @@ def _follow_prescribed(rows, collisions, until, frame, exists, state, contact, t
     for i in range(len(until)):
         if frame <= free_from[i] and until[i] > 0:
             state[i] = rows[i, frame]
+            _perturb(state[i], change[i])
 
 
 @cached_njit
-def _run(shape, state, mass, exists, rebound, rows, until, collisions, start, n_frames):  # type: ignore[no-untyped-def]
-    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion; changes `state`."""
+def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, start, n_frames):  # type: ignore[no-untyped-def]
+    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion, all with a change (n, 6) of states."""
     n = len(shape)
     states = np.zeros((n, n_frames, 6))
     contact, touched = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.bool_)
     next_look = np.zeros((n, n), np.int64)
-    free_from = until.copy()
+    free_from, state = until.copy(), state.copy()
+    for i in range(n):
+        _perturb(state[i], change[i])
     step_number = start * STEPS_PER_FRAME
     for frame in range(start, n_frames):
-        _follow_prescribed(rows, collisions, until, frame, exists, state, contact, touched, free_from)
+        _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from)
         states[:, frame] = state
         if frame == n_frames - 1 or not (exists & (free_from <= frame)).any():
             step_number += STEPS_PER_FRAME
@@ -320,24 +346,11 @@ def _run(shape, state, mass, exists, rebound, rows, until, collisions, start, n_
 
 
 @cached_njit
-def _perturb(row, change):  # type: ignore[no-untyped-def]
-    """Change a state; a body at rest stays so."""
-    rests = row[2] == 0.0 and row[3] == 0.0
-    for k in range(6):
-        if not (rests and (k == 2 or k == 3)):
-            row[k] += change[k]
-
-
-@cached_njit
 def _run_perturbed(shape, state, masses, exists, rebound, rows, until, collisions, n_frames, changes):  # type: ignore[no-untyped-def]
     """First contacts (R, n, n) of runs with changes (R, n, 6) of the states and with masses (R, n)."""
     n = len(shape)
     contacts = np.empty((len(changes), n, n), np.int64)
     for r in range(len(changes)):
-        changed, start = rows.copy(), state.copy()
-        for i in range(n):
-            _perturb(start[i], changes[r, i])
-            for frame in range(rows.shape[1]):
-                _perturb(changed[i, frame], changes[r, i])
-        contacts[r] = _run(shape, start, masses[r], exists, rebound, changed, until, collisions, 0, n_frames)[1]
+        run = _run(shape, state, changes[r], masses[r], exists, rebound, rows, until, collisions, 0, n_frames)
+        contacts[r] = run[1]
     return contacts

@@ -6,8 +6,8 @@ compiled call, without linear algebra libraries, so results do not depend on the
 
 import numpy as np
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.fit_objective import evaluate
-from nsdr.dynamics.physics.numba_cache import cached_njit
 
 __all__ = ["minimise", "trust_region_step"]
 
