@@ -7,7 +7,7 @@ from nsdr.world.physics_constants import HULL_MARGIN_WORLD, OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import CUBE_EDGE_WORLD, CUBE_EXPONENT, CUBE_STEPS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["CORNER_WORLD", "CUBE", "CUBE_OUTLINE", "FLAT", "ROUND", "SPHERE", "outline_gap"]
+__all__ = ["CORNER_WORLD", "CUBE", "CUBE_CYCLE", "CUBE_OUTLINE", "FLAT", "ROUND", "SPHERE", "outline_gap"]
 
 CUBE, SPHERE = SHAPES.index("cube"), SHAPES.index("sphere")
 _HALF, _MARGIN = OBJECT_RADIUS_WORLD, HULL_MARGIN_WORLD
@@ -21,7 +21,10 @@ CORNER_WORLD = 0.07
 _ANGLES = np.pi / 2 * np.arange(CUBE_STEPS + 1) / CUBE_STEPS
 _ARC = FLAT + CUBE_EDGE_WORLD * np.abs(np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)) ** (2 / CUBE_EXPONENT)
 CUBE_OUTLINE = np.concatenate([_ARC * s for s in ((1, 1), (1, -1), (-1, 1), (-1, -1))])
-"""(28, 2) points of a cube's outline seen from above."""
+"""(28, 2) points of a cube's outline seen from above, arc by arc."""
+_INDEX = np.arange(len(CUBE_OUTLINE)).reshape(4, -1)
+CUBE_CYCLE = np.concatenate([_INDEX[0], _INDEX[2, ::-1], _INDEX[3], _INDEX[1, ::-1]])
+"""(28,) indices of these points in the order of their angles."""
 
 
 @cached_njit
@@ -78,7 +81,10 @@ def outline_gap(shape, state, i, j):  # type: ignore[no-untyped-def]
                 vx = ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1] + state[a, 0]
                 vy = sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1] + state[a, 1]
                 rx, ry = vx - state[b, 0], vy - state[b, 1]
-                d, nx, ny = _cube_gap(cb * rx + sb * ry, -sb * rx + cb * ry)
+                lx, ly = cb * rx + sb * ry, -sb * rx + cb * ry
+                if max(abs(lx), abs(ly)) - _HALF >= best:
+                    continue
+                d, nx, ny = _cube_gap(lx, ly)
                 if d < best:
                     best = d
                     wx, wy = cb * nx - sb * ny, sb * nx + cb * ny  # from b to a

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_OUTLINE
+from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_CYCLE, CUBE_OUTLINE
 from nsdr.dynamics.physics.sensitive_run import (
     advance,
+    copy_state,
     exchange,
     find_contact,
     new_bodies,
@@ -31,8 +32,9 @@ MAX_FITTED_REBOUND = 0.8
 """Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
 EDGES_PX = (-0.3, -0.6)
 """Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
-_COLUMN, _DEPTH = CLEVRER_CAMERA.matrix[0].copy(), CLEVRER_CAMERA.matrix[2].copy()
+_COLUMN_ROW, _DEPTH_ROW = CLEVRER_CAMERA.matrix[0].copy(), CLEVRER_CAMERA.matrix[2].copy()
 """Rows of the projection as contiguous arrays, which Numba compiles in."""
+_OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
 _MIN_DEPTH_WORLD = 0.1
 """Nearest depth that is projected (world units)."""
 
@@ -87,6 +89,7 @@ class Sums(NamedTuple):
         motion: (n, F, 6) states at every frame.
         next_frame: (n,) int, first frame that was not gathered yet.
         next_datum: (n,) int, the same for data.
+        outermost: (n, 2, 2) int, outermost points of each cube's image at its last datum, see `cube_edges_px`.
     """
 
     loss: NDArray[np.float64]
@@ -95,71 +98,107 @@ class Sums(NamedTuple):
     motion: NDArray[np.float64]
     next_frame: NDArray[np.int64]
     next_datum: NDArray[np.int64]
+    outermost: NDArray[np.int64]
 
 
 @cached_njit
-def _corner_column(x, y, c, s, k):  # type: ignore[no-untyped-def]
-    """Image column and depth of one of the 56 corners of a cube's hull; odd ones are on top."""
-    kx, ky, z = CUBE_OUTLINE[k // 2, 0], CUBE_OUTLINE[k // 2, 1], 2 * OBJECT_RADIUS_WORLD * (k % 2)
+def _column(x, y, c, s, k, z):  # type: ignore[no-untyped-def]
+    """Image column and depth of point k of a cube's outline at a height."""
+    kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
     px, py = x + c * kx - s * ky, y + s * kx + c * ky
-    depth = max(_DEPTH[0] * px + _DEPTH[2] * z + _DEPTH[3], _MIN_DEPTH_WORLD)
-    return (_COLUMN[0] * px + _COLUMN[1] * py + _COLUMN[2] * z + _COLUMN[3]) / depth, depth
+    depth = max(_DEPTH_ROW[0] * px + _DEPTH_ROW[2] * z + _DEPTH_ROW[3], _MIN_DEPTH_WORLD)
+    return (_COLUMN_ROW[0] * px + _COLUMN_ROW[1] * py + _COLUMN_ROW[2] * z + _COLUMN_ROW[3]) / depth, depth
 
 
 @cached_njit
-def cube_edges_px(x, y, yaw, derivatives):  # type: ignore[no-untyped-def]
-    """Left and right edges of a cube's image; their derivatives by x, y and yaw go to `derivatives` (2, 3)."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    left, right, left_at, right_at = 1e9, -1e9, 0, 0
-    for k in range(2 * len(CUBE_OUTLINE)):
-        column = _corner_column(x, y, c, s, k)[0]
-        if column < left:
-            left, left_at = column, k
-        if column > right:
-            right, right_at = column, k
+def cube_edges_px(x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
+    """Left and right edges of a cube's image.
+
+    The outline is convex, so its outermost points are found by climbing along it.
+
+    Args:
+        x, y, yaw: of the cube (world units, radians).
+        start: (2, 2) int, points of the left and right edges, below and above, where the climb begins; changed to the result.
+        derivatives: (2, 3), filled with those of the edges by x, y and yaw.
+    """
+    c, s, n = np.cos(yaw), np.sin(yaw), len(_OUTLINE)
+    edges = (np.inf, np.inf)
     for side in range(2):
-        k = right_at if side else left_at
-        column, depth = _corner_column(x, y, c, s, k)
-        by_x, by_y = (_COLUMN[0] - column * _DEPTH[0]) / depth, _COLUMN[1] / depth
-        kx, ky = CUBE_OUTLINE[k // 2, 0], CUBE_OUTLINE[k // 2, 1]
-        derivatives[side, 0], derivatives[side, 1] = by_x, by_y
-        derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
-    return left + EDGES_PX[0], right + EDGES_PX[1]
+        sign, best = (1.0 if side else -1.0), -np.inf
+        for top in range(2):
+            k, z = start[side, top], 2 * OBJECT_RADIUS_WORLD * top
+            column, depth = _column(x, y, c, s, k, z)
+            for turn in (1, n - 1):
+                while True:
+                    following = (k + turn) % n
+                    other, other_depth = _column(x, y, c, s, following, z)
+                    if sign * other <= sign * column:
+                        break
+                    k, column, depth = following, other, other_depth
+            start[side, top] = k
+            if sign * column > best:
+                best = sign * column
+                by_x, by_y = (_COLUMN_ROW[0] - column * _DEPTH_ROW[0]) / depth, _COLUMN_ROW[1] / depth
+                kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
+                derivatives[side, 0], derivatives[side, 1] = by_x, by_y
+                derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
+        edges = (edges[1], sign * best)
+    return edges[0] + EDGES_PX[0], edges[1] + EDGES_PX[1]
 
 
 @cached_njit
-def _add(residual, scale, row, loss, force, curvature):  # type: ignore[no-untyped-def]
-    """Add a residual with derivatives `row` to the sums of soft L1 losses; the curvature is that of the loss itself."""
+def _soft_l1(residual, scale):  # type: ignore[no-untyped-def]
+    """Robust loss of a residual, and its first and second derivative."""
     root = np.sqrt(1 + (residual / scale) ** 2)
-    loss[0] += scale * scale * (root - 1)
-    loss[1] += 1
-    pull, weight = residual / root, 1 / root**3
-    for a in range(len(row)):
-        if row[a] != 0.0:
-            force[a] += pull * row[a]
-            for b in range(len(row)):
-                curvature[a, b] += weight * row[a] * row[b]
+    return scale * scale * (root - 1), residual / root, 1 / (root * root * root)
 
 
 @cached_njit
-def _add_datum(p, i, d, state, derivatives, loss, force, curvature):  # type: ignore[no-untyped-def]
-    """Add the residuals of datum d of object i, which has a state with derivatives (6, 6), to a segment's sums."""
-    row = np.empty(6)
+def _add_datum(
+    is_cube, position, edges_px, root_weight, noise, state, derivatives, scratch, outermost, loss, force, curvature
+):  # type: ignore[no-untyped-def]
+    """Add the residuals of a datum to a segment's sums. They depend on place and yaw, so they are summed over these first.
+
+    Args:
+        is_cube: whether edges count.
+        position, edges_px: (2,) measured.
+        root_weight: of the datum.
+        noise: standard deviations of positions and edges, and the robust scale.
+        state: (6,) of the run.
+        derivatives: (6, 6) of the state by that at the segment's start.
+        scratch: (6, 3), overwritten.
+        outermost: see `cube_edges_px`.
+        loss, force, curvature: (2,), (6,), (6, 6) sums of losses and their number, and of derivatives.
+    """
+    pull, bend, by_place = scratch[0], scratch[1:4], scratch[4:6]
+    for a in range(3):
+        pull[a] = bend[a, 0] = bend[a, 1] = bend[a, 2] = 0.0
+    scale = root_weight / noise[0]
     for k in range(2):
-        scale = p.root_weight[d] / p.position_noise_world
-        for c in range(6):
-            row[c] = derivatives[k, c] * scale
-        _add((state[k] - p.position[d, k]) * scale, p.robust_scale, row, loss, force, curvature)
-    if p.shape[i] != CUBE:
-        return
-    scale = p.root_weight[d] / p.edge_noise_px
-    by_place = np.empty((2, 3))
-    edges = cube_edges_px(state[0], state[1], state[4], by_place)
-    for side in range(2):
-        for c in range(6):
-            moved = by_place[side, 0] * derivatives[0, c] + by_place[side, 1] * derivatives[1, c]
-            row[c] = (moved + by_place[side, 2] * derivatives[4, c]) * scale
-        _add((edges[side] - p.edges_px[d, side]) * scale, p.robust_scale, row, loss, force, curvature)
+        value, first, second = _soft_l1((state[k] - position[k]) * scale, noise[2])
+        loss[0] += value
+        pull[k] += first * scale
+        bend[k, k] += second * scale * scale
+    loss[1] += 2
+    if is_cube:
+        scale = root_weight / noise[1]
+        edges = cube_edges_px(state[0], state[1], state[4], outermost, by_place)
+        for side in range(2):
+            value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale, noise[2])
+            loss[0] += value
+            for a in range(3):
+                pull[a] += first * scale * by_place[side, a]
+                for b in range(3):
+                    bend[a, b] += second * scale * scale * by_place[side, a] * by_place[side, b]
+        loss[1] += 2
+    for a in range(6):
+        by_x, by_y, by_yaw = derivatives[0, a], derivatives[1, a], derivatives[4, a]
+        force[a] += pull[0] * by_x + pull[1] * by_y + pull[2] * by_yaw
+        bent_x = bend[0, 0] * by_x + bend[0, 1] * by_y + bend[0, 2] * by_yaw
+        bent_y = bend[1, 0] * by_x + bend[1, 1] * by_y + bend[1, 2] * by_yaw
+        bent_yaw = bend[2, 0] * by_x + bend[2, 1] * by_y + bend[2, 2] * by_yaw
+        for b in range(6):
+            curvature[a, b] += bent_x * derivatives[0, b] + bent_y * derivatives[1, b] + bent_yaw * derivatives[4, b]
 
 
 @cached_njit
@@ -183,30 +222,36 @@ def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ign
 @cached_njit
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
     """Gather the data of body i's segment before a time, and move its start there."""
-    begin = sums.next_frame[i]
+    # Fields are read once: each reading of a tuple's array is a counted reference.
+    frames, positions, edges_px, root_weight = p.frame, p.position, p.edges_px, p.root_weight
+    noise = (p.position_noise_world, p.edge_noise_px, p.robust_scale)
+    motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
+    shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
+    begin, d, last_datum = sums.next_frame[i], sums.next_datum[i], p.first[i + 1]
     end = begin
-    while end < sums.motion.shape[1] and end * FRAME_SECONDS < seconds:
+    while end < len(motion) and end * FRAME_SECONDS < seconds:
         end += 1
-    spinning = bodies.end[i] < np.inf
-    derivatives = np.empty((end - begin + 1, 6, 6))
+    derivatives = np.empty((end - begin + 1 if spinning else 1, 6, 6))
     if spinning:
         spin_derivatives(bodies, i, seconds, begin, derivatives)
-    force, curvature = np.zeros(6), np.zeros((6, 6))
-    for k in range(end - begin + 1):
-        when = (begin + k) * FRAME_SECONDS if k < end - begin else seconds
-        if not spinning:
-            slide_derivatives(bodies.shape[i], bodies.state[i], when - bodies.start[i], derivatives[k])
-        if k == end - begin:
+    force, curvature, after, scratch = np.zeros(6), np.zeros((6, 6)), np.empty(6), np.empty((6, 3))
+    for k in range(begin, end + 1):
+        when = k * FRAME_SECONDS if k < end else seconds
+        here = derivatives[k - begin if spinning else 0]
+        if spinning:
+            state_at(bodies, i, when, after)
+        else:
+            slide_derivatives(shape, state, when - start, after, here)
+        if k == end:
+            _carry(bodies.sensitivity[i], bodies.active[i], force, curvature, sums.gradient, sums.curvature)
+            advance(bodies, i, seconds, after, here)
             break
-        state = sums.motion[i, begin + k]
-        state_at(bodies, i, when, state)
-        d = sums.next_datum[i]
-        if d < p.first[i + 1] and p.frame[d] == begin + k:
-            _add_datum(p, i, d, state, derivatives[k], sums.loss, force, curvature)
-            sums.next_datum[i] += 1
-    sums.next_frame[i] = end
-    _carry(bodies.sensitivity[i], bodies.active[i], force, curvature, sums.gradient, sums.curvature)
-    advance(bodies, i, seconds, derivatives[end - begin])
+        copy_state(after, motion[k])
+        if d < last_datum and frames[d] == k:
+            measured = (positions[d], edges_px[d], root_weight[d])
+            _add_datum(shape == CUBE, *measured, noise, after, here, scratch, outermost, loss, force, curvature)
+            d += 1
+    sums.next_frame[i], sums.next_datum[i] = end, d
 
 
 @cached_njit
@@ -260,14 +305,14 @@ def _search(bodies, i, contacts, last_contact, when, since, horizon):  # type: i
 
 @cached_njit
 def _add_priors(p, x, sums):  # type: ignore[no-untyped-def]
-    row, force, curvature = np.ones(1), np.zeros(1), np.zeros((1, 1))
     for k in range(len(x)):
         mean, deviation = p.prior[k, 0], p.prior[k, 1]
         if deviation < np.inf:
-            row[0], force[0], curvature[0, 0] = p.unit[k] / deviation, 0.0, 0.0
-            _add((x[k] * p.unit[k] - mean) / deviation, p.robust_scale, row, sums.loss, force, curvature)
-            sums.gradient[k] += force[0]
-            sums.curvature[k, k] += curvature[0, 0]
+            value, first, second = _soft_l1((x[k] * p.unit[k] - mean) / deviation, p.robust_scale)
+            sums.loss[0] += value
+            sums.loss[1] += 1
+            sums.gradient[k] += first * p.unit[k] / deviation
+            sums.curvature[k, k] += second * (p.unit[k] / deviation) ** 2
 
 
 @cached_njit
@@ -305,6 +350,7 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
         np.empty((n, n_frames, 6)),
         np.zeros(n, np.int64),
         p.first[:-1].copy(),
+        np.zeros((n, 2, 2), np.int64),
     )
     first_contact, contacts = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.int64)
     last_contact, when = np.full((n, n), -np.inf), np.full((n, n), np.inf)

@@ -237,7 +237,10 @@ class _FittedScene:
         return np.asarray(np.exp(-np.maximum(gap, 0) / self.config.closeness_world))
 
     def _visible(self, run: SimulatedMotion, exists: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        visible = rollout_in_image([o.shape for o in self.states.objects], run.position)
-        for i, free in enumerate(run.free_from):
-            visible[i, : free + 1] = self.smoothed.visible[i, : free + 1]
-        return visible & exists[:, None]
+        """(n, total) bool: as observed until an object is simulated, then as its simulated place is in the image."""
+        observed = np.zeros(run.yaw.shape, bool)
+        observed[:, : self.frames] = self.smoothed.visible
+        simulated = np.arange(self.total) > run.free_from[:, None]
+        position = np.where((simulated & exists[:, None])[..., None], run.position, np.nan)
+        shown = rollout_in_image([o.shape for o in self.states.objects], position)
+        return np.where(simulated, shown, observed) & exists[:, None]

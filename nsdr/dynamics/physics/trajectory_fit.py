@@ -343,5 +343,5 @@ class _Problem:
 
 def _edges_px(position: FloatArray, yaw: float) -> FloatArray:
     """(T, 2) left and right edges of a cube's images at positions (T, 2)."""
-    derivatives = np.empty((2, 3))
-    return np.array([cube_edges_px(x, y, yaw, derivatives) for x, y in position])
+    outermost, derivatives = np.zeros((2, 2), np.int64), np.empty((2, 3))
+    return np.array([cube_edges_px(x, y, yaw, outermost, derivatives) for x, y in position])
