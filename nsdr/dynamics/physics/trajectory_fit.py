@@ -113,6 +113,7 @@ def fit_trajectories(
     collisions: Sequence[Event],
     config: TrajectoryFitConfig | None = None,
     measurement: MeasurementConfig | None = None,
+    start: TrajectoryFit | None = None,
 ) -> TrajectoryFit:
     """Fit one run to a video's tracks.
 
@@ -121,8 +122,11 @@ def fit_trajectories(
         collisions: during the video, in order of time.
         config: noise, priors and effort.
         measurement: how far measured positions are trusted.
+        start: fit of the same tracks from which this one starts; None for a first guess.
     """
     problem = _Problem(states, collisions, config or TrajectoryFitConfig(), measurement or MeasurementConfig())
+    if start is not None:
+        return problem.result(problem.solve_with_restarts(problem.parameters(start), problem.frames))
     frames = [*sorted({e.frame for e in collisions}), states.present.shape[1]]
     x = problem.start()
     for end in frames:
@@ -217,6 +221,26 @@ class _Problem:
             "rebound": lambda i, j: rebound[i, j],
         }
         return np.array([guess[kind](i, k) for kind, i, k in self.names]) / self.unit
+
+    def parameters(self, fit: TrajectoryFit) -> FloatArray:
+        """Those of a fit with other collisions."""
+        bodies, values = fit.bodies, []
+        for kind, i, k in self.names:
+            speed = float(np.hypot(*bodies.velocity[i]))
+            seconds = np.array(self.reference[i] * FRAME_SECONDS)
+            distance, later = slide(self.objects[i].shape, np.array(speed), seconds)
+            direction = bodies.velocity[i] / max(speed, 1e-9)
+            if kind == "position":
+                values.append(bodies.position[i, k] + float(distance) * direction[k])
+            elif kind == "velocity":
+                values.append(float(later) * direction[k])
+            elif kind == "yaw":
+                values.append(bodies.yaw[i])
+            elif kind == "log_mass":
+                values.append(np.log(bodies.mass[i]))
+            else:
+                values.append(self.config.rebound if np.isnan(fit.rebound[i, k]) else fit.rebound[i, k])
+        return np.array(values) / self.unit
 
     def _exchanges(self) -> tuple[FloatArray, dict[tuple[int, ...], float]]:
         """Log masses and rebounds by the velocities before and after each collision."""
