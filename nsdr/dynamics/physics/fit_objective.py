@@ -154,9 +154,9 @@ def _soft_l1(residual, scale):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _add_datum(
+def _add_datum(  # type: ignore[no-untyped-def]
     is_cube, position, edges_px, root_weight, noise, state, derivatives, scratch, outermost, loss, force, curvature
-):  # type: ignore[no-untyped-def]
+):
     """Add the residuals of a datum to a segment's sums. They depend on place and yaw, so they are summed over these first.
 
     Args:
