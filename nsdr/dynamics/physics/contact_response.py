@@ -38,8 +38,8 @@ def push(shape, state, mass, i, j, change, nx, ny, ci, cj):  # type: ignore[no-u
 
 
 @cached_njit
-def drift(row, seconds):  # type: ignore[no-untyped-def]
-    """Move a state on at its present velocity and spin."""
-    row[0] += seconds * row[2]
-    row[1] += seconds * row[3]
-    row[4] += seconds * row[5]
+def drift(state, i, seconds):  # type: ignore[no-untyped-def]
+    """Move body i on at its present velocity and spin."""
+    state[i, 0] += seconds * state[i, 2]
+    state[i, 1] += seconds * state[i, 3]
+    state[i, 4] += seconds * state[i, 5]

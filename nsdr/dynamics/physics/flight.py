@@ -31,41 +31,47 @@ MIN_SPIN_RAD_PER_S = 1e-3
 
 
 @cached_njit
-def slow_down(shape, row):  # type: ignore[no-untyped-def]
-    """Apply the damping and friction of one Bullet step to a body's state `row` (x, y, vx, vy, yaw, spin)."""
-    speed = np.sqrt(row[2] * row[2] + row[3] * row[3])
-    abs_spin = abs(row[5])
+def slow_down(shape, state, i):  # type: ignore[no-untyped-def]
+    """Apply the damping and friction of one Bullet step to body i.
+
+    Args:
+        shape: of the body, index into `nsdr.world.vocabulary.SHAPES`.
+        state: (n, 6) rows (x, y, vx, vy, yaw, spin); not a row, because a slice costs as much as the step.
+        i: which.
+    """
+    speed = np.sqrt(state[i, 2] * state[i, 2] + state[i, 3] * state[i, 3])
+    abs_spin = abs(state[i, 5])
     if speed == 0.0 and abs_spin == 0.0:
         return
     loss = LINEAR_DAMPING * speed + LINEAR_DAMPING * speed * speed
-    row[5] -= STEP_SECONDS * ANGULAR_DAMPING * row[5] * (1 + abs_spin)
+    state[i, 5] -= STEP_SECONDS * ANGULAR_DAMPING * state[i, 5] * (1 + abs_spin)
     if shape == SPHERE:
         factor = 1 - STEP_SECONDS * loss / speed if speed > 0 else 0.0
-        row[2] *= factor
-        row[3] *= factor
+        state[i, 2] *= factor
+        state[i, 3] *= factor
         return
     if abs_spin < MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * _DECELERATION:
         factor = max(0.0, 1 - STEP_SECONDS * (loss + _DECELERATION) / speed) if speed > 0 else 0.0
-        row[2] *= factor
-        row[3] *= factor
-        row[5] = 0.0
+        state[i, 2] *= factor
+        state[i, 3] *= factor
+        state[i, 5] = 0.0
         return
-    c, s = np.cos(row[4]), np.sin(row[4])
+    c, s = np.cos(state[i, 4]), np.sin(state[i, 4])
     fx, fy, torque = 0.0, 0.0, 0.0
     for k in range(4):  # a quarter of the weight on each corner of the flat face
         kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
         rx, ry = c * kx - s * ky, s * kx + c * ky
-        ux, uy = row[2] - row[5] * ry, row[3] + row[5] * rx
+        ux, uy = state[i, 2] - state[i, 5] * ry, state[i, 3] + state[i, 5] * rx
         u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * _DECELERATION)
         gx, gy = -_DECELERATION / 4 * ux / u, -_DECELERATION / 4 * uy / u
         fx += gx
         fy += gy
         torque += rx * gy - ry * gx
     if speed > 0:
-        row[2] *= 1 - STEP_SECONDS * loss / speed
-        row[3] *= 1 - STEP_SECONDS * loss / speed
-    row[2] += STEP_SECONDS * fx
-    row[3] += STEP_SECONDS * fy
-    row[5] += STEP_SECONDS * torque / INERTIA
+        state[i, 2] *= 1 - STEP_SECONDS * loss / speed
+        state[i, 3] *= 1 - STEP_SECONDS * loss / speed
+    state[i, 2] += STEP_SECONDS * fx
+    state[i, 3] += STEP_SECONDS * fy
+    state[i, 5] += STEP_SECONDS * torque / INERTIA
     brake = STEP_SECONDS * _SPINNING_DECELERATION / INERTIA
-    row[5] = np.copysign(max(abs(row[5]) - brake, 0.0), row[5])
+    state[i, 5] = np.copysign(max(abs(state[i, 5]) - brake, 0.0), state[i, 5])

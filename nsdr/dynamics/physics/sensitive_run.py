@@ -85,13 +85,13 @@ def copy_state(source, target):  # type: ignore[no-untyped-def]
 @cached_njit
 def _spin_steps(state, count, rows):  # type: ignore[no-untyped-def]
     """Fill `rows` (T, 6) with the states of a spinning cube, at most `count` steps; returns the number done until it stops."""
-    row = state.copy()
-    copy_state(row, rows[0])
+    copy_state(state, rows[0])
     for k in range(1, count + 1):
-        slow_down(CUBE, row)
-        drift(row, STEP_SECONDS)
-        copy_state(row, rows[k])
-        if row[_SPIN] == 0.0:
+        for c in range(6):
+            rows[k, c] = rows[k - 1, c]
+        slow_down(CUBE, rows, k)
+        drift(rows, k, STEP_SECONDS)
+        if rows[k, _SPIN] == 0.0:
             return k
     return count
 
@@ -252,12 +252,12 @@ def _exchanged(shape, state, mass, rebound, timed):  # type: ignore[no-untyped-d
     before = 0.0
     if timed:
         before = (gap - GIVEN_GAP_WORLD) / -apart
-        drift(state[0], before)
-        drift(state[1], before)
+        drift(state, 0, before)
+        drift(state, 1, before)
         _, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
     push(shape, state, mass, 0, 1, -(1 + rebound) * apart, nx, ny, ci, cj)
-    drift(state[0], -before)
-    drift(state[1], -before)
+    drift(state, 0, -before)
+    drift(state, 1, -before)
 
 
 @cached_njit

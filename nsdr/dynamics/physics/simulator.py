@@ -242,15 +242,15 @@ def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-
             return False, gap - GIVEN_GAP_WORLD
         if gap > GIVEN_GAP_WORLD:  # up to the contact they move as before
             before = (gap - GIVEN_GAP_WORLD) / -apart
-            drift(state[i], before)
-            drift(state[j], before)
+            drift(state, i, before)
+            drift(state, j, before)
             _, apart, nx, ny, ci, cj = approach(shape, state, i, j)
         wanted = 0.0 if used else -given * apart
     touched = wanted > apart
     if touched:
         push(shape, state, mass, i, j, wanted - apart, nx, ny, ci, cj)
-    drift(state[i], -before)
-    drift(state[j], -before)
+    drift(state, i, -before)
+    drift(state, j, -before)
     return touched, 0.0
 
 
@@ -313,7 +313,7 @@ def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, s
             step_number += 1
             for i in range(n):
                 if exists[i] and frame >= free_from[i]:
-                    slow_down(shape[i], state[i])
+                    slow_down(shape[i], state, i)
             for sweep in range(_MAX_SWEEPS):
                 hits = 0
                 for i in range(n):
@@ -341,7 +341,7 @@ def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, s
                     break
             for i in range(n):
                 if exists[i]:
-                    drift(state[i], STEP_SECONDS)
+                    drift(state, i, STEP_SECONDS)
     return states, contact, free_from
 
 

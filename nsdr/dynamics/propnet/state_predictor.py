@@ -30,6 +30,8 @@ __all__ = ["StatePredictor", "windows"]
 FloatArray = NDArray[np.floating[Any]]
 PEAK_FRAMES = 4
 """Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
+OBSERVED_AT_ONCE = 32
+"""Frames that the observer sees in one call: so many fit into a processor's cache. Results do not depend on it."""
 
 
 class StatePredictor(PretrainedPart):
@@ -109,7 +111,8 @@ class StatePredictor(PretrainedPart):
         window, reliable = windows(states, index)
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
-        logits = self._on_device(self.model.observe, window, reliable, static, exists)
+        parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
+        logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
