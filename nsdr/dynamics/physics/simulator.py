@@ -265,12 +265,11 @@ def _steps_apart(state, i, j, distance):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _perturb(row, change):  # type: ignore[no-untyped-def]
-    """Change a state; a body at rest stays so."""
+def _changed(row, change, i, out):  # type: ignore[no-untyped-def]
+    """Write a state (6,) with body i's change of `change` (n, 6) to row i of `out`; a body at rest stays so."""
     rests = row[2] == 0.0 and row[3] == 0.0
     for k in range(6):
-        if not (rests and (k == 2 or k == 3)):
-            row[k] += change[k]
+        out[i, k] = row[k] if rests and (k == 2 or k == 3) else row[k] + change[i, k]
 
 
 @cached_njit
@@ -287,8 +286,7 @@ def _follow_prescribed(rows, change, collisions, until, frame, exists, state, co
                 free_from[j] = min(free_from[j], frame)
     for i in range(len(until)):
         if frame <= free_from[i] and until[i] > 0:
-            state[i] = rows[i, frame]
-            _perturb(state[i], change[i])
+            _changed(rows[i, frame], change, i, state)
 
 
 @cached_njit
@@ -298,14 +296,18 @@ def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, s
     states = np.zeros((n, n_frames, 6))
     contact, touched = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.bool_)
     next_look = np.zeros((n, n), np.int64)
-    free_from, state = until.copy(), state.copy()
+    free_from, given, state = until.copy(), state, np.empty((n, 6))
     for i in range(n):
-        _perturb(state[i], change[i])
+        _changed(given[i], change, i, state)
     step_number = start * STEPS_PER_FRAME
     for frame in range(start, n_frames):
         _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from)
-        states[:, frame] = state
-        if frame == n_frames - 1 or not (exists & (free_from <= frame)).any():
+        any_free = False
+        for i in range(n):
+            any_free |= exists[i] and free_from[i] <= frame
+            for k in range(6):
+                states[i, frame, k] = state[i, k]
+        if frame == n_frames - 1 or not any_free:
             step_number += STEPS_PER_FRAME
             continue
         last_step = step_number + STEPS_PER_FRAME
