@@ -5,6 +5,8 @@
 Collisions count as right when the pair is the true one and the frames are at most 3 apart; the truth's objects are matched by
 their attributes. Rollouts start from the frames before 60, 80 and 100 and are compared with the real tracks, beside a
 continuation with constant velocity.
+
+Seconds are CPU time on one thread, with all removals: `--scenes 50` gives the figures of `results/speed.md`.
 """
 
 import argparse
@@ -55,12 +57,15 @@ def main() -> None:
     for name in options.dynamics:
         backend: Any = load_backend(find_checkpoint("default"), name)
         backend.predict(scenes[0][1])  # compiles
-        start = time.process_time()
-        predictions = [backend.predict(tracks) for _, tracks in scenes]
-        seconds = (time.process_time() - start) / len(scenes)
+        predictions, seconds = [], []
+        for _, tracks in scenes:
+            start = time.process_time()
+            predictions.append(backend.predict(tracks))
+            seconds.append(time.process_time() - start)
         pairs = [(_found(p, true), _true(true)) for p, (true, _) in zip(predictions, scenes, strict=True)]
         print(f"{name}, {len(pairs)} scenes: {_text(collision_scores(pairs))}, {_errors(pairs)}")
-        print(f"  {seconds:.2f} s CPU a scene, all removals included")
+        middle, high = np.percentile(seconds, [50, 95])
+        print(f"  s CPU a scene: median {middle:.3f}, 95th percentile {high:.3f}, largest {max(seconds):.3f}")
         if hasattr(backend, "continue_motion"):
             print("  rollouts: " + _text(rollout_errors(backend, states)))
 

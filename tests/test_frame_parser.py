@@ -503,6 +503,7 @@ def test_a_partly_hidden_object_is_localized_by_its_visible_sides() -> None:
     hidden = hidden_sides(boxes)
     assert hidden[0].tolist() == [False, False, True, False]
     assert not hidden[1].any()
+    np.testing.assert_array_equal(hidden_sides(np.stack([boxes, boxes[::-1]])), [hidden, hidden_sides(boxes[::-1])])
     centroid = np.array([[(seen[0] + seen[2]) / 2, (seen[1] + seen[3]) / 2]])
     by_centroid = ground_location("cylinder", centroid, boxes[:1], np.zeros((1, 4), bool))[0]
     by_sides = ground_location("cylinder", centroid, boxes[:1], hidden[:1])[0]

@@ -58,13 +58,13 @@ def test_dynamics_networks_run_on_one_thread(used: Used, part: type[Any]) -> Non
 
 
 def test_the_fit_runs_on_one_thread(used: Used, monkeypatch: pytest.MonkeyPatch) -> None:
-    solve = trajectory_fit.least_squares
+    solve = trajectory_fit.minimise
 
-    def noted(*arguments: Any, **options: Any) -> Any:
+    def noted(*arguments: Any) -> Any:
         used.add(current())
-        return solve(*arguments, **options)
+        return solve(*arguments)
 
-    monkeypatch.setattr(trajectory_fit, "least_squares", noted)
+    monkeypatch.setattr(trajectory_fit, "minimise", noted)
     PhysicsPredictor(StatePredictor.from_pretrained(device="cpu")).predict(tracks(20))
     assert used == {(1, 1)}
 

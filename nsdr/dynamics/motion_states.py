@@ -99,11 +99,7 @@ def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None =
         detected[i, t.frame_index] = True
         present[i, t.frame_index[0] : t.frame_index[-1] + 1] = True
         box[i, t.frame_index] = t.box_xyxy_px
-    hidden = (
-        np.stack([hidden_sides(box[:, f], visibility).any(1) for f in range(frames)], 1)
-        if n
-        else np.zeros((0, frames), bool)
-    )
+    hidden = hidden_sides(box.transpose(1, 0, 2), visibility).any(-1).T
     reliable, spacing = detected & ~hidden, _spacing_frames(detected)
     every, centred = np.arange(frames), np.zeros((n, frames, 4))
     for i, t in enumerate(video.tracks):

@@ -1,38 +1,77 @@
-"""Free sliding: the law of deceleration in closed form, and fits of it to stretches of a track.
+"""Free sliding: the law of deceleration in closed form, and fits of it to stretches of a track; compiled by Numba.
 
 CLEVRER's objects slide in straight lines and lose a + b v + c v² of their speed per second: a is friction times gravity (none
-for spheres), b and c are Bullet's damping. Speeds come more exactly from such a fit than from differences of positions.
+for spheres), b and c are Bullet's damping. The law's integral is a tangent for cubes and cylinders, and an exponential for
+spheres. Speeds come more exactly from such a fit than from differences of positions.
 """
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.world.physics_constants import FRAME_SECONDS, GRAVITY, GROUND_FRICTION, LINEAR_DAMPING
+from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["fit_sliding", "slide"]
+__all__ = ["fit_sliding", "slide", "slide_one"]
 
 FloatArray = NDArray[np.floating[Any]]
 MAX_SPEED_WORLD_PER_S = 6.0
-"""Upper end of the tables; twice CLEVRER's fastest start."""
+"""Fastest speed, also of what going back in time leads to; twice CLEVRER's fastest start."""
 NOISE_WORLD = 0.01
 """Residuals beyond three times this noise are weighted down."""
 ROUNDS = 8
 """Reweighted least-squares rounds of a fit."""
 MIN_WEIGHT = 1e-3
 """Least weight of a position in a fit, so that it is never singular."""
+_MIN_SPEED_WORLD_PER_S = 1e-9
+"""Slower bodies are at rest."""
+_MIN_SPREAD = 1e-12
+"""Weighted squares of seconds below this tell no speed."""
+_SPHERE = SHAPES.index("sphere")
+_DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
+_ROOT = np.sqrt(4 * _DECELERATION * LINEAR_DAMPING - LINEAR_DAMPING**2)
+_REST_ANGLE = np.arctan(LINEAR_DAMPING / _ROOT)
+_MAX_ANGLE = np.arctan((2 * LINEAR_DAMPING * MAX_SPEED_WORLD_PER_S + LINEAR_DAMPING) / _ROOT)
+_MAX_RATIO = MAX_SPEED_WORLD_PER_S / (1 + MAX_SPEED_WORLD_PER_S)
 
 
-@lru_cache(maxsize=4)
-def _table(deceleration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Speeds from 0 up, the time (s) until an object of that speed stops, and the distance it slides until then."""
-    v = np.concatenate([np.linspace(0, 0.2, 400), np.linspace(0.2, MAX_SPEED_WORLD_PER_S, 1200)[1:]])
-    middle, step = (v[1:] + v[:-1]) / 2, np.diff(v)
-    loss = deceleration + LINEAR_DAMPING * middle + LINEAR_DAMPING * middle**2
-    time, distance = np.cumsum(step / loss), np.cumsum(middle * step / loss)
-    return v, np.concatenate([[0], time]), np.concatenate([[0], distance])
+@cached_njit
+def slide_one(shape, speed, seconds):  # type: ignore[no-untyped-def]
+    """Distance slid (world units) and speed afterwards (world units/s), and the derivatives of both by the speed before.
+
+    Args:
+        shape: index into `nsdr.world.vocabulary.SHAPES`.
+        speed: at time 0 (world units/s).
+        seconds: positive for later and negative for earlier.
+    """
+    k = LINEAR_DAMPING
+    if speed < _MIN_SPEED_WORLD_PER_S:
+        if shape == _SPHERE:
+            return 0.0, 0.0, seconds, 1.0
+        return 0.0, 0.0, 0.0, 0.0
+    if shape == _SPHERE:
+        ratio = min(speed / (1 + speed) * np.exp(-k * seconds), _MAX_RATIO)
+        later = ratio / (1 - ratio)
+        loss = k * speed * (1 + speed)
+        return np.log((1 + speed) / (1 + later)) / k, later, (speed - later) / loss, k * later * (1 + later) / loss
+    loss = _DECELERATION + k * speed + k * speed * speed
+    angle = np.arctan((2 * k * speed + k) / _ROOT)
+    final = min(angle - _ROOT * seconds / 2, _MAX_ANGLE)
+    if final <= _REST_ANGLE:
+        distance = np.log(loss / _DECELERATION) / (2 * k) - (angle - _REST_ANGLE) / _ROOT
+        return distance, 0.0, speed / loss, 0.0
+    later = (_ROOT * np.tan(final) - k) / (2 * k)
+    loss_later = _DECELERATION + k * later + k * later * later
+    distance = np.log(loss / loss_later) / (2 * k) - (angle - final) / _ROOT
+    return distance, later, (speed - later) / loss, loss_later / loss
+
+
+@cached_njit
+def _slide_all(shape, speed, seconds, distance, final):  # type: ignore[no-untyped-def]
+    for k in range(len(speed)):
+        distance[k], final[k], _, _ = slide_one(shape, min(speed[k], MAX_SPEED_WORLD_PER_S), seconds[k])
 
 
 def slide(shape: str, speed: FloatArray, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -43,18 +82,53 @@ def slide(shape: str, speed: FloatArray, seconds: FloatArray) -> tuple[FloatArra
         speed: at time 0 (world units/s).
         seconds: simulated time, positive for later and negative for earlier.
     """
-    speed, seconds = np.broadcast_arrays(np.minimum(speed, MAX_SPEED_WORLD_PER_S), seconds)
-    deceleration = GROUND_FRICTION[shape] * GRAVITY
-    if deceleration == 0:
-        # v / (1 + v) decays exponentially, and the distance is the logarithm of the (1 + v) lost.
-        fastest = MAX_SPEED_WORLD_PER_S / (1 + MAX_SPEED_WORLD_PER_S)
-        ratio = np.minimum(speed / (1 + speed) * np.exp(-LINEAR_DAMPING * seconds), fastest)
-        final_speed = ratio / (1 - ratio)
-        return (np.log1p(speed) - np.log1p(final_speed)) / LINEAR_DAMPING, final_speed
-    v, time, distance = _table(deceleration)
-    remaining = np.interp(speed, v, time) - seconds
-    final_speed = np.interp(remaining, time, v)
-    return np.interp(speed, v, distance) - np.interp(final_speed, v, distance), final_speed
+    speed, seconds = np.broadcast_arrays(np.asarray(speed, float), np.asarray(seconds, float))
+    distance, final = np.empty(speed.size), np.empty(speed.size)
+    _slide_all(SHAPES.index(shape), speed.flatten(), seconds.flatten(), distance, final)
+    return distance.reshape(speed.shape), final.reshape(speed.shape)
+
+
+@cached_njit
+def _line(seconds, location, lag, weight):  # type: ignore[no-untyped-def]
+    """Position and velocity (4,) at second 0 of the weighted least-squares line through positions (N, 2) minus `lag` (N, 2)."""
+    total, first, second = 0.0, 0.0, 0.0
+    sums = np.zeros((2, 2))
+    for t in range(len(seconds)):
+        w, s = weight[t], seconds[t]
+        total += w
+        first += w * s
+        second += w * s * s
+        for k in range(2):
+            value = location[t, k] - lag[t, k]
+            sums[0, k] += w * value
+            sums[1, k] += w * s * value
+    mean = first / total
+    spread = second - first * mean
+    out = np.empty(4)
+    for k in range(2):
+        slope = (sums[1, k] - mean * sums[0, k]) / spread if spread > _MIN_SPREAD else 0.0
+        out[k], out[2 + k] = sums[0, k] / total - slope * mean, slope
+    return out
+
+
+@cached_njit
+def _fit(shape, seconds, location, weight):  # type: ignore[no-untyped-def]
+    """Position and velocity (4,) at second 0, and the distances (N,) of the positions from the fit."""
+    n = len(seconds)
+    motion, lag, residual, weights = np.zeros(4), np.zeros((n, 2)), np.empty(n), np.maximum(weight, MIN_WEIGHT)
+    for _ in range(ROUNDS):
+        speed = np.sqrt(motion[2] ** 2 + motion[3] ** 2)
+        for t in range(n):  # how far the law falls short of constant velocity; the first round fits a straight line
+            distance = slide_one(shape, min(speed, MAX_SPEED_WORLD_PER_S), seconds[t])[0]
+            share = distance / speed - seconds[t] if speed > _MIN_SPEED_WORLD_PER_S else 0.0
+            lag[t, 0], lag[t, 1] = share * motion[2], share * motion[3]
+        motion = _line(seconds, location, lag, weights)
+        for t in range(n):
+            x = location[t, 0] - lag[t, 0] - motion[0] - seconds[t] * motion[2]
+            y = location[t, 1] - lag[t, 1] - motion[1] - seconds[t] * motion[3]
+            residual[t] = np.sqrt(x * x + y * y)
+            weights[t] = max(weight[t], MIN_WEIGHT) / (1 + (residual[t] / (3 * NOISE_WORLD)) ** 2)
+    return motion, residual
 
 
 def fit_sliding(
@@ -72,20 +146,10 @@ def fit_sliding(
     Returns:
         Position (2,) and velocity (2,) at the reference frame, and the weighted median distance of the measured positions.
     """
-    seconds = (np.asarray(frame_index) - reference) * FRAME_SECONDS
-    terms = np.stack([np.ones(len(seconds)), seconds], 1)
-    position, velocity = np.zeros(2), np.zeros(2)
-    weights = np.maximum(weight, MIN_WEIGHT)
-    for k in range(ROUNDS):
-        speed = float(np.hypot(*velocity))
-        direction = velocity / speed if speed > 1e-6 else np.zeros(2)
-        # How far the law falls short of constant velocity; zero in the first round, which fits a straight line.
-        lag = (slide(shape, np.array(speed), seconds)[0] - speed * seconds)[:, None] * direction if k else 0.0
-        root = np.sqrt(weights)[:, None]
-        solution = np.linalg.lstsq(terms * root, (location_world - lag) * root, rcond=None)[0]
-        position, velocity = solution[0], solution[1]
-        residual = np.linalg.norm(location_world - lag - terms @ solution, axis=1)
-        weights = np.maximum(weight, MIN_WEIGHT) / (1 + (residual / (3 * NOISE_WORLD)) ** 2)
+    seconds = (np.asarray(frame_index, float) - reference) * FRAME_SECONDS
+    location, weight = np.ascontiguousarray(location_world, float), np.ascontiguousarray(weight, float)
+    motion, residual = _fit(SHAPES.index(shape), seconds, location, weight)
     order = np.argsort(residual)
     share = np.cumsum(weight[order]) / max(weight.sum(), 1e-9)
-    return position, velocity, float(residual[order[min(int(np.searchsorted(share, 0.5)), len(order) - 1)]])
+    median = float(residual[order[min(int(np.searchsorted(share, 0.5)), len(order) - 1)]])
+    return motion[:2], motion[2:], median

@@ -65,9 +65,11 @@ def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Ca
         bound = BOUNDING_RADII * OBJECT_RADIUS_WORLD / np.maximum(depth, DEPTH_FLOOR_WORLD)[:, None] * camera.focal_px
         near = ((centre > -bound) & (centre < size + bound)).all(1) & (depth > MIN_DEPTH_RADII * OBJECT_RADIUS_WORLD)
         inside = ((centre > 0) & (centre < size)).all(1) & near
-    for f in np.flatnonzero(near & ~inside):
-        outline = camera.pixels(surface_points(shape, float(yaw[f])) + location_world[f])
-        inside[f] = bool((outline.max(0) > 0).all() and (outline.min(0) < size).all())
+    uncertain = near & ~inside
+    for angle in np.unique(yaw[uncertain]):
+        frames = np.flatnonzero(uncertain & (yaw == angle))
+        outline = camera.pixels(surface_points(shape, float(angle)) + location_world[frames, None])
+        inside[frames] = (outline.max(1) > 0).all(1) & (outline.min(1) < size).all(1)
     return np.asarray(inside)
 
 
@@ -80,22 +82,24 @@ def cut_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None)
 
 
 def hidden_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None) -> BoolArray:
-    """Which sides of the boxes of one frame are hidden: not a side of the object itself.
+    """Which sides of the boxes of each frame are hidden: not a side of the object itself.
 
     A side is hidden when the image border cuts it, or when it lies inside the box of a nearer object. Of two objects, the
     nearer one is the one whose bottom edge is lower in the image.
 
     Args:
-        box_xyxy_px: (N, 4) mask bounds of all objects in the frame; rows of NaN stand for objects that were not detected.
+        box_xyxy_px: (..., N, 4) mask bounds of all objects in a frame; rows of NaN stand for objects that were not detected.
         config: margins; None for the defaults.
 
     Returns:
-        (N, 4) bool: left, top, right, bottom.
+        (..., N, 4) bool: left, top, right, bottom.
     """
     touch_px = (config or VisibilityConfig()).touch_px
-    box = np.asarray(box_xyxy_px, float).reshape(-1, 4)
-    x0, y0, x1, y1 = box.T
-    mine, other = np.s_[:, None], np.s_[None, :]
+    box = np.asarray(box_xyxy_px, float)
+    if box.ndim < 2:  # no boxes
+        box = box.reshape(-1, 4)
+    x0, y0, x1, y1 = np.moveaxis(box, -1, 0)
+    mine, other = np.s_[..., :, None], np.s_[..., None, :]
     with np.errstate(invalid="ignore"):
         width = np.minimum(x1[mine], x1[other]) - np.maximum(x0[mine], x0[other])
         height = np.minimum(y1[mine], y1[other]) - np.maximum(y0[mine], y0[other])
@@ -107,5 +111,5 @@ def hidden_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = No
         right = beside & (x0[other] - touch_px <= x1[mine]) & (x1[mine] <= x1[other])
         bottom = below & (y0[other] - touch_px <= y1[mine])
         top = covers & (y0[other] <= y0[mine])
-    hidden = np.stack([left.any(1), top.any(1), right.any(1), bottom.any(1)], 1)
+    hidden = np.stack([side.any(-1) for side in (left, top, right, bottom)], -1)
     return np.asarray(hidden | cut_sides(box, config))

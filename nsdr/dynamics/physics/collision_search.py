@@ -18,8 +18,9 @@ class CollisionSearchConfig:
 
     Attributes:
         doubt: candidates with a probability in (doubt, 1 - doubt) are tried both ways; the others are taken as they are.
-        min_gain: a further collision must lower the fit's cost by this much.
-        max_loss: without a collision in which the fitted objects do not touch, the cost may rise by at most this much.
+        min_gain: a further collision that is less probable than not must lower the fit's cost by this much.
+        max_loss: without a collision in which the fitted objects do not touch, and with a probable one in which they do, the
+            cost may rise by at most this much.
         trials: maximum number of fits beside the first.
         fit: of the simulator.
     """
@@ -27,7 +28,7 @@ class CollisionSearchConfig:
     doubt: float = 0.01
     min_gain: float = 0.3
     max_loss: float = 0.1
-    trials: int = 4
+    trials: int = 8
     fit: TrajectoryFitConfig = field(default_factory=TrajectoryFitConfig)
 
     def __post_init__(self) -> None:
@@ -43,7 +44,7 @@ def search_collisions(
     """Collisions during the video, and the simulation fitted with them.
 
     A doubtful collision is dropped when the fitted objects do not touch and the tracks are explained as well without it; one
-    is added when the objects touch and the tracks are explained much better with it.
+    is added when the objects touch and the tracks are explained much better with it, or as well if it is probable.
 
     Args:
         states: of at least one object.
@@ -55,13 +56,15 @@ def search_collisions(
     events = {event.objects: event for event, _ in candidates}
     chosen = {event.objects for event, p in candidates if p > 0.5}
 
-    def fitted(pairs: set[tuple[int, ...]]) -> TrajectoryFit:
+    probable = set(chosen)
+
+    def fitted(pairs: set[tuple[int, ...]], start: TrajectoryFit | None = None) -> TrajectoryFit:
         collisions = sorted((events[p] for p in pairs), key=lambda e: e.frame)
-        return fit_trajectories(states, collisions, config.fit, measurement)
+        return fit_trajectories(states, collisions, config.fit, measurement, start)
 
     current = fitted(chosen)
     doubtful = sorted((abs(p - 0.5), e.objects) for e, p in candidates if config.doubt < p < 1 - config.doubt)
-    tried = {frozenset(chosen)}
+    tried = {(frozenset(chosen), False)}
     changed = True
     while changed:
         changed = False
@@ -69,14 +72,17 @@ def search_collisions(
             touch, listed = current.motion.contact[pair] != NO_CONTACT, pair in chosen
             other = chosen ^ {pair}
             settled = touch if listed else not touch and current.cost < config.fit.good_cost
-            if settled or frozenset(other) in tried or len(tried) > config.trials:
+            from_current = touch and not listed  # the collision is in the run already, its rebound is not fitted
+            attempt = (frozenset(other), from_current)
+            if settled or attempt in tried or len(tried) > config.trials:
                 continue
-            tried.add(frozenset(other))
-            trial = fitted(other)
+            tried.add(attempt)
+            trial = fitted(other, current if from_current else None)
             if listed:
                 better = trial.cost < current.cost + config.max_loss
             else:
-                better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost - config.min_gain
+                margin = config.max_loss if pair in probable else -config.min_gain
+                better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost + margin
             if better:
                 chosen, current, changed = other, trial, True
     return sorted((events[p] for p in chosen), key=lambda e: e.frame), current

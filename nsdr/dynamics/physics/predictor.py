@@ -5,7 +5,7 @@ observed motion; the rest is simulated, many times with states perturbed by thei
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.physics.collision_search import CollisionSearchConfig, search_collisions
-from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
+from nsdr.dynamics.physics.simulator import (
+    NO_CONTACT,
+    Perturbations,
+    PrescribedMotion,
+    SimulatedMotion,
+    simulate_perturbed,
+)
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit
 from nsdr.dynamics.track_smoothing import (
     SmoothedTracks,
@@ -168,6 +174,7 @@ class _FittedScene:
         self.velocity = np.where(known, smoothed.velocity_world_per_s, fitted.motion.velocity)
         met = {i for e in observed for i in e.objects}
         self.mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
+        self.perturbations = self._perturbations(np.random.default_rng(config.seed))
         self.collisions = np.array([(*e.objects, e.frame) for e in observed], np.int64).reshape(-1, 3)
 
     def rollout(self, removed: int | None) -> Rollout:
@@ -175,10 +182,7 @@ class _FittedScene:
         exists = np.ones(len(self.states.objects), bool)
         if removed is not None:
             exists[removed] = False
-        rng = np.random.default_rng(self.config.seed)
-        runs = [self._run(exists, rng if k else None) for k in range(self.config.runs)]
-        first = runs[0]
-        frames = np.stack([r.contact for r in runs])
+        first, frames = self._runs(exists)
         hit = frames != NO_CONTACT
         pairs = {e.objects for e in self.observed}
         scores = hit.mean(0)
@@ -188,7 +192,7 @@ class _FittedScene:
                 continue
             frame = int(np.median(frames[hit[:, i, j], i, j]))
             collisions.append(Event("collision", max(frame, self.frames) if removed is None else frame, (i, j)))
-        scores = (len(runs) * scores + self._closeness(first)) / (len(runs) + 1)
+        scores = (len(frames) * scores + self._closeness(first)) / (len(frames) + 1)
         for pair in pairs:  # a pair collides once
             scores[pair] = scores[pair[::-1]] = 0.0
         return Rollout(
@@ -198,33 +202,33 @@ class _FittedScene:
             scores if removed is None else None,
         )
 
-    def _run(self, exists: NDArray[np.bool_], rng: np.random.Generator | None) -> SimulatedMotion:
-        c, n = self.config, len(self.states.objects)
-        bodies, motion = self.fitted.bodies, self.fitted.motion
-
-        def noise(*shape: int) -> FloatArray:
-            return np.zeros(shape) if rng is None else rng.normal(size=shape)
-
-        mass = bodies.mass * np.exp(self.mass_noise * noise(n))
-        shift, push = c.position_noise_world * noise(n, 2), c.velocity_noise_world_per_s * noise(n, 2)
-        yaw_error = c.yaw_noise * noise(n)
-        if not self.shortcut and not exists.all():
-            moves = (np.linalg.norm(bodies.velocity, axis=1) > 0)[:, None]
-            position, velocity = bodies.position + shift, bodies.velocity + push * moves
-            start = BodyStates(bodies.shape, position, velocity, bodies.yaw + yaw_error, bodies.spin, mass)
-            return simulate(start, exists, self.total, self.fitted.rebound)
-        moving = np.linalg.norm(self.velocity, axis=-1, keepdims=True) > 0
-        prescribed = PrescribedMotion(
-            self.position + shift[:, None],
-            self.velocity + push[:, None] * moving,
-            motion.yaw + yaw_error[:, None],
+    def _runs(self, exists: NDArray[np.bool_]) -> tuple[SimulatedMotion, NDArray[np.integer[Any]]]:
+        """The first run, and the frames (runs, n, n) of first contacts of all."""
+        bodies, motion, rebound = self.fitted.bodies, self.fitted.motion, None
+        prescribed: PrescribedMotion | None = PrescribedMotion(
+            self.position,
+            self.velocity,
+            motion.yaw,
             motion.spin,
-            np.full(n, self.frames - 1),
+            np.full(len(exists), self.frames - 1),
             self.collisions,
         )
-        position, velocity = prescribed.position[:, 0], prescribed.velocity[:, 0]
-        start = BodyStates(bodies.shape, position, velocity, bodies.yaw, bodies.spin, mass)
-        return simulate(start, exists, self.total, None, prescribed)
+        if self.shortcut or exists.all():
+            bodies = replace(bodies, position=self.position[:, 0], velocity=self.velocity[:, 0])
+        else:
+            prescribed, rebound = None, self.fitted.rebound
+        return simulate_perturbed(bodies, exists, self.total, self.perturbations, rebound, prescribed)
+
+    def _perturbations(self, rng: np.random.Generator) -> Perturbations:
+        """Those of all runs but the first: each draws its masses, positions, velocities and yaws in this order."""
+        c, n = self.config, len(self.states.objects)
+        noise = rng.normal(size=(c.runs - 1, 6 * n))
+        return Perturbations(
+            c.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2),
+            c.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2),
+            c.yaw_noise * noise[:, 5 * n :],
+            np.exp(self.mass_noise * noise[:, :n]),
+        )
 
     def _closeness(self, run: SimulatedMotion) -> FloatArray:
         """(n, n) in 0-1: how close pairs come after the video."""
@@ -233,7 +237,10 @@ class _FittedScene:
         return np.asarray(np.exp(-np.maximum(gap, 0) / self.config.closeness_world))
 
     def _visible(self, run: SimulatedMotion, exists: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        visible = rollout_in_image([o.shape for o in self.states.objects], run.position)
-        for i, free in enumerate(run.free_from):
-            visible[i, : free + 1] = self.smoothed.visible[i, : free + 1]
-        return visible & exists[:, None]
+        """(n, total) bool: as observed until an object is simulated, then as its simulated place is in the image."""
+        observed = np.zeros(run.yaw.shape, bool)
+        observed[:, : self.frames] = self.smoothed.visible
+        simulated = np.arange(self.total) > run.free_from[:, None]
+        position = np.where((simulated & exists[:, None])[..., None], run.position, np.nan)
+        shown = rollout_in_image([o.shape for o in self.states.objects], position)
+        return np.where(simulated, shown, observed) & exists[:, None]

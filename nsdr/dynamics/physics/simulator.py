@@ -13,46 +13,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.physics.contact_geometry import CUBE, FLAT, ROUND, SPHERE, outline_gap
-from nsdr.dynamics.physics.numba_cache import cached_njit
+from nsdr.dynamics.numba_cache import cached_njit
+from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
+from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push
+from nsdr.dynamics.physics.flight import slow_down
 from nsdr.world.physics_constants import (
-    ANGULAR_DAMPING,
     CONTACT_THRESHOLD_WORLD,
     ERROR_REDUCTION,
-    GRAVITY,
-    GROUND_FRICTION,
-    LINEAR_DAMPING,
     MIN_REBOUND_SPEED,
     PAIR_RESTITUTION,
-    SPINNING_FRICTION,
     STEP_SECONDS,
     STEPS_PER_FRAME,
 )
 
-__all__ = ["NO_CONTACT", "BodyStates", "PrescribedMotion", "SimulatedMotion", "simulate"]
+__all__ = [
+    "NO_CONTACT",
+    "BodyStates",
+    "Perturbations",
+    "PrescribedMotion",
+    "SimulatedMotion",
+    "simulate",
+    "simulate_perturbed",
+]
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 
 NO_CONTACT = -1
 """Frame of the first contact of a pair that never touches."""
-FIT_GAP_WORLD = 0.003
-"""Gap at which given rebounds happen: the mean gap of Bullet's rule at usual speeds."""
-_DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
-_SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
-"""Torque per mass by which the ground resists spinning (world units²/s²)."""
-_INERTIA = 2 * (2 * ROUND) ** 2 / 12
-"""Moment of inertia per mass; Bullet takes that of the bounding box (world units²)."""
-_CORNER_WORLD = 0.07
-"""How far a cube's corner extends beyond `ROUND` (world units, rounded up)."""
 _STEP_REACH_WORLD = 0.03
 """Distance that two fast bodies cover in a step (world units, rounded up)."""
-_NEAR_WORLD = 0.8
-"""Centres farther apart than this at a frame's start do not touch within the frame."""
-_SPIN_SLIDING_WORLD = 0.2
-"""Lever (world units) by which spin adds to the speed over the ground in the test for rest."""
-_MIN_SPIN_RAD_PER_S = 1e-3
-"""Slower spin counts as none."""
+_MOST_STEPS = 10**6
+"""Steps until the next look at two bodies that rest."""
 _MAX_SWEEPS = 2
 """Passes over the contacts of a step: a second one where several press on each other."""
 
@@ -116,6 +108,22 @@ class SimulatedMotion:
     free_from: IntArray
 
 
+@dataclass(frozen=True)
+class Perturbations:
+    """Changes of the start of further runs.
+
+    Attributes:
+        position, velocity: (R, n, 2) added, at all frames where motion is prescribed; bodies at rest get no velocity.
+        yaw: (R, n) added.
+        mass: (R, n) factors.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    yaw: FloatArray
+    mass: FloatArray
+
+
 def simulate(
     bodies: BodyStates,
     exists: NDArray[np.bool_],
@@ -134,225 +142,217 @@ def simulate(
         prescribed: motion of objects until they are simulated.
         start: first frame.
     """
-    n = len(bodies.shape)
-    if rebound is None:
-        rebound = np.full((n, n), np.nan)
-    if prescribed is None:
-        nothing = np.zeros((n, 1))
-        prescribed = PrescribedMotion(
-            np.zeros((n, 1, 2)),
-            np.zeros((n, 1, 2)),
-            nothing,
-            nothing,
-            np.zeros(n, np.int64),
-            np.zeros((0, 3), np.int64),
+    shape, state, mass = _rows(bodies)
+    rows, until, collisions = _prescribed_rows(prescribed, len(shape))
+    exists = np.asarray(exists, np.bool_)
+    return _motion(
+        *_run(
+            shape,
+            state,
+            np.zeros_like(state),
+            mass,
+            exists,
+            _rebounds(rebound, len(shape)),
+            rows,
+            until,
+            collisions,
+            start,
+            n_frames,
         )
-    motion = _run(
-        np.asarray(bodies.shape, np.int64),
-        np.array(bodies.position, float),
-        np.array(bodies.velocity, float),
-        np.array(bodies.yaw, float),
-        np.array(bodies.spin, float),
-        np.asarray(bodies.mass, float),
-        np.asarray(exists, np.bool_),
-        np.ascontiguousarray(rebound, float),
-        np.ascontiguousarray(prescribed.position, float),
-        np.ascontiguousarray(prescribed.velocity, float),
-        np.ascontiguousarray(prescribed.yaw, float),
-        np.ascontiguousarray(prescribed.spin, float),
-        np.array(prescribed.until, np.int64),
-        np.ascontiguousarray(prescribed.collisions, np.int64),
-        start,
-        n_frames,
     )
-    return SimulatedMotion(*motion)
+
+
+def simulate_perturbed(
+    bodies: BodyStates,
+    exists: NDArray[np.bool_],
+    n_frames: int,
+    perturbations: Perturbations,
+    rebound: FloatArray | None = None,
+    prescribed: PrescribedMotion | None = None,
+) -> tuple[SimulatedMotion, IntArray]:
+    """Run the bodies from frame 0 as they are, and again with each of R perturbations.
+
+    Args:
+        bodies, exists, n_frames, rebound, prescribed: as of `simulate`.
+        perturbations: of the further runs.
+
+    Returns:
+        The first run, and the frames (R + 1, n, n) of all runs' first contacts.
+    """
+    shape, state, mass = _rows(bodies)
+    rows, until, collisions = _prescribed_rows(prescribed, len(shape))
+    exists, rebounds = np.asarray(exists, np.bool_), _rebounds(rebound, len(shape))
+    first = _motion(
+        *_run(shape, state, np.zeros_like(state), mass, exists, rebounds, rows, until, collisions, 0, n_frames)
+    )
+    changes = np.zeros((len(perturbations.yaw), len(shape), 6))
+    changes[..., :2], changes[..., 2:4] = perturbations.position, perturbations.velocity
+    changes[..., 4] = perturbations.yaw
+    masses = mass * perturbations.mass
+    further = _run_perturbed(shape, state, masses, exists, rebounds, rows, until, collisions, n_frames, changes)
+    return first, np.concatenate([first.contact[None], further])
+
+
+def _rows(bodies: BodyStates) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Shapes, states (n, 6) and masses for the compiled functions."""
+    state = np.concatenate([bodies.position, bodies.velocity, bodies.yaw[:, None], bodies.spin[:, None]], 1)
+    return np.asarray(bodies.shape, np.int64), np.ascontiguousarray(state, float), np.asarray(bodies.mass, float)
+
+
+def _prescribed_rows(prescribed: PrescribedMotion | None, n: int) -> tuple[FloatArray, IntArray, IntArray]:
+    """States (n, F, 6), their ends and collisions."""
+    if prescribed is None:
+        return np.zeros((n, 1, 6)), np.zeros(n, np.int64), np.zeros((0, 3), np.int64)
+    p = prescribed
+    rows = np.concatenate([p.position, p.velocity, p.yaw[..., None], p.spin[..., None]], -1)
+    collisions = np.ascontiguousarray(p.collisions, np.int64)
+    return np.ascontiguousarray(rows, float), np.array(p.until, np.int64), collisions
+
+
+def _rebounds(rebound: FloatArray | None, n: int) -> FloatArray:
+    return np.full((n, n), np.nan) if rebound is None else np.ascontiguousarray(rebound, float)
+
+
+def _motion(states: FloatArray, contact: IntArray, free_from: IntArray) -> SimulatedMotion:
+    return SimulatedMotion(states[..., :2], states[..., 2:4], states[..., 4], states[..., 5], contact, free_from)
 
 
 @cached_njit
-def _slow_down(shape, velocity, spin, yaw, i):  # type: ignore[no-untyped-def]
-    """Damping and friction of one step."""
-    speed = np.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2)
-    loss = LINEAR_DAMPING * speed + LINEAR_DAMPING * speed * speed
-    abs_spin = abs(spin[i])
-    spin[i] -= STEP_SECONDS * ANGULAR_DAMPING * spin[i] * (1 + abs_spin)
-    if shape[i] == SPHERE:
-        if speed > 0:
-            factor = 1 - STEP_SECONDS * loss / speed
-            velocity[i, 0] *= factor
-            velocity[i, 1] *= factor
-        return
-    if abs_spin < _MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * _DECELERATION:
-        factor = max(0.0, 1 - STEP_SECONDS * (loss + _DECELERATION) / speed) if speed > 0 else 0.0
-        velocity[i, 0] *= factor
-        velocity[i, 1] *= factor
-        spin[i] = 0.0
-        return
-    c, s = np.cos(yaw[i]), np.sin(yaw[i])
-    fx, fy, torque = 0.0, 0.0, 0.0
-    for k in range(4):  # a quarter of the weight on each corner of the flat face
-        kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
-        rx, ry = c * kx - s * ky, s * kx + c * ky
-        ux, uy = velocity[i, 0] - spin[i] * ry, velocity[i, 1] + spin[i] * rx
-        u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * _DECELERATION)
-        gx, gy = -_DECELERATION / 4 * ux / u, -_DECELERATION / 4 * uy / u
-        fx += gx
-        fy += gy
-        torque += rx * gy - ry * gx
-    if speed > 0:
-        velocity[i, 0] *= 1 - STEP_SECONDS * loss / speed
-        velocity[i, 1] *= 1 - STEP_SECONDS * loss / speed
-    velocity[i, 0] += STEP_SECONDS * fx
-    velocity[i, 1] += STEP_SECONDS * fy
-    spin[i] += STEP_SECONDS * torque / _INERTIA
-    brake = STEP_SECONDS * _SPINNING_DECELERATION / _INERTIA
-    spin[i] = np.copysign(max(abs(spin[i]) - brake, 0.0), spin[i])
-
-
-@cached_njit
-def _approach(shape, position, velocity, yaw, spin, i, j):  # type: ignore[no-untyped-def]
-    """Gap, separation speed, normal from i to j, and the levers of the contact point's normal about both centres."""
-    gap, nx, ny, px, py = outline_gap(shape, position, yaw, i, j)
-    ix, iy = px - position[i, 0], py - position[i, 1]
-    jx, jy = px - position[j, 0], py - position[j, 1]
-    ux = velocity[j, 0] - spin[j] * jy - velocity[i, 0] + spin[i] * iy
-    uy = velocity[j, 1] + spin[j] * jx - velocity[i, 1] - spin[i] * ix
-    return gap, ux * nx + uy * ny, nx, ny, ix * ny - iy * nx, jx * ny - jy * nx
-
-
-@cached_njit
-def _advance(position, velocity, yaw, spin, i, j, seconds):  # type: ignore[no-untyped-def]
-    for body in (i, j):
-        for k in range(2):
-            position[body, k] += seconds * velocity[body, k]
-        yaw[body] += seconds * spin[body]
-
-
-@cached_njit
-def _collide(shape, position, velocity, yaw, spin, mass, i, j, given, used):  # type: ignore[no-untyped-def]
+def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-def]
     """Apply the impulse of two bodies on each other if they touch in this step.
 
-    With a given rebound it acts at a moment within the step, otherwise at its start. Returns whether they touched.
+    With a given rebound it acts at a moment within the step, otherwise at its start. Returns whether they touched, and how far
+    they must still move, both together, until they can touch (world units).
     """
-    dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+    dx, dy = state[j, 0] - state[i, 0], state[j, 1] - state[i, 1]
     reach = 2 * ROUND + _STEP_REACH_WORLD
-    reach += (_CORNER_WORLD if shape[i] == CUBE else 0.0) + (_CORNER_WORLD if shape[j] == CUBE else 0.0)
-    if dx * dx + dy * dy > reach * reach:
-        return False
-    gap, apart, nx, ny, ci, cj = _approach(shape, position, velocity, yaw, spin, i, j)
+    reach += (CORNER_WORLD if shape[i] == CUBE else 0.0) + (CORNER_WORLD if shape[j] == CUBE else 0.0)
+    distance = np.sqrt(dx * dx + dy * dy)
+    if distance > reach:
+        return False, distance - reach
+    gap, apart, nx, ny, ci, cj = approach(shape, state, i, j)
     before = 0.0
     if np.isnan(given):
         if gap > CONTACT_THRESHOLD_WORLD:
-            return False
+            return False, gap - CONTACT_THRESHOLD_WORLD
         wanted = -PAIR_RESTITUTION * apart if apart < -MIN_REBOUND_SPEED else 0.0
         wanted -= gap / STEP_SECONDS if gap > 0 else gap * ERROR_REDUCTION / STEP_SECONDS
     else:
-        if apart >= 0 or gap + apart * STEP_SECONDS > FIT_GAP_WORLD:
-            return False
-        if gap > FIT_GAP_WORLD:  # up to the contact they move as before
-            before = (gap - FIT_GAP_WORLD) / -apart
-            _advance(position, velocity, yaw, spin, i, j, before)
-            _, apart, nx, ny, ci, cj = _approach(shape, position, velocity, yaw, spin, i, j)
+        if apart >= 0 or gap + apart * STEP_SECONDS > GIVEN_GAP_WORLD:
+            return False, gap - GIVEN_GAP_WORLD
+        if gap > GIVEN_GAP_WORLD:  # up to the contact they move as before
+            before = (gap - GIVEN_GAP_WORLD) / -apart
+            drift(state, i, before)
+            drift(state, j, before)
+            _, apart, nx, ny, ci, cj = approach(shape, state, i, j)
         wanted = 0.0 if used else -given * apart
-    if wanted <= apart:
-        _advance(position, velocity, yaw, spin, i, j, -before)
-        return False
-    spin_i = ci * ci / (_INERTIA * mass[i]) if shape[i] == CUBE else 0.0
-    spin_j = cj * cj / (_INERTIA * mass[j]) if shape[j] == CUBE else 0.0
-    impulse = (wanted - apart) / (1 / mass[i] + 1 / mass[j] + spin_i + spin_j)
-    velocity[i, 0] -= impulse * nx / mass[i]
-    velocity[i, 1] -= impulse * ny / mass[i]
-    velocity[j, 0] += impulse * nx / mass[j]
-    velocity[j, 1] += impulse * ny / mass[j]
-    if shape[i] == CUBE:
-        spin[i] -= impulse * ci / (_INERTIA * mass[i])
-    if shape[j] == CUBE:
-        spin[j] += impulse * cj / (_INERTIA * mass[j])
-    _advance(position, velocity, yaw, spin, i, j, -before)
-    return True
+    touched = wanted > apart
+    if touched:
+        push(shape, state, mass, i, j, wanted - apart, nx, ny, ci, cj)
+    drift(state, i, -before)
+    drift(state, j, -before)
+    return touched, 0.0
 
 
 @cached_njit
-def _run(  # type: ignore[no-untyped-def]
-    shape,
-    position,
-    velocity,
-    yaw,
-    spin,
-    mass,
-    exists,
-    rebound,
-    s_position,
-    s_velocity,
-    s_yaw,
-    s_spin,
-    until,
-    s_collisions,
-    start,
-    n_frames,
-):
+def _steps_apart(state, i, j, distance):  # type: ignore[no-untyped-def]
+    """Steps in which two bodies surely do not touch that must move by a distance for it: their speeds only fall."""
+    speed = np.sqrt(state[i, 2] ** 2 + state[i, 3] ** 2) + np.sqrt(state[j, 2] ** 2 + state[j, 3] ** 2)
+    speed += (ROUND + CORNER_WORLD) * (abs(state[i, 5]) + abs(state[j, 5]))
+    if distance >= _MOST_STEPS * STEP_SECONDS * speed:
+        return _MOST_STEPS
+    return max(int(distance / (STEP_SECONDS * speed)) - 1, 1) if distance > 0 else 1
+
+
+@cached_njit
+def _changed(row, change, i, out):  # type: ignore[no-untyped-def]
+    """Write a state (6,) with body i's change of `change` (n, 6) to row i of `out`; a body at rest stays so."""
+    rests = row[2] == 0.0 and row[3] == 0.0
+    for k in range(6):
+        out[i, k] = row[k] if rests and (k == 2 or k == 3) else row[k] + change[i, k]
+
+
+@cached_njit
+def _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from):  # type: ignore[no-untyped-def]
+    """Bring a frame's prescribed collisions and states, with the run's change (n, 6), to the bodies."""
+    for e in range(len(collisions)):
+        i, j, when = collisions[e, 0], collisions[e, 1], collisions[e, 2]
+        if when - 1 == frame:
+            if exists[i] and exists[j] and frame < free_from[i] and frame < free_from[j]:
+                contact[i, j] = contact[j, i] = when
+                touched[i, j] = True
+            else:
+                free_from[i] = min(free_from[i], frame)
+                free_from[j] = min(free_from[j], frame)
+    for i in range(len(until)):
+        if frame <= free_from[i] and until[i] > 0:
+            _changed(rows[i, frame], change, i, state)
+
+
+@cached_njit
+def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, start, n_frames):  # type: ignore[no-untyped-def]
+    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion, all with a change (n, 6) of states."""
     n = len(shape)
-    positions, velocities = np.zeros((n, n_frames, 2)), np.zeros((n, n_frames, 2))
-    yaws, spins = np.zeros((n, n_frames)), np.zeros((n, n_frames))
-    contact = np.full((n, n), NO_CONTACT)
-    touched = np.zeros((n, n), np.bool_)
-    free_from = until.copy()
+    states = np.zeros((n, n_frames, 6))
+    contact, touched = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.bool_)
+    next_look = np.zeros((n, n), np.int64)
+    free_from, given, state = until.copy(), state, np.empty((n, 6))
+    for i in range(n):
+        _changed(given[i], change, i, state)
     step_number = start * STEPS_PER_FRAME
     for frame in range(start, n_frames):
-        for e in range(len(s_collisions)):
-            i, j, when = s_collisions[e, 0], s_collisions[e, 1], s_collisions[e, 2]
-            if when - 1 == frame:
-                if exists[i] and exists[j] and frame < free_from[i] and frame < free_from[j]:
-                    contact[i, j] = contact[j, i] = when
-                    touched[i, j] = True
-                else:
-                    free_from[i] = min(free_from[i], frame)
-                    free_from[j] = min(free_from[j], frame)
-        for i in range(n):
-            if frame <= free_from[i] and until[i] > 0:
-                for k in range(2):
-                    position[i, k] = s_position[i, frame, k]
-                    velocity[i, k] = s_velocity[i, frame, k]
-                yaw[i] = s_yaw[i, frame]
-                spin[i] = s_spin[i, frame]
-            positions[i, frame], velocities[i, frame] = position[i], velocity[i]
-            yaws[i, frame], spins[i, frame] = yaw[i], spin[i]
-        if frame == n_frames - 1:
-            break
-        near = np.zeros((n, n), np.bool_)
+        _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from)
         any_free = False
         for i in range(n):
-            any_free |= exists[i] and frame >= free_from[i]
-            for j in range(i + 1, n):
-                if exists[i] and exists[j]:
-                    dx, dy = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1]
-                    near[i, j] = dx * dx + dy * dy < _NEAR_WORLD**2
-        if not any_free:
+            any_free |= exists[i] and free_from[i] <= frame
+            for k in range(6):
+                states[i, frame, k] = state[i, k]
+        if frame == n_frames - 1 or not any_free:
             step_number += STEPS_PER_FRAME
             continue
+        last_step = step_number + STEPS_PER_FRAME
         for _ in range(STEPS_PER_FRAME):
             step_number += 1
             for i in range(n):
                 if exists[i] and frame >= free_from[i]:
-                    _slow_down(shape, velocity, spin, yaw, i)
+                    slow_down(shape[i], state, i)
             for sweep in range(_MAX_SWEEPS):
                 hits = 0
                 for i in range(n):
                     for j in range(i + 1, n):
-                        if not near[i, j] or (frame < free_from[i] and frame < free_from[j]):
+                        if step_number < next_look[i, j] or not (exists[i] and exists[j]):
+                            continue
+                        if frame < free_from[i] and frame < free_from[j]:
                             continue
                         used = touched[i, j] and sweep == 0
-                        if _collide(shape, position, velocity, yaw, spin, mass, i, j, rebound[i, j], used):
-                            hits += 1
-                            touched[i, j] = True
-                            if contact[i, j] == NO_CONTACT:
-                                contact[i, j] = contact[j, i] = int(step_number / STEPS_PER_FRAME + 0.5)
-                            free_from[i] = min(free_from[i], frame)
-                            free_from[j] = min(free_from[j], frame)
+                        touch, distance = _collide(shape, state, mass, i, j, rebound[i, j], used)
+                        if not touch:
+                            next_look[i, j] = step_number + _steps_apart(state, i, j, distance)
+                            if frame < free_from[i] or frame < free_from[j]:
+                                next_look[i, j] = min(next_look[i, j], last_step + 1)
+                            continue
+                        hits += 1
+                        touched[i, j] = True
+                        if contact[i, j] == NO_CONTACT:
+                            contact[i, j] = contact[j, i] = int(step_number / STEPS_PER_FRAME + 0.5)
+                        for body in (i, j):
+                            free_from[body] = min(free_from[body], frame)
+                            next_look[body, :] = step_number
+                            next_look[:, body] = step_number
                 if hits < 2:  # one contact needs no second look; several may press on each other
                     break
             for i in range(n):
                 if exists[i]:
-                    for k in range(2):
-                        position[i, k] += STEP_SECONDS * velocity[i, k]
-                    yaw[i] += STEP_SECONDS * spin[i]
-    return positions, velocities, yaws, spins, contact, free_from
+                    drift(state, i, STEP_SECONDS)
+    return states, contact, free_from
+
+
+@cached_njit
+def _run_perturbed(shape, state, masses, exists, rebound, rows, until, collisions, n_frames, changes):  # type: ignore[no-untyped-def]
+    """First contacts (R, n, n) of runs with changes (R, n, 6) of the states and with masses (R, n)."""
+    n = len(shape)
+    contacts = np.empty((len(changes), n, n), np.int64)
+    for r in range(len(changes)):
+        run = _run(shape, state, changes[r], masses[r], exists, rebound, rows, until, collisions, 0, n_frames)
+        contacts[r] = run[1]
+    return contacts

@@ -10,17 +10,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
-from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_OUTLINE
-from nsdr.dynamics.physics.numba_cache import cached_njit
-from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion, simulate
+from nsdr.dynamics.physics.contact_geometry import CUBE
+from nsdr.dynamics.physics.fit_objective import MAX_FITTED_REBOUND, FitProblem, cube_edges_px, evaluate
+from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
+from nsdr.dynamics.physics.trust_region import minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.io.validation import MANY, NOT_NEGATIVE, POSITIVE, check_ranges
 from nsdr.types import Event
-from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD, OBJECT_RADIUS_WORLD
+from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
 from nsdr.world.vocabulary import SHAPES
 
 __all__ = ["TrajectoryFit", "TrajectoryFitConfig", "fit_trajectories"]
@@ -29,10 +28,8 @@ FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 UNITS = {"position": 0.01, "velocity": 0.02, "log_mass": LOG_MASS_STD, "yaw": 0.1, "rebound": 0.15}
 """Typical change of each kind of parameter; the optimiser works in these units."""
-DIFFERENCE = 0.2
-"""Step of the numerical derivatives, in `UNITS`."""
-MAX_REBOUND, MAX_FITTED_REBOUND = 0.65, 0.8
-"""Range of first guesses of a rebound (Bullet's restitution is 0.64), and of its fitted value."""
+MAX_REBOUND = 0.65
+"""Largest first guess of a rebound (Bullet's restitution is 0.64)."""
 MAX_LOG_MASS = 0.4
 """Range of first guesses of a log mass; log(1.3) is 0.26."""
 MIN_APPROACH_SPEED, MIN_SPEED_CHANGE = 0.3, 0.1
@@ -50,10 +47,6 @@ MIN_STRETCH_FRAMES = 4
 MIN_MOVING_FRAMES = 3
 """Frames over which an object's first detections must reach to show that it moves."""
 _NEVER = 10**6
-EDGES_PX = (-0.3, -0.6)
-"""Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
-_COLUMN, _DEPTH = CLEVRER_CAMERA.matrix[0].copy(), CLEVRER_CAMERA.matrix[2].copy()
-"""Rows of the projection as contiguous arrays, which Numba compiles in."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +113,7 @@ def fit_trajectories(
     collisions: Sequence[Event],
     config: TrajectoryFitConfig | None = None,
     measurement: MeasurementConfig | None = None,
+    start: TrajectoryFit | None = None,
 ) -> TrajectoryFit:
     """Fit one run to a video's tracks.
 
@@ -128,8 +122,11 @@ def fit_trajectories(
         collisions: during the video, in order of time.
         config: noise, priors and effort.
         measurement: how far measured positions are trusted.
+        start: fit of the same tracks from which this one starts; None for a first guess.
     """
     problem = _Problem(states, collisions, config or TrajectoryFitConfig(), measurement or MeasurementConfig())
+    if start is not None:
+        return problem.result(problem.solve_with_restarts(problem.parameters(start), problem.frames))
     frames = [*sorted({e.frame for e in collisions}), states.present.shape[1]]
     x = problem.start()
     for end in frames:
@@ -164,7 +161,6 @@ class _Problem:
         self.objects = states.objects
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
-        self.exists = np.ones(len(self.objects), bool)
         self.frames, self.spacing_frames = states.present.shape[1], states.spacing_frames
         self.data = [self._measured(states, i) for i in range(len(self.objects))]
         self.reference = np.zeros(len(self.objects))
@@ -174,6 +170,7 @@ class _Problem:
             self.first.append(self._first_stretch(i, d))
         self.names = self._names()
         self.unit = np.array([UNITS[kind] for kind, *_ in self.names])
+        self.problem = self._compiled()
 
     def _measured(self, states: MotionStates, i: int) -> _Data:
         frame = np.flatnonzero(states.detected[i])
@@ -225,6 +222,26 @@ class _Problem:
         }
         return np.array([guess[kind](i, k) for kind, i, k in self.names]) / self.unit
 
+    def parameters(self, fit: TrajectoryFit) -> FloatArray:
+        """Those of a fit with other collisions."""
+        bodies, values = fit.bodies, []
+        for kind, i, k in self.names:
+            speed = float(np.hypot(*bodies.velocity[i]))
+            seconds = np.array(self.reference[i] * FRAME_SECONDS)
+            distance, later = slide(self.objects[i].shape, np.array(speed), seconds)
+            direction = bodies.velocity[i] / max(speed, 1e-9)
+            if kind == "position":
+                values.append(bodies.position[i, k] + float(distance) * direction[k])
+            elif kind == "velocity":
+                values.append(float(later) * direction[k])
+            elif kind == "yaw":
+                values.append(bodies.yaw[i])
+            elif kind == "log_mass":
+                values.append(np.log(bodies.mass[i]))
+            else:
+                values.append(self.config.rebound if np.isnan(fit.rebound[i, k]) else fit.rebound[i, k])
+        return np.array(values) / self.unit
+
     def _exchanges(self) -> tuple[FloatArray, dict[tuple[int, ...], float]]:
         """Log masses and rebounds by the velocities before and after each collision."""
         rows, values, rebound = [np.eye(len(self.objects))], [np.zeros(len(self.objects))], {}
@@ -267,75 +284,14 @@ class _Problem:
             return DEFAULT_YAW
         guesses = np.pi / 2 * np.arange(self.config.yaw_guesses) / self.config.yaw_guesses
         assert d.edges_px is not None
-        errors = [
-            np.abs(d.edges_px[near] - _edges_px(d.position[near], np.full(near.sum(), yaw))).mean() for yaw in guesses
-        ]
+        errors = [np.abs(d.edges_px[near] - _edges_px(d.position[near], yaw)).mean() for yaw in guesses]
         noise = 0.0 if rng is None else rng.exponential(self.config.restart_yaw_noise_px, len(errors))
         return float(guesses[int(np.argmin(np.array(errors) + noise))])
-
-    def bodies(self, x: FloatArray) -> tuple[BodyStates, FloatArray]:
-        """Bodies at frame 0, and rebounds."""
-        n = len(self.objects)
-        position, velocity = np.zeros((n, 2)), np.zeros((n, 2))
-        yaw, log_mass, rebound = np.zeros(n), np.zeros(n), np.full((n, n), np.nan)
-        for value, (kind, i, k) in zip(x * self.unit, self.names, strict=True):
-            if kind == "position":
-                position[i, k] = value
-            elif kind == "velocity":
-                velocity[i, k] = value
-            elif kind == "yaw":
-                yaw[i] = value
-            elif kind == "log_mass":
-                log_mass[i] = value
-            else:
-                rebound[i, k] = rebound[k, i] = min(max(value, 0.0), MAX_FITTED_REBOUND)
-        for i in np.flatnonzero(self.moving).tolist():
-            speed = float(np.hypot(*velocity[i]))
-            direction = velocity[i] / max(speed, 1e-9)
-            seconds = np.array(-self.reference[i] * FRAME_SECONDS)
-            distance, speed_at_start = slide(self.objects[i].shape, np.array(speed), seconds)
-            position[i] += float(distance) * direction
-            velocity[i] = float(speed_at_start) * direction
-        return BodyStates(self.shape, position, velocity, yaw, np.zeros(n), np.exp(log_mass)), rebound
-
-    def run(self, x: FloatArray, n_frames: int) -> SimulatedMotion:
-        bodies, rebound = self.bodies(x)
-        return simulate(bodies, self.exists, n_frames, rebound)
-
-    def residuals(self, x: FloatArray, n_frames: int) -> FloatArray:
-        motion = self.run(x, n_frames)
-        c, parts = self.config, []
-        for i, d in enumerate(self.data):
-            mine = d.frame < n_frames
-            frame, root = d.frame[mine], np.sqrt(d.weight[mine])[:, None]
-            position = motion.position[i, frame]
-            parts.append(((position - d.position[mine]) * root / c.position_noise_world).ravel())
-            if d.edges_px is not None:
-                off = (_edges_px(position, motion.yaw[i, frame]) - d.edges_px[mine]) / c.edge_noise_px
-                parts.append((off * root).ravel())
-        parts.append(self._priors(x))
-        return np.concatenate(parts)
-
-    def _priors(self, x: FloatArray) -> FloatArray:
-        prior = [
-            value / self.config.mass_deviation
-            if kind == "log_mass"
-            else (value - self.config.rebound) / self.config.rebound_deviation
-            for value, (kind, *_) in zip(x * self.unit, self.names, strict=True)
-            if kind in ("log_mass", "rebound")
-        ]
-        return np.array(prior)
-
-    def cost(self, x: FloatArray, n_frames: int) -> float:
-        """Mean robust loss of a datum."""
-        residual, scale = self.residuals(x, n_frames), self.config.robust_scale
-        return float((scale**2 * (np.sqrt(1 + (residual / scale) ** 2) - 1)).mean())
 
     def solve_with_restarts(self, x: FloatArray, n_frames: int) -> FloatArray:
         """The best of several solutions: other starts are tried while the cost is high."""
         c = self.config
-        best = self.solve(x, n_frames)
-        cost = self.cost(best, n_frames)
+        best, cost = minimise(self.problem, x, n_frames, c.evaluations)
         met = [e for e in self.collisions if e.frame < n_frames]
         concerned = {i for e in met[-2:] for i in e.objects}
         for _ in range(c.restarts if met else 0):
@@ -349,52 +305,67 @@ class _Problem:
                     start[k] = self._first_yaw(i, self.rng) / self.unit[k]
                 elif i in concerned and kind in ("position", "velocity", "log_mass"):
                     start[k] += self.rng.normal() * (c.restart_log_mass_scale if kind == "log_mass" else 1.0)
-            trial = self.solve(start, n_frames)
-            trial_cost = self.cost(trial, n_frames)
+            trial, trial_cost = minimise(self.problem, start, n_frames, c.evaluations)
             if trial_cost < cost:
                 best, cost = trial, trial_cost
-        return best
-
-    def solve(self, x: FloatArray, n_frames: int) -> FloatArray:
-        """Robust least squares over the frames below `n_frames`, from a start near the solution."""
-
-        def residuals(step: FloatArray) -> FloatArray:
-            return self.residuals(x + step, n_frames)
-
-        def jacobian(step: FloatArray) -> FloatArray:
-            base = residuals(step)
-            return np.stack([(residuals(step + d) - base) / DIFFERENCE for d in DIFFERENCE * np.eye(len(step))], 1)
-
-        # The first trust region is the norm of the start: by optimising the change from it, one unit.
-        options: Any = {"f_scale": self.config.robust_scale, "max_nfev": self.config.evaluations}
-        solution = least_squares(residuals, np.zeros(len(x)), jacobian, loss="soft_l1", **options)
-        return np.asarray(x + solution.x)
+        return np.asarray(best)
 
     def result(self, x: FloatArray) -> TrajectoryFit:
-        bodies, rebound = self.bodies(x)
-        motion = simulate(bodies, self.exists, self.frames, rebound)
+        cost, _, _, states, contact = evaluate(self.problem, x, self.frames)
+        n = len(self.objects)
+        position, velocity = states[..., :2], states[..., 2:4]
+        mass, rebound = np.ones(n), np.full((n, n), np.nan)
+        for value, (kind, i, j) in zip(x * self.unit, self.names, strict=True):
+            if kind == "log_mass":
+                mass[i] = np.exp(value)
+            elif kind == "rebound":
+                rebound[i, j] = rebound[j, i] = min(max(value, 0.0), MAX_FITTED_REBOUND)
+        bodies = BodyStates(self.shape, position[:, 0], velocity[:, 0], states[:, 0, 4], states[:, 0, 5], mass)
+        motion = SimulatedMotion(position, velocity, states[..., 4], states[..., 5], contact, np.zeros(n, np.int64))
         errors = []
         for i, d in enumerate(self.data):
             good = d.weight == 1
-            distance = np.linalg.norm(motion.position[i, d.frame[good]] - d.position[good], axis=1)
+            distance = np.linalg.norm(position[i, d.frame[good]] - d.position[good], axis=1)
             errors.append(float(np.median(distance)) if good.any() else float("nan"))
-        return TrajectoryFit(bodies, rebound, motion, np.array(errors), self.cost(x, self.frames))
+        return TrajectoryFit(bodies, rebound, motion, np.array(errors), float(cost))
+
+    def _compiled(self) -> FitProblem:
+        """The same for the compiled objective."""
+        n, c = len(self.objects), self.config
+        at = {kind: np.full(n, -1) for kind in ("position", "velocity", "log_mass", "yaw")}
+        rebound_at, prior = np.full((n, n), -1), np.full((len(self.names), 2), np.inf)
+        for k, (kind, i, j) in enumerate(self.names):
+            if kind == "rebound":
+                rebound_at[i, j] = rebound_at[j, i] = k
+                prior[k] = (c.rebound, c.rebound_deviation)
+            elif j == 0:
+                at[kind][i] = k
+            if kind == "log_mass":
+                prior[k] = (0.0, c.mass_deviation)
+        edges = [np.full((len(d.frame), 2), np.nan) if d.edges_px is None else d.edges_px for d in self.data]
+        return FitProblem(
+            self.shape,
+            self.reference * FRAME_SECONDS,
+            np.cumsum([0, *(len(d.frame) for d in self.data)]),
+            np.concatenate([d.frame for d in self.data]),
+            np.concatenate([d.position for d in self.data]),
+            np.sqrt(np.concatenate([d.weight for d in self.data])),
+            np.concatenate(edges),
+            self.unit,
+            at["position"],
+            at["velocity"],
+            at["log_mass"],
+            at["yaw"],
+            rebound_at,
+            prior,
+            c.rebound,
+            c.position_noise_world,
+            c.edge_noise_px,
+            c.robust_scale,
+        )
 
 
-@cached_njit
-def _edges_px(position, yaw):  # type: ignore[no-untyped-def]
-    """(T, 2) left and right edges of cubes' images."""
-    edges = np.empty((len(yaw), 2))
-    for t in range(len(yaw)):
-        c, s = np.cos(yaw[t]), np.sin(yaw[t])
-        low, high = 1e4, -1e4
-        for k in range(len(CUBE_OUTLINE)):
-            x = position[t, 0] + c * CUBE_OUTLINE[k, 0] - s * CUBE_OUTLINE[k, 1]
-            y = position[t, 1] + s * CUBE_OUTLINE[k, 0] + c * CUBE_OUTLINE[k, 1]
-            for top in range(2):
-                z = 2 * OBJECT_RADIUS_WORLD * top
-                depth = max(_DEPTH[0] * x + _DEPTH[2] * z + _DEPTH[3], 0.1)
-                column = (_COLUMN[0] * x + _COLUMN[1] * y + _COLUMN[2] * z + _COLUMN[3]) / depth
-                low, high = min(low, column), max(high, column)
-        edges[t, 0], edges[t, 1] = low + EDGES_PX[0], high + EDGES_PX[1]
-    return edges
+def _edges_px(position: FloatArray, yaw: float) -> FloatArray:
+    """(T, 2) left and right edges of a cube's images at positions (T, 2)."""
+    outermost, derivatives = np.zeros((2, 2), np.int64), np.empty((2, 3))
+    return np.array([cube_edges_px(x, y, yaw, outermost, derivatives) for x, y in position])

@@ -30,6 +30,8 @@ __all__ = ["StatePredictor", "windows"]
 FloatArray = NDArray[np.floating[Any]]
 PEAK_FRAMES = 4
 """Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
+OBSERVED_AT_ONCE = 32
+"""Frames that the observer sees in one call: so many fit into a processor's cache. Results do not depend on it."""
 
 
 class StatePredictor(PretrainedPart):
@@ -109,7 +111,8 @@ class StatePredictor(PretrainedPart):
         window, reliable = windows(states, index)
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
-        logits = self._on_device(self.model.observe, window, reliable, static, exists)
+        parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
+        logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
@@ -162,26 +165,28 @@ class StatePredictor(PretrainedPart):
                 while pending[rollout] and pending[rollout][0].frame <= t + stride:
                     self._observed_event(pending[rollout].pop(0), rollout, t, exists, free_from, collisions, met)
             free = (free_from <= t) & exists
-            if not free.any():
+            at_work = np.flatnonzero(free.any(1))  # in the other rollouts all still move as observed
+            if not len(at_work):
                 continue
             times = t - stride * np.arange(past - 1, -1, -1)
             index = np.maximum(times, 0)
-            known = np.ones((n_rollouts, n, past), bool)
+            known = np.ones((len(at_work), n, past), bool)
             known[:, :, times < 0] = False
             seen = (times >= 0) & (times < n_frames)
-            known[:, :, seen] = states.reliable[:, index[seen]] | (free_from[:, :, None] <= index[seen])
-            here = exists & (first <= t)
-            history = location[:, :, index] + earlier[:, np.minimum(times, 0)]
+            known[:, :, seen] = states.reliable[:, index[seen]] | (free_from[at_work][:, :, None] <= index[seen])
+            here = exists[at_work] & (first <= t)
+            history = location[at_work][:, :, index] + earlier[:, np.minimum(times, 0)]
             window = torch.from_numpy(np.nan_to_num(history).astype(np.float32))
-            positions, logits = self._on_device(
-                self.model.predict, window, torch.from_numpy(known), static, torch.from_numpy(here)
-            )
+            inputs = window, torch.from_numpy(known), static[: len(at_work)], torch.from_numpy(here)
+            positions, logits = self._on_device(self.model.predict, *inputs)
             following = positions.numpy().astype(float)
+            now, moves = location[at_work, :, t], free[at_work][..., None]
             for step in range(1, stride + 1):
-                between = location[:, :, t] + (following - location[:, :, t]) * step / stride
-                location[:, :, t + step] = np.where(free[..., None], between, location[:, :, t + step])
-            possible = here[:, :, None] & here[:, None] & (free[:, :, None] | free[:, None])
-            probability = logits.sigmoid().numpy() * possible
+                between = now + (following - now) * step / stride
+                location[at_work, :, t + step] = np.where(moves, between, location[at_work, :, t + step])
+            possible = here[:, :, None] & here[:, None] & (moves | moves.transpose(0, 2, 1))
+            probability = np.zeros((n_rollouts, n, n))
+            probability[at_work] = logits.sigmoid().numpy() * possible
             np.maximum(scores, probability[0], out=scores)
             hits = probability > self.config.collision_threshold
             for rollout, i, j in np.argwhere(np.triu(hits, 1)).tolist():
@@ -218,7 +223,8 @@ class StatePredictor(PretrainedPart):
 
     def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
         """Outputs of a network on the CPU, computed where its weights are."""
-        outputs = network(*(x.to(self.device) for x in inputs))
+        device = self.device
+        outputs = network(*(x.to(device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
 
     def _observed_event(

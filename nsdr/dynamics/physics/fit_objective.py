@@ -1,0 +1,387 @@
+"""The objective of the fit: parameters -> robust cost of the tracks, its gradient and curvature, in one compiled call.
+
+The curvature is that of Gauss and Newton. Both are gathered segment by segment: within a segment every residual depends on the
+six numbers of the state at its start, so a segment's data are summed in six dimensions and carried to the parameters once.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.dynamics.numba_cache import cached_njit
+from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_CYCLE, CUBE_OUTLINE
+from nsdr.dynamics.physics.sensitive_run import (
+    advance,
+    copy_state,
+    exchange,
+    find_contact,
+    new_bodies,
+    slide_derivatives,
+    spin_derivatives,
+    start_segment,
+    state_at,
+)
+from nsdr.dynamics.physics.simulator import NO_CONTACT
+from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
+
+__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "FitProblem", "cube_edges_px", "evaluate"]
+
+MAX_FITTED_REBOUND = 0.8
+"""Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
+EDGES_PX = (-0.3, -0.6)
+"""Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
+_COLUMN_ROW, _DEPTH_ROW = CLEVRER_CAMERA.matrix[0].copy(), CLEVRER_CAMERA.matrix[2].copy()
+"""Rows of the projection as contiguous arrays, which Numba compiles in."""
+_OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
+_MIN_DEPTH_WORLD = 0.1
+"""Nearest depth that is projected (world units)."""
+
+
+class FitProblem(NamedTuple):
+    """What was measured, and what each parameter stands for. Parameters are in units of `unit`.
+
+    Attributes:
+        shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
+        reference_s: (n,) seconds, when positions and velocities are those of the parameters.
+        first: (n + 1,) int, first datum of each object.
+        frame: (D,) int, in order within an object.
+        position: (D, 2) world units.
+        root_weight: (D,) square roots of the weights.
+        edges_px: (D, 2) left and right edges of cubes' boxes.
+        unit: (P,) of the parameters.
+        position_at, velocity_at, log_mass_at, yaw_at: (n,) int, each object's (first) parameter of that kind; -1 for none.
+        rebound_at: (n, n) int, parameter of the pair's rebound; -1 for none.
+        prior: (P, 2) mean and standard deviation; infinite without a prior.
+        rebound: of pairs without a parameter.
+        position_noise_world, edge_noise_px: standard deviations of the data.
+        robust_scale: residuals beyond this many standard deviations are weighted down (soft L1).
+    """
+
+    shape: NDArray[np.int64]
+    reference_s: NDArray[np.float64]
+    first: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    position: NDArray[np.float64]
+    root_weight: NDArray[np.float64]
+    edges_px: NDArray[np.float64]
+    unit: NDArray[np.float64]
+    position_at: NDArray[np.int64]
+    velocity_at: NDArray[np.int64]
+    log_mass_at: NDArray[np.int64]
+    yaw_at: NDArray[np.int64]
+    rebound_at: NDArray[np.int64]
+    prior: NDArray[np.float64]
+    rebound: float
+    position_noise_world: float
+    edge_noise_px: float
+    robust_scale: float
+
+
+class Sums(NamedTuple):
+    """What is gathered along a run; arrays that the functions below change.
+
+    Attributes:
+        loss: (2,) sum of the robust losses, and number of residuals.
+        gradient: (P,) of the sum.
+        curvature: (P, P) of the sum.
+        motion: (n, F, 6) states at every frame.
+        next_frame: (n,) int, first frame that was not gathered yet.
+        next_datum: (n,) int, the same for data.
+        outermost: (n, 2, 2) int, outermost points of each cube's image at its last datum, see `cube_edges_px`.
+    """
+
+    loss: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    curvature: NDArray[np.float64]
+    motion: NDArray[np.float64]
+    next_frame: NDArray[np.int64]
+    next_datum: NDArray[np.int64]
+    outermost: NDArray[np.int64]
+
+
+@cached_njit
+def _column(x, y, c, s, k, z):  # type: ignore[no-untyped-def]
+    """Image column and depth of point k of a cube's outline at a height."""
+    kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
+    px, py = x + c * kx - s * ky, y + s * kx + c * ky
+    depth = max(_DEPTH_ROW[0] * px + _DEPTH_ROW[2] * z + _DEPTH_ROW[3], _MIN_DEPTH_WORLD)
+    return (_COLUMN_ROW[0] * px + _COLUMN_ROW[1] * py + _COLUMN_ROW[2] * z + _COLUMN_ROW[3]) / depth, depth
+
+
+@cached_njit
+def cube_edges_px(x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
+    """Left and right edges of a cube's image.
+
+    The outline is convex, so its outermost points are found by climbing along it.
+
+    Args:
+        x, y, yaw: of the cube (world units, radians).
+        start: (2, 2) int, points of the left and right edges, below and above, where the climb begins; changed to the result.
+        derivatives: (2, 3), filled with those of the edges by x, y and yaw.
+    """
+    c, s, n = np.cos(yaw), np.sin(yaw), len(_OUTLINE)
+    edges = (np.inf, np.inf)
+    for side in range(2):
+        sign, best = (1.0 if side else -1.0), -np.inf
+        for top in range(2):
+            k, z = start[side, top], 2 * OBJECT_RADIUS_WORLD * top
+            column, depth = _column(x, y, c, s, k, z)
+            for turn in (1, n - 1):
+                while True:
+                    following = (k + turn) % n
+                    other, other_depth = _column(x, y, c, s, following, z)
+                    if sign * other <= sign * column:
+                        break
+                    k, column, depth = following, other, other_depth
+            start[side, top] = k
+            if sign * column > best:
+                best = sign * column
+                by_x, by_y = (_COLUMN_ROW[0] - column * _DEPTH_ROW[0]) / depth, _COLUMN_ROW[1] / depth
+                kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
+                derivatives[side, 0], derivatives[side, 1] = by_x, by_y
+                derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
+        edges = (edges[1], sign * best)
+    return edges[0] + EDGES_PX[0], edges[1] + EDGES_PX[1]
+
+
+@cached_njit
+def _soft_l1(residual, scale):  # type: ignore[no-untyped-def]
+    """Robust loss of a residual, and its first and second derivative."""
+    root = np.sqrt(1 + (residual / scale) ** 2)
+    return scale * scale * (root - 1), residual / root, 1 / (root * root * root)
+
+
+@cached_njit
+def _add_datum(  # type: ignore[no-untyped-def]
+    is_cube, position, edges_px, root_weight, noise, state, derivatives, scratch, outermost, loss, force, curvature
+):
+    """Add the residuals of a datum to a segment's sums. They depend on place and yaw, so they are summed over these first.
+
+    Args:
+        is_cube: whether edges count.
+        position, edges_px: (2,) measured.
+        root_weight: of the datum.
+        noise: standard deviations of positions and edges, and the robust scale.
+        state: (6,) of the run.
+        derivatives: (6, 6) of the state by that at the segment's start.
+        scratch: (6, 3), overwritten.
+        outermost: see `cube_edges_px`.
+        loss, force, curvature: (2,), (6,), (6, 6) sums of losses and their number, and of derivatives.
+    """
+    pull, bend, by_place = scratch[0], scratch[1:4], scratch[4:6]
+    for a in range(3):
+        pull[a] = bend[a, 0] = bend[a, 1] = bend[a, 2] = 0.0
+    scale = root_weight / noise[0]
+    for k in range(2):
+        value, first, second = _soft_l1((state[k] - position[k]) * scale, noise[2])
+        loss[0] += value
+        pull[k] += first * scale
+        bend[k, k] += second * scale * scale
+    loss[1] += 2
+    if is_cube:
+        scale = root_weight / noise[1]
+        edges = cube_edges_px(state[0], state[1], state[4], outermost, by_place)
+        for side in range(2):
+            value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale, noise[2])
+            loss[0] += value
+            for a in range(3):
+                pull[a] += first * scale * by_place[side, a]
+                for b in range(3):
+                    bend[a, b] += second * scale * scale * by_place[side, a] * by_place[side, b]
+        loss[1] += 2
+    for a in range(6):
+        by_x, by_y, by_yaw = derivatives[0, a], derivatives[1, a], derivatives[4, a]
+        force[a] += pull[0] * by_x + pull[1] * by_y + pull[2] * by_yaw
+        bent_x = bend[0, 0] * by_x + bend[0, 1] * by_y + bend[0, 2] * by_yaw
+        bent_y = bend[1, 0] * by_x + bend[1, 1] * by_y + bend[1, 2] * by_yaw
+        bent_yaw = bend[2, 0] * by_x + bend[2, 1] * by_y + bend[2, 2] * by_yaw
+        for b in range(6):
+            curvature[a, b] += bent_x * derivatives[0, b] + bent_y * derivatives[1, b] + bent_yaw * derivatives[4, b]
+
+
+@cached_njit
+def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ignore[no-untyped-def]
+    """Add a segment's sums in six dimensions to those of the parameters."""
+    bent = np.empty(6)
+    for a in range(len(active)):
+        if not active[a]:
+            continue
+        for r in range(6):
+            gradient[a] += force[r] * sensitivity[r, a]
+            bent[r] = 0.0
+            for c in range(6):
+                bent[r] += curvature[r, c] * sensitivity[c, a]
+        for b in range(len(active)):
+            if active[b]:
+                for r in range(6):
+                    total[a, b] += bent[r] * sensitivity[r, b]
+
+
+@cached_njit
+def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
+    """Gather the data of body i's segment before a time, and move its start there."""
+    # Fields are read once: each reading of a tuple's array is a counted reference.
+    frames, positions, edges_px, root_weight = p.frame, p.position, p.edges_px, p.root_weight
+    noise = (p.position_noise_world, p.edge_noise_px, p.robust_scale)
+    motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
+    shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
+    begin, d, last_datum = sums.next_frame[i], sums.next_datum[i], p.first[i + 1]
+    end = begin
+    while end < len(motion) and end * FRAME_SECONDS < seconds:
+        end += 1
+    derivatives = np.empty((end - begin + 1 if spinning else 1, 6, 6))
+    if spinning:
+        spin_derivatives(bodies, i, seconds, begin, derivatives)
+    force, curvature, after, scratch = np.zeros(6), np.zeros((6, 6)), np.empty(6), np.empty((6, 3))
+    for k in range(begin, end + 1):
+        when = k * FRAME_SECONDS if k < end else seconds
+        here = derivatives[k - begin if spinning else 0]
+        if spinning:
+            state_at(bodies, i, when, after)
+        else:
+            slide_derivatives(shape, state, when - start, after, here)
+        if k == end:
+            _carry(bodies.sensitivity[i], bodies.active[i], force, curvature, sums.gradient, sums.curvature)
+            advance(bodies, i, seconds, after, here)
+            break
+        copy_state(after, motion[k])
+        if d < last_datum and frames[d] == k:
+            measured = (positions[d], edges_px[d], root_weight[d])
+            _add_datum(shape == CUBE, *measured, noise, after, here, scratch, outermost, loss, force, curvature)
+            d += 1
+    sums.next_frame[i], sums.next_datum[i] = end, d
+
+
+@cached_njit
+def _start(p, x, horizon):  # type: ignore[no-untyped-def]
+    """Bodies of the parameters at their reference frames."""
+    bodies = new_bodies(p.shape, len(x), int(horizon / STEP_SECONDS) + 1)
+    for i in range(len(p.shape)):
+        bodies.start[i] = p.reference_s[i]
+        for first, at, count in ((0, p.position_at[i], 2), (2, p.velocity_at[i], 2), (4, p.yaw_at[i], 1)):
+            if at >= 0:
+                for k in range(count):
+                    bodies.state[i, first + k] = x[at + k] * p.unit[at + k]
+                    bodies.sensitivity[i, first + k, at + k] = p.unit[at + k]
+                    bodies.active[i, at + k] = True
+        at = p.log_mass_at[i]
+        if at >= 0:
+            bodies.mass[i] = np.exp(x[at] * p.unit[at])
+    return bodies
+
+
+@cached_njit
+def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
+    """The exchange of bodies i and j; a pair that touched before does not rebound again."""
+    parameters, d_mass = np.array([p.log_mass_at[i], p.log_mass_at[j], p.rebound_at[i, j]]), np.zeros(2)
+    for k, body in ((0, i), (1, j)):
+        if parameters[k] >= 0:
+            d_mass[k] = bodies.mass[body] * p.unit[parameters[k]]
+    rebound, d_rebound, at = p.rebound, 0.0, parameters[2]
+    if at >= 0:
+        given = x[at] * p.unit[at]
+        rebound = min(max(given, 0.0), MAX_FITTED_REBOUND)
+        d_rebound = p.unit[at] if rebound == given else 0.0
+    if touched:
+        rebound, d_rebound = 0.0, 0.0
+    exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound)
+
+
+@cached_njit
+def _search(bodies, i, contacts, last_contact, when, since, horizon):  # type: ignore[no-untyped-def]
+    """Write the times of body i's next contacts to `when` (n, n).
+
+    Bodies that press on each other touch again and again: each pair pauses a step longer after each contact.
+    """
+    for k in range(len(bodies.start)):
+        if k != i:
+            a, b = min(i, k), max(i, k)
+            ready = last_contact[a, b] + contacts[a, b] * STEP_SECONDS
+            until = min(horizon, min(bodies.end[a], bodies.end[b]))
+            when[a, b] = find_contact(bodies, a, b, max(since, ready), until)
+
+
+@cached_njit
+def _add_priors(p, x, sums):  # type: ignore[no-untyped-def]
+    for k in range(len(x)):
+        mean, deviation = p.prior[k, 0], p.prior[k, 1]
+        if deviation < np.inf:
+            value, first, second = _soft_l1((x[k] * p.unit[k] - mean) / deviation, p.robust_scale)
+            sums.loss[0] += value
+            sums.loss[1] += 1
+            sums.gradient[k] += first * p.unit[k] / deviation
+            sums.curvature[k, k] += second * (p.unit[k] / deviation) ** 2
+
+
+@cached_njit
+def _next_event(when, ends):  # type: ignore[no-untyped-def]
+    """Time of the next contact of a pair (n, n) or end of a spinning segment (n,), and the one or two bodies concerned."""
+    now, a, b = np.inf, 0, 0
+    for i in range(len(ends)):
+        if ends[i] < now:
+            now, a, b = ends[i], i, i
+        for j in range(i + 1, len(ends)):
+            if when[i, j] < now:
+                now, a, b = when[i, j], i, j
+    return now, a, b
+
+
+@cached_njit
+def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
+    """Mean robust loss of the residuals of frames below `n_frames`, its derivatives, and the run.
+
+    Args:
+        p: a `FitProblem`.
+        x: (P,) parameters.
+        n_frames: of the run.
+
+    Returns:
+        The mean loss; its gradient (P,) and curvature (P, P); states (n, n_frames, 6); frames (n, n) of first contacts,
+        `NO_CONTACT` for none.
+    """
+    n, horizon = len(p.shape), (n_frames - 1) * FRAME_SECONDS
+    bodies = _start(p, x, horizon)
+    sums = Sums(
+        np.zeros(2),
+        np.zeros(len(x)),
+        np.zeros((len(x), len(x))),
+        np.empty((n, n_frames, 6)),
+        np.zeros(n, np.int64),
+        p.first[:-1].copy(),
+        np.zeros((n, 2, 2), np.int64),
+    )
+    first_contact, contacts = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.int64)
+    last_contact, when = np.full((n, n), -np.inf), np.full((n, n), np.inf)
+    concerned, now = np.ones(n, np.bool_), 0.0
+    while True:
+        for i in range(n):
+            if concerned[i]:
+                _search(bodies, i, contacts, last_contact, when, now, horizon)
+        now, a, b = _next_event(when, bodies.end)
+        last = now >= horizon
+        if last:
+            now = horizon + STEP_SECONDS / 2
+        for i in range(n):
+            concerned[i] = last or i in (a, b)
+            if concerned[i]:
+                _finish_segment(p, bodies, sums, i, now)
+        if last:
+            break
+        if a != b:
+            _contact(p, bodies, x, a, b, contacts[a, b] > 0)
+            if contacts[a, b] == 0:
+                step = int(now / STEP_SECONDS) + 1
+                first_contact[a, b] = first_contact[b, a] = int(step / STEPS_PER_FRAME + 0.5)
+            contacts[a, b] += 1
+            last_contact[a, b] = now
+        for i in range(n):
+            if concerned[i]:
+                start_segment(bodies, i, now, horizon)
+    _add_priors(p, x, sums)
+    for a in range(len(x)):
+        sums.gradient[a] /= sums.loss[1]
+        for b in range(len(x)):
+            sums.curvature[a, b] /= sums.loss[1]
+    return sums.loss[0] / sums.loss[1], sums.gradient, sums.curvature, sums.motion, first_contact
