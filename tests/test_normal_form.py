@@ -5,8 +5,9 @@ import random
 import pytest
 
 from nsdr import QuestionError
-from nsdr.question_parser.grammar.lexicon import OTHER_WORDS, PHRASES
+from nsdr.question_parser.grammar.lexicon import OTHER_WORDS
 from nsdr.question_parser.grammar.paraphrase import VOCABULARY, draw_wording
+from nsdr.question_parser.grammar.phrases import PHRASES
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.normal import corrected, normal_form
 

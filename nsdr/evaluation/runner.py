@@ -253,7 +253,8 @@ def _job(
 @lru_cache(maxsize=16)
 def _settings_fingerprint(checkpoint: str, settings: PipelineConfig, source: str, truth_source: str) -> str:
     weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
-    return fingerprint(config=[source, truth_source, asdict(settings)], weights=weights)
+    background = [Path(settings.video.background)] if settings.video.background else []
+    return fingerprint(inputs=background, config=[source, truth_source, asdict(settings)], weights=weights)
 
 
 def _perceive(

@@ -18,10 +18,10 @@ from nsdr.question_parser.grammar.lexicon import (
     FORMS,
     NOUNS,
     OTHER_WORDS,
-    PHRASES,
     QUESTION_STARTS,
     SHORT_CORRECTABLE,
 )
+from nsdr.question_parser.grammar.phrases import PHRASES
 from nsdr.question_parser.grammar.rules import Slot
 from nsdr.world.vocabulary import ATTRIBUTES
 
