@@ -10,7 +10,9 @@ import pytest
 from nsdr import DataError, VideoConfig, VideoError
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
+from nsdr.frame_parser.camera_motion import camera_motion
 from nsdr.frame_parser.empty_scene import COLUMNS, ROWS, fit_ground, read_background, references
+from nsdr.frame_parser.marks import marked_px
 from nsdr.frame_parser.padding import content_box
 from nsdr.frame_parser.shots import first_shot
 from nsdr.frame_parser.video_check import check_video, clip_frames, look
@@ -37,8 +39,20 @@ def resized(frames, width: int, height: int) -> np.ndarray:
     return np.stack([cv2.resize(f, (width, height), interpolation=cv2.INTER_AREA) for f in frames])
 
 
-def padded(frames, sides: int, ends: int) -> np.ndarray:
-    return np.pad(frames, ((0, 0), (ends, ends), (sides, sides), (0, 0)))
+def padded(frames, sides: int, ends: int, value: int = 0) -> np.ndarray:
+    return np.pad(frames, ((0, 0), (ends, ends), (sides, sides), (0, 0)), constant_values=value)
+
+
+def shaken(frames, sigma: float) -> np.ndarray:
+    shifts = np.random.default_rng(0).normal(0, sigma, (len(frames), 2))
+    moves = [np.float32([[1, 0, dx], [0, 1, dy]]) for dx, dy in shifts]
+    size = frames.shape[2], frames.shape[1]
+    return np.stack([cv2.warpAffine(f, m, size, borderMode=1) for f, m in zip(frames, moves, strict=True)])
+
+
+def captioned(frames) -> np.ndarray:
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    return np.stack([cv2.putText(f.copy(), "a video", (20, 300), font, 1.2, (255, 255, 255), 2) for f in frames])
 
 
 def noisy(frames, sigma: float) -> np.ndarray:
@@ -83,6 +97,7 @@ def test_the_preview_renderers_images_are_in() -> None:
         (lambda f: 0 * f + 132, "one flat colour"),
         (lambda f: f // 12, "darker"),
         (lambda f: noisy(f, 60), "noisy"),
+        (lambda f: shaken(f, 4), "the camera moves, by"),
         (lambda f: np.random.default_rng(0).integers(0, 256, f.shape, dtype=np.uint8), "not the empty scene"),
         (
             lambda f: np.random.default_rng(0).integers(0, 256, (1, 8, 12, 3), dtype=np.uint8).repeat(9, 0),
@@ -105,9 +120,13 @@ def test_other_videos_are_out(clip, change, reason: str) -> None:
         (lambda f: (80 + 0.4 * f).astype(np.uint8), "% of the contrast"),
         (lambda f: (f * [1, 1, 0.9]).astype(np.uint8), "tinted red"),
         (lambda f: noisy(f, 15), "noisy"),
+        (lambda f: shaken(f, 1.5), "the camera moves, by"),
+        (lambda f: captioned(f), "a caption, logo or other marks"),
+        (lambda f: (255 * (f / 255.0) ** 1.8).astype(np.uint8), "corrected"),
         (lambda f: f[:1].repeat(9, 0), "nothing moves"),
         (lambda f: resized(f[:, 32:-32, 48:-48], 480, 320), "differs from the empty scene"),
         (lambda f: padded(f, 80, 0), "480x320 of 640x320 px are left"),
+        (lambda f: padded(f, 60, 0, 132), "480x320 of 600x320 px are left"),
         (lambda f: padded(f, 0, 20), "480x320 of 480x360 px are left"),
         (lambda f: resized(f, 480, 270), "taken as stretched"),
         (lambda f: f[:, :, 26:-26], "taken as the middle"),
@@ -137,6 +156,39 @@ def test_frames_are_cut_out_and_stretched_back(clip, tmp_path) -> None:
         assert found.shape == clip.shape
         assert np.abs(found.astype(int) - clip).mean() < 2
         assert any("cut off" in text or "stretched back" in text for text in warned)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda f: 0.5 * f, lambda f: 80 + 0.4 * f, lambda f: 255 * (f / 255) ** 1.8, lambda f: np.minimum(1.3 * f, 255)],
+)
+def test_exposure_and_contrast_are_corrected(clip, change) -> None:
+    changed = change(clip.astype(float)).astype(np.uint8)
+    levels = seen(changed).levels
+    assert levels is not None
+    assert np.abs(levels[changed].astype(int) - clip).mean() < 4 < np.abs(changed.astype(int) - clip).mean()
+    assert seen(clip).levels is None
+
+
+def test_cropped_videos_keep_their_levels(clip) -> None:
+    found = seen(resized(clip[:, 32:-32, 48:-48], 480, 320))
+    assert found.kind == "doubtful"
+    assert found.levels is None
+
+
+def test_empty_frames_at_the_start_are_left_out(clip, tmp_path) -> None:
+    write_video(tmp_path / "v.mp4", np.concatenate([np.zeros_like(clip[:5]), clip]))
+    found, warned = read(clip_frames(tmp_path / "v.mp4"))
+    assert len(found) == len(clip)
+    assert any("the first 5 frames show nothing; they are left out" in text for text in warned)
+
+
+def test_objects_are_no_camera_motion_and_no_marks(clip) -> None:
+    for frames in (clip, clip[::-1], clip[:5], clip[:2]):
+        assert camera_motion(frames) < 0.1
+    still = np.median(clip, 0).astype(np.uint8)
+    ground, reference = min(((fit_ground(still, r), r) for r in KNOWN), key=lambda f: f[0].distance)
+    assert marked_px(still, reference, ground) < 50 < 500 < marked_px(captioned(still[None])[0], reference, ground)
 
 
 def test_out_is_an_error_unless_forced(clip, tmp_path) -> None:

@@ -50,6 +50,7 @@ class GroundFit:
             (levels of 255 at the reference's contrast); infinite where there is no pattern. Of darker videos it is less by
             their exposure: encoders keep less of dark patterns.
         gain: contrast relative to the reference's.
+        level: mean brightness of the ground (levels of 255).
         brightness: mean brightness of the ground minus the reference's (levels of 255).
         color: correlation of red minus blue with the reference's over the ground; 1 for the same colours, -1 where red and
             blue are exchanged, 0 without colour.
@@ -58,6 +59,7 @@ class GroundFit:
 
     distance: float
     gain: float
+    level: float
     brightness: float
     color: float
     tint: float
@@ -92,6 +94,7 @@ def fit_ground(image: NDArray[Any], reference: FloatArray) -> GroundFit:
     return GroundFit(
         distance=rms * exposure / gain if gain > MIN_GAIN else float("inf"),
         gain=gain,
+        level=float(y[ground].mean()),
         brightness=float(np.mean(y[ground] - x[ground])),
         color=float(np.corrcoef(warm, expected)[0, 1]) if is_colored else 0.0,
         tint=float(np.mean(warm - expected)),

@@ -24,6 +24,11 @@ MIN_STEP = 12.0
 """Brightness changes by more than this from a bar to the image (levels of 255); the ground of CLEVRER has no such step."""
 STEP_QUANTILE = 0.6
 """Quantile of the step along the bar's edge; bars at two sides share corners, where there is no step."""
+FLAT = 0.5
+"""Pixels of a bar differ by at most this where the image has its colour, and the bar no step (levels of 255): the borders of
+CLEVRER's images differ by 5 to 27, and by 2 at half the exposure."""
+MIN_FLAT_PX = 4
+"""Width of a bar without a step, at least (pixels)."""
 EDGE_PX = 2
 """Width of the blurred edge between bar and image (pixels)."""
 FINE = 8
@@ -48,12 +53,18 @@ def _bar(image: FloatArray) -> int:
     """Width of the bar at the left side (pixels)."""
     color = np.median(image[:, 0], 0)
     deviation = np.quantile(np.abs(image - color).max(2), 1 - OUTLIERS, axis=0)
-    other = np.flatnonzero(deviation > MAX_DEVIATION)
-    if not len(other) or other[0] == 0:
-        return 0
-    inside = min(int(other[0]) + EDGE_PX, image.shape[1] - 1)
+    width = _first(deviation > MAX_DEVIATION)
+    inside = min(width + EDGE_PX, image.shape[1] - 1)
     step = np.quantile(np.abs(image[:, inside] - color).mean(1), STEP_QUANTILE)
-    return int(other[0]) if step > MIN_STEP else 0
+    if step > MIN_STEP:
+        return width
+    flat = _first(deviation > FLAT)
+    return _first(deviation > MAX_DEVIATION / 2) if flat >= MIN_FLAT_PX else 0
+
+
+def _first(condition: NDArray[np.bool_]) -> int:
+    """Index of the first true value; 0 if there is none."""
+    return int(np.argmax(condition))
 
 
 def middle_of(reference: FloatArray, aspect: float) -> FloatArray:
