@@ -8,7 +8,7 @@ import pickle
 from collections.abc import Callable, Iterator
 from functools import cache
 from types import CodeType, ModuleType
-from typing import Any
+from typing import Any, Literal
 
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
@@ -16,6 +16,8 @@ from numba.core.dispatcher import Dispatcher
 
 __all__ = ["cached_njit"]
 
+ERROR_MODEL: Literal["numpy"] = "numpy"
+"""A division by zero gives infinity; a test and an exception for each would take long to compile."""
 DIGITS = 12
 """Hexadecimal digits of the digest in the names of cache files."""
 
@@ -30,7 +32,7 @@ def cached_njit(function: Callable[..., Any]) -> Any:
     Raises:
         NameError: a global name that the function reads is not defined yet.
     """
-    dispatcher: Any = njit(function)
+    dispatcher: Any = njit(error_model=ERROR_MODEL)(function)
     if hasattr(dispatcher, "enable_caching"):  # not with NUMBA_DISABLE_JIT
         dispatcher._cache = _Cache(function)
     return dispatcher
@@ -52,7 +54,7 @@ class _Cache(FunctionCache):
 @cache
 def _digest(function: Callable[..., Any]) -> str:
     """Of a function's source, and of everything that its global names stand for."""
-    digest = hashlib.sha256(inspect.getsource(function).encode())
+    digest = hashlib.sha256(f"{ERROR_MODEL}{inspect.getsource(function)}".encode())
     values = {**vars(builtins), **function.__globals__}
     for name in sorted(set(_global_names(function.__code__))):
         if name not in values:

@@ -167,11 +167,11 @@ def spin_derivatives(bodies, i, seconds, first_frame, out):  # type: ignore[no-u
     count = int((seconds - bodies.start[i]) / STEP_SECONDS) + 1
     rows = np.empty((count + 1, 6))
     base, changed, state = np.empty(6), np.empty(6), bodies.state[i].copy()
-    out[:] = 0.0
-    for c in range(6):
-        if c < 2:
-            out[:, c, c] = 1.0
-            continue
+    for t in range(len(out)):
+        for r in range(6):
+            for c in range(6):
+                out[t, r, c] = 1.0 if r == c and c < 2 else 0.0
+    for c in range(2, 6):
         state[c] += _SPIN_DIFFERENCE
         done = _spin_steps(state, count, rows)
         state[c] -= _SPIN_DIFFERENCE
@@ -197,7 +197,8 @@ def advance(bodies, i, seconds, state, derivatives):  # type: ignore[no-untyped-
                 moved[r] = 0.0
                 for c in range(6):
                     moved[r] += derivatives[r, c] * bodies.sensitivity[i, c, p]
-            bodies.sensitivity[i, :, p] = moved
+            for r in range(6):
+                bodies.sensitivity[i, r, p] = moved[r]
 
 
 @cached_njit
@@ -301,7 +302,8 @@ def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ign
     shape = np.array([bodies.shape[i], bodies.shape[j]])
     mass = np.array([bodies.mass[i], bodies.mass[j]])
     before, after = np.empty((2, 6)), np.empty((2, 6))
-    before[0], before[1] = bodies.state[i], bodies.state[j]
+    copy_state(bodies.state[i], before[0])
+    copy_state(bodies.state[j], before[1])
     by_input = np.zeros((2, 6, 15))
     _exchange_derivatives(shape, before, mass, rebound, after, by_input)
     moved = np.empty((2, 6))
@@ -315,8 +317,9 @@ def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ign
                     total += by_input[b, r, c] * bodies.sensitivity[i, c, p]
                     total += by_input[b, r, 6 + c] * bodies.sensitivity[j, c, p]
                 moved[b, r] = total
-        bodies.sensitivity[i, :, p] = moved[0]
-        bodies.sensitivity[j, :, p] = moved[1]
+        for r in range(6):
+            bodies.sensitivity[i, r, p] = moved[0, r]
+            bodies.sensitivity[j, r, p] = moved[1, r]
         bodies.active[i, p] = bodies.active[j, p] = True
     for k in range(3):
         p = parameters[k]
@@ -326,4 +329,5 @@ def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ign
                 bodies.sensitivity[i, r, p] += by_input[0, r, 12 + k] * unit
                 bodies.sensitivity[j, r, p] += by_input[1, r, 12 + k] * unit
             bodies.active[i, p] = bodies.active[j, p] = True
-    bodies.state[i], bodies.state[j] = after[0], after[1]
+    copy_state(after[0], bodies.state[i])
+    copy_state(after[1], bodies.state[j])

@@ -182,15 +182,15 @@ def simulate_perturbed(
     shape, state, mass = _rows(bodies)
     rows, until, collisions = _prescribed_rows(prescribed, len(shape))
     exists, rebounds = np.asarray(exists, np.bool_), _rebounds(rebound, len(shape))
-    first = _motion(
-        *_run(shape, state, np.zeros_like(state), mass, exists, rebounds, rows, until, collisions, 0, n_frames)
-    )
-    changes = np.zeros((len(perturbations.yaw), len(shape), 6))
-    changes[..., :2], changes[..., 2:4] = perturbations.position, perturbations.velocity
-    changes[..., 4] = perturbations.yaw
-    masses = mass * perturbations.mass
-    further = _run_perturbed(shape, state, masses, exists, rebounds, rows, until, collisions, n_frames, changes)
-    return first, np.concatenate([first.contact[None], further])
+    changes = np.zeros((len(perturbations.yaw) + 1, len(shape), 6))
+    changes[1:, :, :2], changes[1:, :, 2:4] = perturbations.position, perturbations.velocity
+    changes[1:, :, 4] = perturbations.yaw
+    masses = mass * np.concatenate([np.ones((1, len(mass))), perturbations.mass])
+    runs = [
+        _run(shape, state, change, own_mass, exists, rebounds, rows, until, collisions, 0, n_frames)
+        for change, own_mass in zip(changes, masses, strict=True)
+    ]
+    return _motion(*runs[0]), np.stack([contact for _, contact, _ in runs])
 
 
 def _rows(bodies: BodyStates) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -337,22 +337,11 @@ def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, s
                             contact[i, j] = contact[j, i] = int(step_number / STEPS_PER_FRAME + 0.5)
                         for body in (i, j):
                             free_from[body] = min(free_from[body], frame)
-                            next_look[body, :] = step_number
-                            next_look[:, body] = step_number
+                            for other in range(n):
+                                next_look[body, other] = next_look[other, body] = step_number
                 if hits < 2:  # one contact needs no second look; several may press on each other
                     break
             for i in range(n):
                 if exists[i]:
                     drift(state, i, STEP_SECONDS)
     return states, contact, free_from
-
-
-@cached_njit
-def _run_perturbed(shape, state, masses, exists, rebound, rows, until, collisions, n_frames, changes):  # type: ignore[no-untyped-def]
-    """First contacts (R, n, n) of runs with changes (R, n, 6) of the states and with masses (R, n)."""
-    n = len(shape)
-    contacts = np.empty((len(changes), n, n), np.int64)
-    for r in range(len(changes)):
-        run = _run(shape, state, changes[r], masses[r], exists, rebound, rows, until, collisions, 0, n_frames)
-        contacts[r] = run[1]
-    return contacts

@@ -1,15 +1,20 @@
-"""Minimisation of the fit's objective by Gauss and Newton's steps within a trust region, compiled by Numba.
+"""Minimisation of the fit's objective by Gauss and Newton's steps within a trust region.
 
-Differs from `scipy.optimize.least_squares`: the objective returns its gradient and curvature, and everything runs in one
-compiled call, without linear algebra libraries, so results do not depend on their threads.
+Differs from `scipy.optimize.least_squares`: the objective returns its gradient and curvature, and its steps are solved without
+linear algebra libraries, so results do not depend on their threads.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.physics.fit_objective import evaluate
+from nsdr.dynamics.physics.fit_objective import FitProblem, evaluate
 
 __all__ = ["minimise", "trust_region_step"]
+
+FloatArray = NDArray[np.floating[Any]]
 
 FIRST_RADIUS = 1.0
 """First trust region (units of the parameters)."""
@@ -37,55 +42,56 @@ def _cholesky(matrix, added, factor):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _forward(factor, right):  # type: ignore[no-untyped-def]
-    solution = right.copy()
-    for i in range(len(right)):
+def _solve_lower(factor, vector):  # type: ignore[no-untyped-def]
+    """Solve for a vector (P,) in place, with a lower factor (P, P)."""
+    for i in range(len(vector)):
         for k in range(i):
-            solution[i] -= factor[i, k] * solution[k]
-        solution[i] /= factor[i, i]
-    return solution
+            vector[i] -= factor[i, k] * vector[k]
+        vector[i] /= factor[i, i]
 
 
 @cached_njit
-def _backward(factor, right):  # type: ignore[no-untyped-def]
-    solution = right.copy()
-    for i in range(len(right) - 1, -1, -1):
-        for k in range(i + 1, len(right)):
-            solution[i] -= factor[k, i] * solution[k]
-        solution[i] /= factor[i, i]
-    return solution
+def _solve_upper(factor, vector):  # type: ignore[no-untyped-def]
+    """The same with the transpose of a lower factor."""
+    for i in range(len(vector) - 1, -1, -1):
+        for k in range(i + 1, len(vector)):
+            vector[i] -= factor[k, i] * vector[k]
+        vector[i] /= factor[i, i]
 
 
 @cached_njit
-def _dot(first, second):  # type: ignore[no-untyped-def]
+def _square(vector):  # type: ignore[no-untyped-def]
     total = 0.0
-    for i in range(len(first)):
-        total += first[i] * second[i]
+    for value in vector:
+        total += value * value
     return total
 
 
 @cached_njit
 def trust_region_step(gradient, curvature, radius):  # type: ignore[no-untyped-def]
     """The step (P,) that lowers a quadratic model most and is at most about `radius` long (Moré and Sorensen, 1983)."""
-    factor = np.zeros_like(curvature)
-    multiplier = 0.0
-    for i in range(len(gradient)):
+    n, multiplier = len(gradient), 0.0
+    factor, step, bent = np.empty((n, n)), np.empty(n), np.empty(n)
+    for i in range(n):
         multiplier = max(multiplier, _RIDGE * curvature[i, i])
-    step = np.zeros_like(gradient)
     for trial in range(_MULTIPLIERS):
         _cholesky(curvature, multiplier, factor)
-        step = _backward(factor, _forward(factor, -gradient))
-        length = np.sqrt(_dot(step, step))
+        for i in range(n):
+            step[i] = -gradient[i]
+        _solve_lower(factor, step)
+        _solve_upper(factor, step)
+        length = np.sqrt(_square(step))
         if length <= radius * (1 + _BOUNDARY) and (trial == 0 or length >= radius * (1 - _BOUNDARY)):
             break
-        bent = _forward(factor, step)
-        change = length * length / _dot(bent, bent) * (length - radius) / radius
+        for i in range(n):
+            bent[i] = step[i]
+        _solve_lower(factor, bent)
+        change = length * length / _square(bent) * (length - radius) / radius
         multiplier = max(multiplier + change, multiplier / 10)
     return step
 
 
-@cached_njit
-def minimise(p, x, n_frames, evaluations):  # type: ignore[no-untyped-def]
+def minimise(p: FitProblem, x: FloatArray, n_frames: int, evaluations: int) -> tuple[FloatArray, float]:
     """Parameters (P,) of a local minimum near a start, and the mean loss there.
 
     Args:
@@ -95,19 +101,18 @@ def minimise(p, x, n_frames, evaluations):  # type: ignore[no-untyped-def]
         evaluations: maximum number of evaluations.
     """
     step, gradient, curvature = np.zeros_like(x), np.zeros_like(x), np.zeros((len(x), len(x)))
-    cost, radius = np.inf, FIRST_RADIUS
+    cost, radius = float("inf"), FIRST_RADIUS
     for evaluation in range(evaluations):
-        new = evaluate(p, x + step, n_frames)
-        gain, promised, length = cost - new[0], -_dot(gradient, step), np.sqrt(_dot(step, step))
-        for a in range(len(step)):
-            promised -= 0.5 * step[a] * _dot(curvature[a], step)
+        new_cost, new_gradient, new_curvature, _, _ = evaluate(p, x + step, n_frames)
+        gain, length = cost - new_cost, float(np.sqrt(step @ step))
+        promised = -gradient @ step - 0.5 * step @ curvature @ step
         if gain < 0.25 * promised:
             radius = 0.25 * length
         elif gain > 0.75 * promised and length > (1 - 2 * _BOUNDARY) * radius:
             radius *= 2
         done = length < MIN_STEP or (gain < MIN_GAIN * cost and gain >= 0.25 * promised)
         if gain > 0:
-            x, cost, gradient, curvature = x + step, new[0], new[1], new[2]
+            x, cost, gradient, curvature = x + step, new_cost, new_gradient, new_curvature
         if done and evaluation > 0:
             break
         step = trust_region_step(gradient, curvature, radius)
