@@ -1,9 +1,9 @@
 """Runs token lists as they are: no program is built, and the values wait on a stack.
 
-A program is cut after every `unique` into phrases, such as `filter_collision objects red filter_color unique`. CLEVRER's programs
-are made of few different ones. A phrase is type-checked and translated when it is first met after values of given types; a
-table keeps the result, so that a new program of known phrases costs a look-up for each phrase. What the table cannot translate
-is left to `Program.parse`, which says what is wrong.
+A program is cut before every `objects` into phrases, such as `objects red filter_color unique filter_collision`. CLEVRER's
+programs are made of a few thousand different ones. A phrase is type-checked and translated when it is first met after values of
+given types; a table keeps the result, so that a new program of known phrases costs a look-up for each phrase. What the table
+cannot translate is left to `Program.parse`, which says what is wrong.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,13 +16,16 @@ from nsdr.symbolic.program import ANSWER_KINDS, STOP_TOKENS, Program, ProgramSou
 __all__ = ["NotQuick", "PhraseTable", "PostfixRunner"]
 
 MOST_PHRASES = 1 << 15
-"""Phrases that a table keeps. CLEVRER's programs have about 2,000."""
-CUT, END = " unique ", " <END>"
-CONSTANT, UNARY, BINARY, WITH_WORD = range(4)
-"""What a step does: push a value that depends on the scene alone, or replace one value, two values, or one beside a word."""
+"""Phrases that a table keeps. CLEVRER's programs have a few thousand."""
+MOST_RESULTS = 1 << 12
+"""Values of programs and of constants that are kept for a scene, which has about 25 questions and choices in CLEVRER."""
+CUT, END = " objects ", " <END>"
+MASK, CONSTANT, UNARY, BINARY, WITH_WORD = range(-1, 4)
+"""What a step does: intersect a set with one that depends on the scene alone, push such a value, or replace one value, two values,
+or one beside a word."""
 
 Step = tuple[int, Any, Any]
-"""What it does, the module's function (of a constant: its steps), and the word (of a constant: its name)."""
+"""What it does, the module's function (of a constant or mask: its steps), and the word (of a constant or mask: its name)."""
 
 
 class NotQuick(Exception):
@@ -50,10 +53,11 @@ class PhraseTable:
 
     Args:
         function: gives the function of a module, called as `function(world, *arguments)`.
+        masks: whether values are those of the signature table, so that `Module.mask` applies.
     """
 
-    def __init__(self, function: Callable[[Module], Callable[..., Any]]) -> None:
-        self._function = function
+    def __init__(self, function: Callable[[Module], Callable[..., Any]], masks: bool) -> None:
+        self._function, self._masks = function, masks
         self._types: dict[tuple[tuple[Kind, ...], bool], _Types] = {}
         self._n_phrases = 0
         self.start = self._typed((), False)
@@ -66,7 +70,9 @@ class PhraseTable:
         """
         tokens = phrase.split(" ")
         ends = tokens[-1] == END.strip()
-        tokens = tokens[:-1] if ends else [*tokens, CUT.strip()]
+        tokens = tokens[:-1] if ends else tokens
+        if types is not self.start:
+            tokens = [CUT.strip(), *tokens]
         if types.ended or self._n_phrases >= MOST_PHRASES or not set(tokens).isdisjoint(STOP_TOKENS):
             raise NotQuick
         steps, kinds = self._translated(types.kinds, data_set_names(tokens))
@@ -101,6 +107,9 @@ class PhraseTable:
                 inputs = [constants.pop() for _ in range(n_values)][::-1]
                 name = " ".join([name for name, _ in inputs] + [word] * bool(word) + [token])
                 constants.append((name, [s for _, inner in inputs for s in inner] + [step]))
+            elif self._masks and found[0].mask and n_values == 2 and len(constants) == 1:
+                name, inner = constants.pop()
+                steps.append((MASK, [*inner, (UNARY, found[0].mask, None)], f"{name} {token}"))
             else:
                 steps += [*map(_pushed, constants), step]
                 constants = []
@@ -125,6 +134,7 @@ class PostfixRunner:
     def __init__(self, table: PhraseTable, world: Any) -> None:
         self._table, self._world = table, world
         self._constants: dict[str, Any] = {}
+        self._results: dict[str, tuple[Any, Kind, bool]] = {}
         self._most_tokens = limits().program_tokens
 
     def run(self, source: ProgramSource) -> tuple[Any, Kind, bool]:
@@ -137,40 +147,57 @@ class PostfixRunner:
             NotQuick: `Program.parse` must read the program.
             ExecutionError: a step failed.
         """
-        world, constants, types = self._world, self._constants, self._table.start
-        stack: list[Any] = []
-        for phrase in self._text(source).split(CUT):
-            steps, types = types.following.get(phrase) or self._table.add(types, phrase)
+        text = self._text(source)
+        known = self._results.get(text)
+        if known is not None:
+            return known
+        world, table, constants = self._world, self._table, self._constants
+        types, stack = table.start, list[Any]()
+        for phrase in text.split(CUT):
+            steps, types = types.following.get(phrase) or table.add(types, phrase)
             for what, function, extra in steps:
-                if what == CONSTANT:
+                if what <= CONSTANT:
                     value = constants.get(extra)
                     if value is None:
                         value = constants[extra] = _constant(function, world)
-                    stack.append(value)
+                    if what == MASK:
+                        stack[-1] &= value
+                    else:
+                        stack.append(value)
                 elif what == UNARY:
                     stack[-1] = function(world, stack[-1])
-                elif what == WITH_WORD:
-                    stack[-1] = function(world, stack[-1], extra)
-                else:
+                elif what == BINARY:
                     top = stack.pop()
                     stack[-1] = function(world, stack[-1], top)
-        return stack[0], types.kinds[0], types.answers
+                else:
+                    stack[-1] = function(world, stack[-1], extra)
+        if not types.ended:
+            raise NotQuick
+        if len(self._results) + len(constants) > MOST_RESULTS:
+            self._results.clear()
+            constants.clear()
+        self._results[text] = result = (stack[0], types.kinds[0], types.answers)
+        return result
 
     def _text(self, source: ProgramSource) -> str:
         """The tokens with spaces between them, and an end."""
-        if type(source) is Program:
-            source = source.tokens
-        if type(source) is list or type(source) is tuple:
+        if type(source) is str:
+            text, n_spaces = source, source.count(" ")
+        else:
+            if type(source) is Program:
+                source = source.tokens
+            elif type(source) is not list and type(source) is not tuple:
+                raise NotQuick
             try:
                 text = " ".join(source)
             except TypeError:
                 raise NotQuick from None
-            if len(source) > self._most_tokens or text.count(" ") != len(source) - 1:
+            n_spaces = len(source) - 1
+            if text.count(" ") != n_spaces:
                 raise NotQuick
-            return text + END
-        if type(source) is not str or source.count(" ") >= self._most_tokens:
+        if n_spaces >= self._most_tokens:
             raise NotQuick
-        return source + END
+        return text + END
 
 
 def _constant(steps: Sequence[Step], world: Any) -> Any:
