@@ -9,7 +9,7 @@ shape}]}]`, sampled every 5th frame, 12 samples beyond the video (185 for 128 fr
 import math
 from collections.abc import Mapping
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, groupby
 from operator import attrgetter, itemgetter, lt
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,11 +18,11 @@ import msgspec
 import numpy as np
 
 from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
-from nsdr.clevrer.schema import LARGEST_COORDINATE, check_new, shown
+from nsdr.clevrer.schema import LARGEST_COORDINATE, cached_object, check_new, shown
 from nsdr.clevrer.typed import convert, read_typed
 from nsdr.errors import DataError
 from nsdr.io.limits import Limits, check_limit, limits
-from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
+from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
 from nsdr.world.camera import (
     HEIGHT_PX,
     WIDTH_PX,
@@ -66,29 +66,40 @@ PLACE = attrgetter("x", "y")
 """The grid position of an object."""
 
 
-class Attributes(msgspec.Struct, gc=False):
+class Described(msgspec.Struct, gc=False):
+    """What is described by attribute words. Fields stand in the order of the files, which are decoded faster so."""
+
+    @property
+    def triple(self) -> Triple:
+        triple: Triple = TRIPLE(self)
+        return triple
+
+
+class Attributes(Described, gc=False):
     """An object by its attribute words."""
 
     color: Color
     material: Material
     shape: Shape
 
-    @property
-    def triple(self) -> Triple:
-        return self.color, self.material, self.shape
 
-
-class ListedObject(Attributes, gc=False):
+class ListedObject(Described, gc=False):
     """An object of the video."""
 
     id: int
+    color: Color
+    material: Material
+    shape: Shape
 
 
-class PlacedObject(Attributes, gc=False):
+class PlacedObject(Described, gc=False):
     """An object at a sample: row `x` (0-100) and column `y` (0-150) of the grid."""
 
     x: Coordinate
     y: Coordinate
+    color: Color
+    material: Material
+    shape: Shape
 
 
 class PredictedSample(msgspec.Struct, gc=False):
@@ -182,14 +193,26 @@ def _check_trajectory(samples: list[PredictedSample], where: str, known: Limits)
     frames = [s.frame_index for s in samples]
     if not all(map(lt, chain((-1,), frames), chain(frames, (known.frames,)))):
         _refuse_frames(frames, where)
-    before: list[Triple] = []
+    rows = [s.objects for s in samples]
+    counts = [len(row) for row in rows]
+    triples = list(map(TRIPLE, chain.from_iterable(rows)))
+    first = 0
+    for count, group in groupby(counts):  # samples of as many objects mostly have the same ones
+        last = first + count * len(list(group))
+        same = triples[first + count : last] == triples[first : last - count]
+        if count > known.scene_objects or not same or len(set(triples[first : first + count])) < count:
+            _check_samples(samples, where)
+        first = last
+
+
+def _check_samples(samples: list[PredictedSample], where: str) -> None:
     for s, sample in enumerate(samples):
-        triples = list(map(TRIPLE, sample.objects))
-        if triples == before:
-            continue
-        before = triples
-        if len(triples) > known.scene_objects or len(set(triples)) < len(triples):
-            _refuse_objects(triples, f"{where}[{s}].objects")
+        check_limit(len(sample.objects), "scene_objects", f"{where}[{s}].objects")
+        seen: set[Triple] = set()
+        for i, o in enumerate(sample.objects):
+            if o.triple in seen:
+                raise DataError(f"{where}[{s}].objects[{i}]: {' '.join(o.triple)} is there twice; expected it once")
+            seen.add(o.triple)
 
 
 def _refuse_frames(frames: list[int], where: str) -> None:
@@ -199,13 +222,6 @@ def _refuse_frames(frames: list[int], where: str) -> None:
         if frame <= last:
             raise DataError(f"{where}[{s}].frame_index: expected more than {last}, got {frame}")
         last = frame
-
-
-def _refuse_objects(triples: list[Triple], where: str) -> None:
-    check_limit(len(triples), "scene_objects", where)
-    for i, triple in enumerate(triples):
-        if triple in triples[:i]:
-            raise DataError(f"{where}[{i}]: {' '.join(triple)} is there twice; expected it once")
 
 
 def _check_frame(frame: int, where: str) -> None:
@@ -224,7 +240,7 @@ def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES
         content: of a prediction file.
         n_frames: number of frames of the video.
     """
-    objects = tuple(SceneObject(i, *o.triple) for i, o in enumerate(content.objects))
+    objects = tuple([cached_object(o.id, *TRIPLE(o)) for o in content.objects])
     ids = {o.triple: o.id for o in content.objects}
     observed, *others = content.predictions
     samples = observed.trajectory
