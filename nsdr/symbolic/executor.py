@@ -22,7 +22,7 @@ __all__ = ["Executor"]
 
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
-PHRASES = PhraseTable(attrgetter("run"), masks=True)
+PHRASES = PhraseTable(attrgetter("run"))
 
 
 class Executor:

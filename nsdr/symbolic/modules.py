@@ -50,8 +50,6 @@ class Module:
         run: function called as `run(world, *arguments)`.
         meaning: one line of documentation.
         in_data_set: whether CLEVRER's own programs use it; if not, only the released executor has it.
-        mask: for modules whose result is those members of the first argument that are in a set given by the second one: that
-            set, as `mask(world, second)`.
     """
 
     name: str
@@ -60,14 +58,6 @@ class Module:
     run: Callable[..., Any]
     meaning: str
     in_data_set: bool = True
-    mask: Callable[..., int] | None = None
-
-
-def _filter(
-    name: str, first: Kind, second: tuple[Kind, ...], mask: Callable[[World, Any], int], meaning: str
-) -> Module:
-    """A module that keeps the members of its first argument that are in a set given by the second."""
-    return Module(name, ((first,), second), first, lambda w, members, of: members & mask(w, of), meaning, mask=mask)
 
 
 def _unique(world: World, values: int) -> int:
@@ -87,6 +77,14 @@ def _order(world: World, events: int, order: str) -> int:
     if not chosen:
         raise ExecutionError(f"no {order} event among {events.bit_count()}")
     return chosen
+
+
+def _before(world: World, events: int, event: int) -> int:
+    return events & world.before(world.frame_of(event))
+
+
+def _after(world: World, events: int, event: int) -> int:
+    return events & world.after(world.frame_of(event))
 
 
 def _partner(world: World, event: int, one: int) -> int:
@@ -148,15 +146,15 @@ _TABLE = [
     Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a shape"),
     Module("filter_moving", (_WHO, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.motion.moving(objects, frame), "objects that are visible and move at a frame; with `null`, at any frame"),
     Module("filter_stationary", (_WHO, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.motion.stationary(objects, frame), "objects that are visible and at rest at a frame; with `null`, that never move while visible"),
-    _filter("filter_in", Kind.EVENTS, _WHO, lambda w, who: w.entering & w.involving(who), "entrances of the objects"),
-    _filter("filter_out", Kind.EVENTS, _WHO, lambda w, who: w.exiting & w.involving(who), "exits of the objects"),
-    _filter("filter_collision", Kind.EVENTS, _WHO, lambda w, who: w.colliding & w.involving(who), "collisions in which any of the objects takes part"),
+    Module("filter_in", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.entering & w.involving(who), "entrances of the objects"),
+    Module("filter_out", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.exiting & w.involving(who), "exits of the objects"),
+    Module("filter_collision", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.colliding & w.involving(who), "collisions in which any of the objects takes part"),
     Module("filter_order", (_EVENTS, _ORDER), Kind.EVENT, _order, "first, second or last event in time"),
-    _filter("filter_before", Kind.EVENTS, _EVENT, lambda w, event: w.before(w.frame_of(event)), "events before an event"),
-    _filter("filter_after", Kind.EVENTS, _EVENT, lambda w, event: w.after(w.frame_of(event)), "events after an event"),
+    Module("filter_before", (_EVENTS, _EVENT), Kind.EVENTS, _before, "events before an event"),
+    Module("filter_after", (_EVENTS, _EVENT), Kind.EVENTS, _after, "events after an event"),
     Module("filter_ancestor", (_EVENTS, _EVENT), Kind.EVENTS, lambda w, events, event: w.ancestors(events, event), "events responsible for an event: its ancestors in the causal graph"),
     Module("get_col_partner", (_EVENT, _OBJECT), Kind.OBJECT, _partner, "other object of a collision"),
-    _filter("get_counterfact", Kind.EVENTS, _OBJECT, lambda w, one: w.need_counterfactual(one), "those of the events that happen without an object"),
+    Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, lambda w, events, one: events & w.need_counterfactual(one), "those of the events that happen without an object"),
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
 ]  # fmt: skip
 

@@ -278,4 +278,4 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 }
 """Function of each module, called as `run(world, *arguments)`; the signature table gives its arguments."""
 
-PHRASES = PhraseTable(lambda module: _FUNCTIONS[module.name], masks=False)
+PHRASES = PhraseTable(lambda module: _FUNCTIONS[module.name])
