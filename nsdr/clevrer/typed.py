@@ -36,7 +36,8 @@ def read_typed(path: str | Path, kind: type[T]) -> T:
         DataError: the file is missing, not JSON, or does not fit `kind`; names the file, the place, what was expected.
     """
     try:
-        return _decoder(kind).decode(read_json_bytes(path))
+        content: T = _decoder(kind).decode(read_json_bytes(path))
+        return content
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
         document = read_json(path)  # says what is no JSON at all
     try:
@@ -46,7 +47,7 @@ def read_typed(path: str | Path, kind: type[T]) -> T:
 
 
 @lru_cache(maxsize=32)
-def _decoder(kind: type[T]) -> msgspec.json.Decoder[T]:
+def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
     return msgspec.json.Decoder(kind)
 
 

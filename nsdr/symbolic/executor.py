@@ -56,6 +56,7 @@ class Executor:
             raise ExecutionError(f"collisions {collisions!r} need the official semantics")
         self.world = world_of(scene)
         self._runner = PostfixRunner(PHRASES, self.world)
+        self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
         self.unseen_scores = scene.unseen_scores
 
     def run(self, program: ProgramSource) -> Any:
@@ -125,7 +126,9 @@ class Executor:
             tokens, kind = parsed.tokens, parsed.result
             value = self._values(parsed, question)[-1] if kind in SAID_KINDS else None
         if kind not in SAID_KINDS:
-            raise ProgramError(f"the program gives {kind}; the program of a question ends in a count, exist, query or frame")
+            raise ProgramError(
+                f"the program gives {kind}; the program of a question ends in a count, exist, query or frame"
+            )
         answer = Answer(question, tokens, self._answer_text(kind, value))
         return with_trace_of(answer, partial(self._trace, tokens))
 
@@ -241,7 +244,10 @@ class Executor:
         program = Program.parse(tokens)
         trace: list[TraceStep] = []
         for step, value in zip(program.steps, self._values(program), strict=True):
-            plain = self._plain(step.kind, value)
+            shown = self._shown.get((step.kind, value))
+            if shown is None:
+                shown = self._shown[step.kind, value] = self._plain(step.kind, value), self._text(step.kind, value)
+            plain, text = shown
             objects: tuple[int, ...] = ()
             events: tuple[Event, ...] = ()
             if step.kind in (Kind.OBJECTS, Kind.OBJECT):
@@ -251,7 +257,6 @@ class Executor:
             else:
                 objects = tuple(sorted({o for i in step.inputs for o in trace[i].objects}))
                 events = tuple(dict.fromkeys(e for i in step.inputs for e in trace[i].events))
-            text = self._text(step.kind, value)
             trace.append(TraceStep(step.token, step.inputs, step.kind, plain, text, objects, events))
         return tuple(trace)
 

@@ -77,7 +77,9 @@ class OfficialExecutor:
         value = self.run(tokens)
         if isinstance(value, str) and value == ERROR:
             return Answer(question, tokens, ERROR)
-        answer = Answer(question, tokens, str(value) if type(value) is int else self._text(_kind(tokens[-1], value), value))
+        answer = Answer(
+            question, tokens, str(value) if type(value) is int else self._text(_kind(tokens[-1], value), value)
+        )
         return with_trace_of(answer, partial(self._trace, tokens))
 
     def _trace(self, tokens: tuple[str, ...]) -> tuple[TraceStep, ...]:

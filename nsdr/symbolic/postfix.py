@@ -1,9 +1,8 @@
 """Runs token lists as they are: no program is built, and the values wait on a stack.
 
-A program is cut before every `objects` into phrases, and a phrase such as `objects red filter_color unique filter_collision` into
-the description of one object, whose value a scene keeps, and what follows. CLEVRER's programs are made of a few hundred
-different ones. Each is type-checked and translated when it is first met after values of given types; a table keeps the result.
-What the table cannot translate is left to `Program.parse`, which says what is wrong.
+A program is cut before every `objects` into phrases, and `objects red filter_color unique filter_collision` into the description
+of one object, whose value a scene keeps, and what follows. CLEVRER's programs are made of a few hundred different ones. Each is
+type-checked and translated when it is first met after values of given types; a table keeps the result. What the table cannot translate is left to `Program.parse`, which says what is wrong.
 """
 
 from collections.abc import Callable, Sequence
@@ -59,6 +58,7 @@ class PhraseTable:
     def __init__(self, function: Callable[[Module], Callable[..., Any]]) -> None:
         self._function = function
         self._types: dict[tuple[tuple[Kind, ...], bool], _Types] = {}
+        self._descriptions: dict[str, list[Step]] = {}
         self._n_phrases = 0
         self.start = self._typed((), False)
 
@@ -73,12 +73,25 @@ class PhraseTable:
         tokens = tokens[: len(tokens) - ends]
         if types.ended or self._n_phrases >= MOST_PHRASES or not tokens or tokens[-1] in WORDS:
             raise NotQuick
-        steps, kinds = self.translated(types.kinds, tokens)
+        steps, kinds = self._translated(types.kinds, tokens)
         if ends and len(kinds) != 1:
             raise NotQuick
         self._n_phrases += 1
         types.following[phrase] = found = (steps, self._typed(kinds, ends))
         return found
+
+    def description(self, description: str) -> Sequence[Step] | None:
+        """The steps of one object's description without its `objects` and `unique`; None where that is no description."""
+        known = self._descriptions.get(description)
+        if known is None:
+            try:
+                steps, kinds = self._translated((), ["objects", *description.split(" "), "unique"])
+            except NotQuick:
+                return None
+            known = self._descriptions[description] = steps if kinds == (Kind.OBJECT,) else []
+            if len(self._descriptions) > MOST_PHRASES:
+                self._descriptions.clear()
+        return known or None
 
     def add_object(self, types: _Types) -> _Types:
         """The types with an object on top."""
@@ -88,7 +101,7 @@ class PhraseTable:
     def _typed(self, kinds: tuple[Kind, ...], ended: bool) -> _Types:
         return self._types.setdefault((kinds, ended), _Types(kinds, ended))
 
-    def translated(self, before: Sequence[Kind], tokens: Sequence[str]) -> tuple[list[Step], tuple[Kind, ...]]:
+    def _translated(self, before: Sequence[Kind], tokens: Sequence[str]) -> tuple[list[Step], tuple[Kind, ...]]:
         """Steps, and the types after them; raises `NotQuick` where the tokens do not fit."""
         if not set(STOP_TOKENS).isdisjoint(tokens):
             raise NotQuick
@@ -169,11 +182,8 @@ class PostfixRunner:
     def _describe(self, description: str) -> Any:
         """The one object of a description without its `objects` and `unique`; False where that is no description."""
         value: Any = False
-        try:
-            steps, kinds = self._table.translated((), ["objects", *description.split(" "), "unique"])
-        except NotQuick:
-            kinds = ()
-        if kinds == (Kind.OBJECT,):
+        steps = self._table.description(description)
+        if steps is not None:
             stack: list[Any] = []
             _execute(steps, stack, self._world)
             value = stack[0]

@@ -43,7 +43,8 @@ class _LazyTrace:
         return trace
 
     def __getstate__(self) -> dict[str, Any]:
-        self.trace  # noqa: B018: pickled and copied answers keep the steps, not the scene
+        """What pickled and copied answers keep: the steps, not the scene."""
+        getattr(self, "trace", ())
         return self.__dict__
 
 
