@@ -36,7 +36,7 @@ def read_typed(path: str | Path, kind: type[T]) -> T:
         DataError: the file is missing, not JSON, or does not fit `kind`; names the file, the place, what was expected.
     """
     try:
-        content: T = _decoder(kind).decode(read_json_bytes(path))
+        content: T = _decoder(kind).decode(read_json_bytes(path))  # type: ignore[arg-type]
         return content
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
         document = read_json(path)  # says what is no JSON at all

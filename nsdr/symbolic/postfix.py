@@ -1,8 +1,9 @@
 """Runs token lists as they are: no program is built, and the values wait on a stack.
 
-A program is cut before every `objects` into phrases, and `objects red filter_color unique filter_collision` into the description
-of one object, whose value a scene keeps, and what follows. CLEVRER's programs are made of a few hundred different ones. Each is
-type-checked and translated when it is first met after values of given types; a table keeps the result. What the table cannot translate is left to `Program.parse`, which says what is wrong.
+A program is cut before every `objects` into phrases, and a phrase that describes one object, such as `objects red filter_color
+unique filter_collision`, into the description, whose value a scene keeps, and what follows. CLEVRER's programs are made of
+a few hundred different ones. Each is type-checked and translated when it is first met after values of given types; a table
+keeps the result. What the table cannot translate is left to `Program.parse`, which says what is wrong.
 """
 
 from collections.abc import Callable, Sequence
