@@ -121,7 +121,8 @@ class Camera:
         """Pixels (..., 2) as (column, row) -> world (..., 2) as (x, y) on the plane of height `z_world`."""
         p = np.asarray(pixels, float)
         plane = np.c_[self.matrix[:, :2], self.matrix[:, 2] * z_world + self.matrix[:, 3]]
-        homogeneous = p @ (inverse := np.linalg.inv(plane).T)[:2] + inverse[2]
+        inverse = np.linalg.inv(plane)
+        homogeneous = p @ inverse[:, :2].T + inverse[:, 2]
         return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
 
     def rays(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
