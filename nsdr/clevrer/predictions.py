@@ -8,7 +8,9 @@ shape}]}]`, sampled every 5th frame, 12 samples beyond the video (185 for 128 fr
 
 import math
 from collections.abc import Mapping
-from operator import attrgetter
+from functools import lru_cache
+from itertools import chain, groupby
+from operator import attrgetter, itemgetter, lt
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,11 +18,11 @@ import msgspec
 import numpy as np
 
 from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
-from nsdr.clevrer.schema import LARGEST_COORDINATE, check_new, shown
+from nsdr.clevrer.schema import LARGEST_COORDINATE, cached_object, check_new, shown
 from nsdr.clevrer.typed import convert, read_typed
 from nsdr.errors import DataError
-from nsdr.io.limits import check_limit, limits
-from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
+from nsdr.io.limits import Limits, check_limit, limits
+from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
 from nsdr.world.camera import (
     HEIGHT_PX,
     WIDTH_PX,
@@ -60,31 +62,44 @@ Coordinate = Annotated[float, msgspec.Meta(ge=-LARGEST_COORDINATE, le=LARGEST_CO
 
 TRIPLE = attrgetter("color", "material", "shape")
 """The triple of an object, as fast as Python can."""
+PLACE = attrgetter("x", "y")
+"""The grid position of an object."""
 
 
-class Attributes(msgspec.Struct, gc=False):
+class Described(msgspec.Struct, gc=False):
+    """What is described by attribute words. Fields stand in the order of the files, which are decoded faster so."""
+
+    @property
+    def triple(self) -> Triple:
+        triple: Triple = TRIPLE(self)
+        return triple
+
+
+class Attributes(Described, gc=False):
     """An object by its attribute words."""
 
     color: Color
     material: Material
     shape: Shape
 
-    @property
-    def triple(self) -> Triple:
-        return self.color, self.material, self.shape
 
-
-class ListedObject(Attributes, gc=False):
+class ListedObject(Described, gc=False):
     """An object of the video."""
 
     id: int
+    color: Color
+    material: Material
+    shape: Shape
 
 
-class PlacedObject(Attributes, gc=False):
+class PlacedObject(Described, gc=False):
     """An object at a sample: row `x` (0-100) and column `y` (0-150) of the grid."""
 
     x: Coordinate
     y: Coordinate
+    color: Color
+    material: Material
+    shape: Shape
 
 
 class PredictedSample(msgspec.Struct, gc=False):
@@ -143,6 +158,7 @@ def predictions_from_document(document: Any) -> PredictionFile:
 
 def _check(content: PredictionFile) -> None:
     """What the types don't say."""
+    known = limits()
     n_objects = len(content.objects)
     check_limit(n_objects, "scene_objects", "objects")
     seen: set[Triple] = set()
@@ -162,7 +178,7 @@ def _check(content: PredictionFile) -> None:
             raise DataError(f"{where}.what_if: expected {expected}, got {shown(what_if)}")
         check_new(what_if, removed, f"{where}.what_if")
         removed.add(what_if)
-        _check_trajectory(prediction.trajectory, f"{where}.trajectory")
+        _check_trajectory(prediction.trajectory, f"{where}.trajectory", known)
         check_limit(len(prediction.collisions), "events", f"{where}.collisions")
         for c, collision in enumerate(prediction.collisions):
             _check_frame(collision.frame, f"{where}.collisions[{c}].frame")
@@ -172,21 +188,40 @@ def _check(content: PredictionFile) -> None:
                 raise DataError(f"{where}.collisions[{c}].objects: {expected}, got {' '.join(first)} twice")
 
 
-def _check_trajectory(samples: list[PredictedSample], where: str) -> None:
+def _check_trajectory(samples: list[PredictedSample], where: str, known: Limits) -> None:
     """Frames ascend, and no sample has an object twice. Most of the reading time: places are put into words on errors only."""
-    last, most_objects = -1, limits().scene_objects
+    frames = [s.frame_index for s in samples]
+    if not all(map(lt, chain((-1,), frames), chain(frames, (known.frames,)))):
+        _refuse_frames(frames, where)
+    rows = [s.objects for s in samples]
+    counts = [len(row) for row in rows]
+    triples = list(map(TRIPLE, chain.from_iterable(rows)))
+    first = 0
+    for count, group in groupby(counts):  # samples of as many objects mostly have the same ones
+        last = first + count * len(list(group))
+        same = triples[first + count : last] == triples[first : last - count]
+        if count > known.scene_objects or not same or len(set(triples[first : first + count])) < count:
+            _check_samples(samples, where)
+        first = last
+
+
+def _check_samples(samples: list[PredictedSample], where: str) -> None:
     for s, sample in enumerate(samples):
-        if not last < sample.frame_index < limits().frames:
-            _check_frame(sample.frame_index, f"{where}[{s}].frame_index")
-            raise DataError(f"{where}[{s}].frame_index: expected more than {last}, got {sample.frame_index}")
-        last, count = sample.frame_index, len(sample.objects)
-        if len(set(map(TRIPLE, sample.objects))) < count or count > most_objects:
-            check_limit(count, "scene_objects", f"{where}[{s}].objects")
-            seen: set[Triple] = set()
-            for i, o in enumerate(sample.objects):
-                if o.triple in seen:
-                    raise DataError(f"{where}[{s}].objects[{i}]: {' '.join(o.triple)} is there twice; expected it once")
-                seen.add(o.triple)
+        check_limit(len(sample.objects), "scene_objects", f"{where}[{s}].objects")
+        seen: set[Triple] = set()
+        for i, o in enumerate(sample.objects):
+            if o.triple in seen:
+                raise DataError(f"{where}[{s}].objects[{i}]: {' '.join(o.triple)} is there twice; expected it once")
+            seen.add(o.triple)
+
+
+def _refuse_frames(frames: list[int], where: str) -> None:
+    last = -1
+    for s, frame in enumerate(frames):
+        _check_frame(frame, f"{where}[{s}].frame_index")
+        if frame <= last:
+            raise DataError(f"{where}[{s}].frame_index: expected more than {last}, got {frame}")
+        last = frame
 
 
 def _check_frame(frame: int, where: str) -> None:
@@ -205,26 +240,21 @@ def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES
         content: of a prediction file.
         n_frames: number of frames of the video.
     """
-    objects = tuple(SceneObject(i, *o.triple) for i, o in enumerate(content.objects))
+    objects = tuple([cached_object(o.id, *TRIPLE(o)) for o in content.objects])
     ids = {o.triple: o.id for o in content.objects}
     observed, *others = content.predictions
     samples = observed.trajectory
-    rows = [
-        (ids[triple], s, o.x, o.y)
-        for s, sample in enumerate(samples)
-        for o in sample.objects
-        if (triple := TRIPLE(o)) in ids
-    ]
-    seen = np.zeros((len(objects), len(samples)), bool)
-    grid = np.zeros((len(objects), len(samples), 2))
-    if rows:
-        places = np.array(rows)
-        at = tuple(places[:, :2].astype(int).T)
-        seen[at], grid[at] = True, places[:, 2:]
+    rows = [o for sample in samples for o in sample.objects]
+    row_ids = np.array([ids.get(triple, len(objects)) for triple in map(TRIPLE, rows)], int)
+    at = row_ids, np.repeat(np.arange(len(samples)), [len(sample.objects) for sample in samples])
+    seen = np.zeros((len(objects) + 1, len(samples)), bool)  # the last row is that of unlisted objects
+    grid = np.zeros((len(objects) + 1, len(samples), 2))
+    seen[at], grid[at] = True, np.fromiter(chain.from_iterable(map(PLACE, rows)), float, 2 * len(rows)).reshape(-1, 2)
+    seen, grid = seen[:-1], grid[:-1]
     times = np.array([s.frame_index for s in samples])
     collisions = _first_collisions(observed.collisions, ids)
     counterfactual = {p.what_if: tuple(_first_collisions(p.collisions, ids)) for p in others}
-    held = np.clip(np.searchsorted(times, np.arange(n_frames), side="right") - 1, 0, max(len(times) - 1, 0))
+    held = np.maximum(np.searchsorted(times, np.arange(n_frames), side="right") - 1, 0)
     visible = seen[:, held] if len(times) else np.zeros((len(objects), n_frames), bool)
     moving = _moving(grid, seen, times)[:, held] if len(times) > 1 else np.zeros_like(visible)
     events = enter_exit_events(visible) + collisions_in_view((e for e in collisions if e.frame < n_frames), visible)
@@ -247,10 +277,18 @@ def _first_collisions(rows: list[PredictedCollision], ids: Mapping[Triple, int])
     """The first collision of each pair, in order of time."""
     first: dict[tuple[int, int], int] = {}
     for row in rows:
-        a, b = sorted(ids.get(o.triple, -1) for o in row.objects)
-        if a >= 0:
-            first[a, b] = min(row.frame, first.get((a, b), row.frame))
-    return sorted((Event("collision", frame, pair) for pair, frame in first.items()), key=lambda e: e.frame)
+        one, other = row.objects
+        a, b = ids.get(TRIPLE(one), -1), ids.get(TRIPLE(other), -1)
+        if a >= 0 and b >= 0:
+            pair = (a, b) if a < b else (b, a)
+            first[pair] = min(row.frame, first.get(pair, row.frame))
+    return [_collision(frame, pair) for pair, frame in sorted(first.items(), key=itemgetter(1))]
+
+
+@lru_cache(maxsize=1 << 14)
+def _collision(frame: int, pair: tuple[int, int]) -> Event:
+    """Files repeat few collisions very often."""
+    return Event("collision", frame, pair)
 
 
 def predictions_document(prediction: DynamicsPrediction) -> dict[str, Any]:

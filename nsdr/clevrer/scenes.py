@@ -55,6 +55,9 @@ def collisions_in_view(collisions: Iterable[Event], visible: NDArray[np.bool_]) 
         either = visible[event.objects[0]] | visible[event.objects[1]]
         if event.frame >= len(both) or not either[event.frame]:
             continue
+        if both[event.frame]:
+            kept.append(event)
+            continue
         frames = np.flatnonzero(both[event.frame :])
         if len(frames):
             kept.append(Event("collision", event.frame + int(frames[0]), event.objects))

@@ -14,6 +14,7 @@ from nsdr.world.vocabulary import ATTRIBUTES
 __all__ = [
     "LARGEST_COORDINATE",
     "LARGEST_ID",
+    "cached_object",
     "check_new",
     "check_objects",
     "get",
@@ -156,7 +157,7 @@ def scene_object(row: Any, number: int, where: str) -> SceneObject:
         DataError: an unknown or missing attribute word.
     """
     try:
-        return _object(number, row["color"], row["material"], row["shape"])
+        return cached_object(number, row["color"], row["material"], row["shape"])
     except (KeyError, TypeError, DataError):
         for name, known in ATTRIBUTES.items():
             word = get(row, name, str, where)
@@ -166,8 +167,8 @@ def scene_object(row: Any, number: int, where: str) -> SceneObject:
 
 
 @lru_cache(maxsize=1024)
-def _object(number: int, color: str, material: str, shape: str) -> SceneObject:
-    """Files repeat few objects very often."""
+def cached_object(number: int, color: str, material: str, shape: str) -> SceneObject:
+    """`SceneObject(number, color, material, shape)`; files repeat few objects very often."""
     return SceneObject(number, color, material, shape)
 
 

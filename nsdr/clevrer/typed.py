@@ -1,6 +1,7 @@
 """JSON as typed structures: decoded and checked in one pass by msgspec, with errors like those of `nsdr.clevrer.schema`."""
 
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -35,13 +36,19 @@ def read_typed(path: str | Path, kind: type[T]) -> T:
         DataError: the file is missing, not JSON, or does not fit `kind`; names the file, the place, what was expected.
     """
     try:
-        return msgspec.json.decode(read_json_bytes(path), type=kind)
+        content: T = _decoder(kind).decode(read_json_bytes(path))  # type: ignore[arg-type]
+        return content
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
         document = read_json(path)  # says what is no JSON at all
     try:
         return convert(document, kind)
     except DataError as e:
         raise DataError(f"{path}: {e}") from e
+
+
+@lru_cache(maxsize=32)
+def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
+    return msgspec.json.Decoder(kind)
 
 
 def convert(document: Any, kind: type[T]) -> T:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
+from operator import attrgetter
 from string import ascii_uppercase
 from typing import Any
 
@@ -10,16 +12,17 @@ from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
-from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Node, Program, ProgramSource
-from nsdr.symbolic.world import World, world_of
+from nsdr.symbolic.postfix import NotQuick, PhraseTable, PostfixRunner
+from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Program, ProgramSource, program_tokens
+from nsdr.symbolic.world import world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
+from nsdr.types.answers import with_trace_of
 
 __all__ = ["Executor"]
 
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
-CHOICE_STEP = -1 - len(PREDICTIVE)
-"""Index, from the end, of the step that gives the choice of a predictive question."""
+PHRASES = PhraseTable(attrgetter("run"))
 
 
 class Executor:
@@ -52,6 +55,8 @@ class Executor:
         if collisions != "predicted":
             raise ExecutionError(f"collisions {collisions!r} need the official semantics")
         self.world = world_of(scene)
+        self._runner = PostfixRunner(PHRASES, self.world)
+        self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
         self.unseen_scores = scene.unseen_scores
 
     def run(self, program: ProgramSource) -> Any:
@@ -66,15 +71,11 @@ class Executor:
         """
         if self._official is not None:
             return self._official.run(program)
-        parsed = _complete(Program.parse(program))
-        try:
-            value = _evaluate(parsed.root, self.world, {})
-        except ExecutionError:
-            raise self._error(parsed) from None
-        return value if parsed.answers else self._plain(parsed.result, value)
+        value, kind, answers = self._value(program)
+        return value if answers else self._plain(kind, value)
 
     def run_batch(self, programs: Iterable[ProgramSource]) -> list[Any]:
-        """Run many programs; sub-programs that they share are executed once.
+        """Run many programs.
 
         Returns:
             For each program its value as from `run`, or the `ExecutionError` that `run` would raise.
@@ -84,28 +85,26 @@ class Executor:
         """
         if self._official is not None:
             return self._official.run_batch(programs)
-        shared: dict[Node, Any] = {}
-        world = self.world
         results: list[Any] = []
-        for source in programs:
-            program = _complete(source if type(source) is Program else Program.parse(source))
-            value = shared.get(program.root)
-            if value is None:
+        run = self._runner.run
+        for program in programs:
+            try:
+                value, kind, answers = run(program)
+                results.append(value if answers else self._plain(kind, value))
+            except (NotQuick, ExecutionError):
                 try:
-                    value = _evaluate(program.root, world, shared)
-                except ExecutionError:
-                    results.append(self._error(program))
-                    continue
-            results.append(value if program.answers else self._plain(program.result, value))
+                    results.append(self.run(program))
+                except ExecutionError as e:
+                    results.append(e)
         return results
 
-    def _error(self, program: Program) -> ExecutionError:
-        """The error of a failing program, found by running it step by step, so that it names the step."""
+    def _value(self, source: ProgramSource) -> tuple[Any, Kind, bool]:
+        """A program's value, its type, and whether it is a word, number or truth value; errors are those of `run`."""
         try:
-            self._values(program)
-        except ExecutionError as e:
-            return e
-        raise AssertionError(f"{program} fails only when sub-programs are shared")
+            return self._runner.run(source)
+        except (NotQuick, ExecutionError):  # step by step, so that the error names the step
+            program = _complete(Program.parse(source))
+            return self._values(program)[-1], program.result, program.answers
 
     def answer(self, program: ProgramSource, question: str = "") -> Answer:
         """Answer a descriptive question.
@@ -119,18 +118,24 @@ class Executor:
         """
         if self._official is not None:
             return self._official.answer(program, question)
-        parsed = _complete(Program.parse(program))
-        if parsed.result not in SAID_KINDS:
+        try:
+            value, kind, _ = self._runner.run(program)
+            tokens = program_tokens(program)
+        except (NotQuick, ExecutionError):
+            parsed = _complete(Program.parse(program))
+            tokens, kind = parsed.tokens, parsed.result
+            value = self._values(parsed, question)[-1] if kind in SAID_KINDS else None
+        if kind not in SAID_KINDS:
             raise ProgramError(
-                f"the program gives {parsed.result}; the program of a question ends in a count, exist, query or frame"
+                f"the program gives {kind}; the program of a question ends in a count, exist, query or frame"
             )
-        values = self._values(parsed, question)
-        return Answer(question, parsed.tokens, self._answer_text(parsed, values[-1]), self._trace(parsed, values))
+        answer = Answer(question, tokens, self._answer_text(kind, value))
+        return with_trace_of(answer, partial(self._trace, tokens))
 
-    def _answer_text(self, program: Program, value: Any) -> str:
-        if program.result == Kind.EVENTS:
+    def _answer_text(self, kind: Kind, value: Any) -> str:
+        if kind == Kind.EVENTS:
             return "\n".join(self.world.event_sentences(value & self.world.members)) or "none"
-        return self._text(program.result, value)
+        return self._text(kind, value)
 
     def judge(
         self,
@@ -162,33 +167,53 @@ class Executor:
             if isinstance(choice, NsdrError):
                 answers.append(ChoiceAnswer(text, None, (), (), str(choice)))
                 continue
-            whole = Program.parse(choice).then(parsed)
-            name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
+            tokens = program_tokens(choice)
             try:
-                values = self._values(whole, question, text, name, len(whole.steps) - len(parsed.steps))
-            except ExecutionError as e:
-                self._check_question(parsed, question)
-                answers.append(ChoiceAnswer(text, None, whole.tokens, (), str(e)))
-                continue
-            answers.append(
-                ChoiceAnswer(text, "correct" if values[-1] else "wrong", whole.tokens, self._trace(whole, values))
-            )
+                answers.append(self._judged(parsed, text, tokens))
+            except NotQuick:
+                name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
+                answers.append(self._judged_by_steps(parsed, question, text, tokens, name))
         judged = [a.answer for a in answers if a.answer is not None]
         if parsed.tokens == PREDICTIVE and len(judged) == len(answers) == 2 and judged[0] == judged[1]:
-            answers = self._likelier(answers)
+            answers = self._likelier(answers, [choice for _, choice in choices])
         return Answer(question, parsed.tokens, None, (), tuple(answers))
+
+    def _judged(self, question: Program, text: str, choice: tuple[str, ...]) -> ChoiceAnswer:
+        """The judgement of a choice; raises `NotQuick` where `_judged_by_steps` is needed."""
+        tokens = choice + question.tokens
+        if not question.needs_choice:
+            raise NotQuick
+        try:
+            correct = self._runner.run(tokens)[0]
+        except ExecutionError:
+            raise NotQuick from None
+        answer = ChoiceAnswer(text, "correct" if correct else "wrong", tokens, ())
+        return with_trace_of(answer, partial(self._trace, tokens))
+
+    def _judged_by_steps(
+        self, question: Program, question_text: str, text: str, choice: tuple[str, ...], choice_name: str
+    ) -> ChoiceAnswer:
+        whole = Program.parse(choice).then(question)
+        try:
+            n_choice_steps = len(whole.steps) - len(question.steps)
+            value = self._values(whole, question_text, text, choice_name, n_choice_steps)[-1]
+        except ExecutionError as e:
+            self._check_question(question, question_text)
+            return ChoiceAnswer(text, None, whole.tokens, (), str(e))
+        answer = ChoiceAnswer(text, "correct" if value else "wrong", whole.tokens, ())
+        return with_trace_of(answer, partial(self._trace, whole.tokens))
 
     def _check_question(self, program: Program, question: str) -> None:
         """Raise the error of a multiple-choice question that fails whatever the choice is."""
         takes_choice = next(i for i, step in enumerate(program.steps) if -1 in step.inputs)
         self._values(replace(program, steps=program.steps[:takes_choice]), question)
 
-    def _likelier(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
+    def _likelier(self, answers: Sequence[ChoiceAnswer], programs: Sequence[Any]) -> list[ChoiceAnswer]:
         """The two choices of a predictive question, judged by the scores of their collisions."""
         scores = self.unseen_scores
         if scores is None:
             return list(answers)
-        chosen = [a.trace[CHOICE_STEP].value for a in answers]
+        chosen = [self.run(program) for program in programs]
         if not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
             return list(answers)
         first, second = (scores[e.objects] for e in chosen)
@@ -215,10 +240,14 @@ class Executor:
                 raise failure(e, program, index, values, world, text, where) from None
         return values
 
-    def _trace(self, program: Program, values: Sequence[Any]) -> tuple[TraceStep, ...]:
+    def _trace(self, tokens: tuple[str, ...]) -> tuple[TraceStep, ...]:
+        program = Program.parse(tokens)
         trace: list[TraceStep] = []
-        for step, value in zip(program.steps, values, strict=True):
-            plain = self._plain(step.kind, value)
+        for step, value in zip(program.steps, self._values(program), strict=True):
+            shown = self._shown.get((step.kind, value))
+            if shown is None:
+                shown = self._shown[step.kind, value] = self._plain(step.kind, value), self._text(step.kind, value)
+            plain, text = shown
             objects: tuple[int, ...] = ()
             events: tuple[Event, ...] = ()
             if step.kind in (Kind.OBJECTS, Kind.OBJECT):
@@ -228,7 +257,6 @@ class Executor:
             else:
                 objects = tuple(sorted({o for i in step.inputs for o in trace[i].objects}))
                 events = tuple(dict.fromkeys(e for i in step.inputs for e in trace[i].events))
-            text = self._text(step.kind, value)
             trace.append(TraceStep(step.token, step.inputs, step.kind, plain, text, objects, events))
         return tuple(trace)
 
@@ -253,28 +281,6 @@ class Executor:
         if kind == Kind.FRAME:
             return "the whole video" if value is None else f"frame {value}"
         return _word(value)
-
-
-def _evaluate(node: Node, world: World, known: dict[Node, Any]) -> Any:
-    """Value of a sub-program, stored in `known`. None, the value of `null`, counts as unknown and is computed again."""
-    left = node.left
-    if left is None:
-        value = node.run(world)
-    else:
-        first = known.get(left)
-        if first is None:
-            first = _evaluate(left, world, known)
-        if node.word is not None:
-            value = node.run(world, first, node.word)
-        elif node.right is None:
-            value = node.run(world, first)
-        else:
-            second = known.get(node.right)
-            if second is None:
-                second = _evaluate(node.right, world, known)
-            value = node.run(world, first, second)
-    known[node] = value
-    return value
 
 
 def _complete(program: Program) -> Program:

@@ -11,6 +11,7 @@ Besides what it knows of a file (`nsdr.symbolic.official_world`), it differs fro
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import combinations
 from typing import Any
 
@@ -18,8 +19,10 @@ from nsdr.clevrer.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.modules import MODULES, WORDS, Kind
 from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
+from nsdr.symbolic.postfix import NotQuick, PhraseTable, PostfixRunner
 from nsdr.symbolic.program import ProgramSource, program_tokens
 from nsdr.types import Answer, ChoiceAnswer, TraceStep
+from nsdr.types.answers import with_trace_of
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["OfficialExecutor"]
@@ -43,6 +46,7 @@ class OfficialExecutor:
 
     def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
         self.world = OfficialWorld(content, collisions)
+        self._runner = PostfixRunner(PHRASES, self.world)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -51,6 +55,13 @@ class OfficialExecutor:
             Its value: a word, number or truth value, an object id or frame, an `OfficialEvent`, a list of object ids or
             events, or None for `null`; "error" for a program that fails.
         """
+        try:
+            value = self._runner.run(program)[0]
+            return value.copy() if isinstance(value, list) else value
+        except ExecutionError:
+            return ERROR
+        except NotQuick:
+            pass
         try:
             return self._values(_tokens(program))[-1][2]
         except (ProgramError, ExecutionError):
@@ -63,13 +74,17 @@ class OfficialExecutor:
     def answer(self, program: ProgramSource, question: str = "") -> Answer:
         """Answer a question; a program that fails gives "error" without a trace."""
         tokens = _tokens(program)
-        try:
-            values = self._values(tokens)
-        except (ProgramError, ExecutionError):
+        value = self.run(tokens)
+        if isinstance(value, str) and value == ERROR:
             return Answer(question, tokens, ERROR)
-        trace = tuple(TraceStep(t, inputs, _kind(t, v), v, self._text(_kind(t, v), v)) for t, inputs, v in values)
-        value = values[-1][2]
-        return Answer(question, tokens, str(value) if type(value) is int else trace[-1].text, trace)
+        answer = Answer(
+            question, tokens, str(value) if type(value) is int else self._text(_kind(tokens[-1], value), value)
+        )
+        return with_trace_of(answer, partial(self._trace, tokens))
+
+    def _trace(self, tokens: tuple[str, ...]) -> tuple[TraceStep, ...]:
+        values = self._values(tokens)
+        return tuple(TraceStep(t, inputs, _kind(t, v), v, self._text(_kind(t, v), v)) for t, inputs, v in values)
 
     def judge(
         self,
@@ -264,3 +279,5 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "belong_to": _belong,
 }
 """Function of each module, called as `run(world, *arguments)`; the signature table gives its arguments."""
+
+PHRASES = PhraseTable(lambda module: _FUNCTIONS[module.name])

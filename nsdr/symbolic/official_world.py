@@ -16,7 +16,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
-from nsdr.clevrer.predictions import SAMPLE_FRAMES, Attributes, Prediction, PredictionFile
+from nsdr.clevrer.predictions import SAMPLE_FRAMES, Described, Prediction, PredictionFile
 from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
@@ -98,7 +98,7 @@ class OfficialWorld:
         self.events = [e for e in events if e.time < VIDEO_FRAMES]
         self.unseen_events = [e for e in events if e.time >= VIDEO_FRAMES]
 
-    def _identify(self, row: Attributes) -> int:
+    def _identify(self, row: Described) -> int:
         return self._ids.get(row.triple, UNKNOWN_OBJECT)
 
     def _samples(self, prediction: Prediction) -> Samples:

@@ -10,7 +10,7 @@ from nsdr.errors import ProgramError
 from nsdr.io.limits import limits
 from nsdr.symbolic.modules import ARITY, DISPATCH, MODULES, WORDS, Kind, Module
 
-__all__ = ["Node", "Program", "ProgramSource", "Step", "program_tokens"]
+__all__ = ["STOP_TOKENS", "Program", "ProgramSource", "Step", "data_set_names", "program_tokens"]
 
 START_TOKENS = ("<START>", "<start>")
 """Tokens before a program in the released files of parsed programs; skipped."""
@@ -27,6 +27,8 @@ RESEARCH_NAMES = {
 """The released executor's names -> the data set's tokens; it also writes `events filter_start` and `events filter_end` for
 `start` and `end`."""
 
+KNOWN_TOKENS = frozenset(MODULES) | frozenset(WORDS)
+"""Tokens of well-formed programs in the data set's spelling."""
 ANSWER_KINDS = (Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE, Kind.DIRECTION)
 """Result types of programs that answer a question."""
 SAID_KINDS = (*ANSWER_KINDS, Kind.FRAME, Kind.EVENTS)
@@ -51,22 +53,6 @@ class Step(NamedTuple):
     kind: Kind
 
 
-class Node:
-    """A sub-program. Equal sub-programs are the same object, so that the questions of a scene can share results.
-
-    Attributes:
-        run: function of the module; None for a word and for the open choice of a multiple-choice question.
-        left: sub-program of the first argument; None without arguments.
-        right: sub-program of the second argument; None without one, and where it is a word.
-        word: a word as the second argument; for a node that is itself a word, that word.
-    """
-
-    __slots__ = ("left", "right", "run", "word")
-
-    def __init__(self, run: Any, left: "Node | None", right: "Node | None", word: str | None) -> None:
-        self.run, self.left, self.right, self.word = run, left, right, word
-
-
 @dataclass(frozen=True)
 class Program:
     """A well-typed program, built with `Program.parse`.
@@ -79,14 +65,12 @@ class Program:
     Attributes:
         tokens: postfix tokens in the data set's spelling.
         steps: one per token.
-        root: the program as a tree of shared sub-programs.
         needs_choice: whether its `belong_to` takes the event or object of a choice.
         answers: whether the result is a word, number or truth value.
     """
 
     tokens: tuple[str, ...]
     steps: tuple[Step, ...] = field(repr=False, compare=False)
-    root: Node = field(repr=False, compare=False)
     needs_choice: bool = field(default=False, compare=False)
     answers: bool = field(default=True, compare=False)
 
@@ -144,23 +128,19 @@ EXCERPT_CHARACTERS = 20
 """Length of the quotation in the error message of an unreadable tree."""
 CACHED_PROGRAMS = 1 << 16
 """Number of parsed programs that are kept in memory."""
-CACHED_NODES = 1 << 18
-"""Number of sub-programs that are kept in memory; beyond it, equal sub-programs may be different objects."""
 
 
 @lru_cache(maxsize=CACHED_PROGRAMS)
 def _checked(source: tuple[str, ...]) -> Program:
-    tokens = _data_set_names(source)
+    tokens = data_set_names(source)
     if not tokens:
         raise ProgramError("the program is empty")
     steps: list[Step] = []
-    nodes: list[Node] = []
     stack: list[int] = []
     needs_choice = False
     for index, token in enumerate(tokens):
         if token in WORDS:
             steps.append(Step(token, None, (), WORDS[token]))
-            nodes.append(_node(None, (), token))
         else:
             arity = ARITY.get(token)
             if arity is None:
@@ -178,13 +158,12 @@ def _checked(source: tuple[str, ...]) -> Program:
                 raise ProgramError(f"token {index + 1} {token!r}: {_mismatch(MODULES[token], kinds)}")
             module, result = found
             steps.append(Step(token, module, inputs, result))
-            nodes.append(_node(module.run, tuple([_CHOICE if i < 0 else nodes[i] for i in inputs]), None))
         stack.append(index)
     if len(stack) != 1:
         raise ProgramError(f"{len(stack)} values are left on the stack; expected one (is the program complete?)")
     if steps[-1].module is None:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
-    return Program(tokens, tuple(steps), nodes[-1], needs_choice, steps[-1].kind in ANSWER_KINDS)
+    return Program(tokens, tuple(steps), needs_choice, steps[-1].kind in ANSWER_KINDS)
 
 
 def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
@@ -192,19 +171,6 @@ def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
         if kind not in allowed:
             return f"argument {number} is {kind}; expected {' or '.join(allowed)}"
     return f"does not take {' and '.join(kinds)}"
-
-
-_CHOICE = Node(None, None, None, None)
-
-
-@lru_cache(maxsize=CACHED_NODES)
-def _node(run: Any, inputs: tuple[Node, ...], word: str | None) -> Node:
-    """The unique node of a sub-program. A word as the second argument is stored in the node itself."""
-    left = inputs[0] if inputs else None
-    right = inputs[1] if len(inputs) > 1 else None
-    if right is not None and right.word is not None and right.run is None:
-        return Node(run, left, None, right.word)
-    return Node(run, left, right, word)
 
 
 ProgramSource = str | Sequence[str] | Program
@@ -222,7 +188,10 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
     Raises:
         ProgramError: an unreadable tree, a token that is no text, or more tokens than `Limits.program_tokens`.
     """
-    return source.tokens if isinstance(source, Program) else _data_set_names(_spelled(source))
+    if isinstance(source, Program):
+        return source.tokens
+    tokens = _spelled(source)
+    return tokens if KNOWN_TOKENS.issuperset(tokens) else data_set_names(tokens)
 
 
 def _spelled(source: str | Sequence[str]) -> tuple[str, ...]:
@@ -242,7 +211,8 @@ def _limited(tokens: tuple[str, ...]) -> tuple[str, ...]:
     return tokens
 
 
-def _data_set_names(source: tuple[str, ...]) -> tuple[str, ...]:
+def data_set_names(source: Sequence[str]) -> tuple[str, ...]:
+    """Tokens in any spelling as the data set writes them, without those before and after the program."""
     tokens: list[str] = []
     for token in source:
         if token in STOP_TOKENS:

@@ -125,7 +125,7 @@ class World:
             self.with_word[o.material] |= bit
             self.with_word[o.shape] |= bit
         self._index_events(end_frame)
-        self._involving: dict[int, int] = {}
+        self._involving: dict[int, int] = {1 << i: events for i, events in self._of_object.items()}
 
     def _index_events(self, end_frame: int) -> None:
         observed, unseen = self._observed_events, self._unseen_events or ()

@@ -1,11 +1,12 @@
 """Answers and how they were found."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 from nsdr.types.scenes import Event
 
-__all__ = ["Answer", "ChoiceAnswer", "TraceStep"]
+__all__ = ["Answer", "ChoiceAnswer", "TraceStep", "with_trace_of"]
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,24 @@ class TraceStep:
     events: tuple[Event, ...] = ()
 
 
+class _LazyTrace:
+    """Makes `trace` when it is first read, if `with_trace_of` was told how."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name != "trace" or "_make_trace" not in self.__dict__:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        self.__dict__["trace"] = trace = self.__dict__["_make_trace"]()
+        del self.__dict__["_make_trace"]
+        return trace
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickled and copied answers keep: the steps, not the scene."""
+        getattr(self, "trace", ())
+        return self.__dict__
+
+
 @dataclass(frozen=True)
-class ChoiceAnswer:
+class ChoiceAnswer(_LazyTrace):
     """The judgement of one choice of a multiple-choice question.
 
     Attributes:
@@ -51,7 +68,7 @@ class ChoiceAnswer:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(_LazyTrace):
     """The answer to a question.
 
     Attributes:
@@ -65,5 +82,20 @@ class Answer:
     question: str
     program: tuple[str, ...]
     answer: str | None
-    trace: tuple[TraceStep, ...] = ()
+    trace: tuple[TraceStep, ...] = field(default_factory=tuple)
     choices: tuple[ChoiceAnswer, ...] = ()
+
+
+T = TypeVar("T", Answer, ChoiceAnswer)
+
+
+def with_trace_of(answer: T, make: Callable[[], tuple[TraceStep, ...]]) -> T:
+    """The same answer, whose trace is made when it is first read.
+
+    Args:
+        answer: a new answer, which is changed.
+        make: called at most once; it must give the same trace at any time.
+    """
+    answer.__dict__["_make_trace"] = make
+    del answer.__dict__["trace"]
+    return answer

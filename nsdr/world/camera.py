@@ -120,9 +120,10 @@ class Camera:
     def ground(self, pixels: ArrayLike, z_world: float = OBJECT_RADIUS_WORLD) -> FloatArray:
         """Pixels (..., 2) as (column, row) -> world (..., 2) as (x, y) on the plane of height `z_world`."""
         p = np.asarray(pixels, float)
-        rows = self.matrix[:2] - p[..., None] * self.matrix[2]
-        solution = np.linalg.solve(rows[..., :2], -(rows[..., 2:3] * z_world + rows[..., 3:4]))
-        return solution[..., 0]
+        plane = np.c_[self.matrix[:, :2], self.matrix[:, 2] * z_world + self.matrix[:, 3]]
+        inverse = np.linalg.inv(plane)
+        homogeneous = p @ inverse[:, :2].T + inverse[:, 2]
+        return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
 
     def rays(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
         """Unit directions (..., 3) in the world from the camera through the pixels at `columns` and `rows` (...)."""
