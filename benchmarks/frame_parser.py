@@ -110,7 +110,9 @@ def one_by_one(network: nn.Module, images: list[Tensor]) -> None:
 @torch.no_grad()
 def compare_speed(parsers: dict[str, FrameParser], video: Any, rounds: int, reference_frames: int) -> None:
     frames = video[:TIMED_FRAMES]
-    runs = {f"nsdr, {name}": (partial(p.parse, frames), len(frames)) for name, p in parsers.items()}
+    runs: dict[str, tuple[Callable[[], Any], int]] = {
+        f"nsdr, {name}": (partial(p.parse, frames), len(frames)) for name, p in parsers.items()
+    }
     images = [image_tensor(frame) for frame in frames[:reference_frames]]
     if images:
         for name, network in references(next(iter(parsers.values())).model).items():

@@ -19,6 +19,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS, resolve_device
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.lazy import deferred_function
 from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
 from nsdr.io.video_kinds import check_is_video
 from nsdr.question_parser.suggestions import suggestion
@@ -46,7 +47,7 @@ class PipelineConfig:
         stride: the frame parser processes every n-th frame; the tracker bridges the others.
         batch_size: frames per forward pass of the frame parser.
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
-            device has instructions for it.
+            device multiplies matrices of it (AMX, CUDA).
         video: what is expected of videos, and how many frames of them are processed.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
@@ -172,7 +173,9 @@ class Pipeline:
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
-        from nsdr.frame_parser.parser import FrameParser
+        # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
+        with deferred_function("torch._dynamo.utils", "is_compile_supported"):
+            from nsdr.frame_parser.parser import FrameParser
         from nsdr.question_parser.parser import QuestionParser
 
         options.setdefault("tracker", config.tracker)

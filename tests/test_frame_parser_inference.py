@@ -10,7 +10,7 @@ from nsdr.frame_parser.dataset import image_tensor
 from nsdr.frame_parser.inference import MIN_OBJECTNESS, Detector
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.io.device import CPU_CHECKS, resolve_precision
+from nsdr.io.device import CPU_CHECK, resolve_precision
 from nsdr.io.threads import limit_threads
 from nsdr.io.video import read_frames
 
@@ -95,12 +95,19 @@ def test_regions_of_low_objectness_are_not_proposed(parser: FrameParser, frames,
     assert seen[2] == 0
 
 
+def test_frames_in_which_nothing_is_proposed_have_no_detections(parser: FrameParser) -> None:
+    blank = np.full((320, 480, 3), 128, np.uint8)
+    with torch.no_grad():
+        found = Detector(parser.model, torch.float32, min_objectness=1.1)([blank, blank])
+    assert [tuple(f["boxes"].shape) for f in found] == [(0, 4), (0, 4)]
+    assert len(parser.parse([blank])) == 0
+
+
 def test_precision_is_that_of_the_processor_or_the_chosen_one(monkeypatch) -> None:
-    for name in CPU_CHECKS:
-        monkeypatch.setattr(torch.cpu, name, lambda: False, raising=False)
+    monkeypatch.setattr(torch.cpu, CPU_CHECK, lambda: False, raising=False)
     assert resolve_precision("auto", CPU) is torch.float32
     assert resolve_precision("bfloat16", CPU) is torch.bfloat16
-    monkeypatch.setattr(torch.cpu, CPU_CHECKS[0], lambda: True, raising=False)
+    monkeypatch.setattr(torch.cpu, CPU_CHECK, lambda: True, raising=False)
     assert resolve_precision("auto", CPU) is torch.bfloat16
     assert resolve_precision("float32", CPU) is torch.float32
     with pytest.raises(DataError, match="precision is 'half'; expected one of auto, float32, bfloat16"):

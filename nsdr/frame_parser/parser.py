@@ -39,8 +39,8 @@ class FrameParser(PretrainedPart):
         batch_size: frames per forward pass.
         stride: process every n-th frame of 25 per second and the last one; the tracker bridges the others. Frames that a
             slower video shows again are never processed twice.
-        precision: number format of the convolutions, "float32" or "bfloat16"; "auto" is bfloat16 where the device has
-            instructions for it, else float32.
+        precision: number format of the convolutions, "float32" or "bfloat16"; "auto" is bfloat16 where the device multiplies
+            matrices of it (AMX, CUDA), else float32.
 
     Raises:
         DataError: `batch_size` or `stride` is less than 1, or `precision` is unknown.

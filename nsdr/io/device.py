@@ -8,8 +8,9 @@ __all__ = ["PRECISIONS", "resolve_device", "resolve_precision"]
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 """Number formats of convolutions."""
-CPU_CHECKS = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
-"""Functions of `torch.cpu` that say whether the processor has instructions for bfloat16."""
+CPU_CHECK = "_is_amx_tile_supported"
+"""Function of `torch.cpu` that says whether the processor multiplies bfloat16 matrices (AMX). Without these, bfloat16 is slower than
+float32: `ONEDNN_MAX_CPU_ISA=AVX512_CORE_BF16 python benchmarks/frame_parser.py … --precision float32 bfloat16`."""
 
 
 def resolve_device(device: str = "auto") -> Any:
@@ -32,7 +33,7 @@ def resolve_device(device: str = "auto") -> Any:
 
 
 def resolve_precision(precision: str, device: Any) -> Any:
-    """The `torch.dtype` of a name; "auto" is bfloat16 where the `torch.device` has instructions for it, else float32.
+    """The `torch.dtype` of a name; "auto" is bfloat16 where the `torch.device` multiplies matrices of it, else float32.
 
     Raises:
         DataError: an unknown name.
@@ -46,5 +47,5 @@ def resolve_precision(precision: str, device: Any) -> Any:
     if device.type == "cuda":
         fast = torch.cuda.is_bf16_supported(including_emulation=False)
     else:
-        fast = device.type == "cpu" and any(getattr(torch.cpu, name, bool)() for name in CPU_CHECKS)
+        fast = device.type == "cpu" and getattr(torch.cpu, CPU_CHECK, bool)()
     return torch.bfloat16 if fast else torch.float32
