@@ -61,7 +61,8 @@ class Detector:
         """The network's input (B, 3, H, W), channels last."""
         pixels = torch.from_numpy(np.stack(frames))
         if self.device.type == "cuda":
-            pixels = pixels.pin_memory().to(self.device, non_blocking=True)
+            pixels = pixels.pin_memory()
+        pixels = pixels.to(self.device, non_blocking=True)
         # Whole rows at a time: arithmetic along an axis of three channels takes three times as long.
         rows = pixels.float().flatten(2)
         width = pixels.shape[2]
