@@ -1,68 +1,186 @@
 """The frame parser against torchvision's Mask R-CNN (speed), and against given masks (accuracy).
 
-`python benchmarks/frame_parser.py --videos DIR --proposals DIR [--every 4] [--stride 1 2 4] [--reference_frames 3]`
+`python benchmarks/frame_parser.py --videos DIR --proposals DIR [--every 4] [--precision float32 bfloat16] [--rounds 3]`
+`python benchmarks/frame_parser.py --objectness FRAMES [--every 4]`
 
-Both networks see the same frames in one run. Accuracy on `video_N.mp4` whose `proposal_N.json` or `sim_N.json` is there:
-attribute-exact F1 at box IoU 0.5 of objects with at least 60 visible pixels, average precision of masks and boxes.
+Accuracy on `video_N.mp4` whose `proposal_N.json` or `sim_N.json` is there: attribute-exact F1 at box IoU 0.5 of objects with at
+least 60 visible pixels, average precision of masks and boxes; of the parser's result, with its masks.
+
+All networks see the same frames by turns, `--rounds` times, and the fastest counts: CPU time of all threads, and wall time.
+"the same network in torchvision" is the parser's network as torchvision runs it: the like-for-like comparison.
+
+The second command counts, in frames of `nsdr data frames`, the detections of proposals whose objectness is below some values.
 """
 
 import argparse
 import resource
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import numpy as np
 import torch
-from torchvision.models.detection import maskrcnn_resnet50_fpn
+from pycocotools import mask as rle
+from torch import Tensor, nn
+from torchvision.models.detection import MaskRCNN, maskrcnn_resnet50_fpn
+from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
-from nsdr.frame_parser.dataset import FrameDataset
+from nsdr.frame_parser.dataset import FrameDataset, image_tensor
+from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.frame_parser.training_frames import write_frames
 from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.device import PRECISIONS
+from nsdr.io.threads import available_cores, limit_threads
 from nsdr.io.video import read_video
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+
+TIMED_FRAMES = 64
+"""Frames in a round of the parser."""
+OBJECTNESS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+
+
+class ParserAsNetwork(nn.Module):
+    """The parser's results in the form of its network's, for the metrics."""
+
+    def __init__(self, parser: FrameParser) -> None:
+        super().__init__()
+        self.network, self.parser = parser.model, parser
+
+    def forward(self, images: list[Tensor]) -> list[dict[str, Tensor]]:
+        return [self._detections((image * 255).round().byte().permute(1, 2, 0).numpy()) for image in images]
+
+    def _detections(self, frame: Any) -> dict[str, Tensor]:
+        found = self.parser.parse([frame])
+        size = [HEIGHT_PX, WIDTH_PX]
+        encoded = [{"size": size, "counts": counts} for counts in found.masks or ()]
+        masks = [rle.decode(mask) for mask in encoded]
+        x0, y0, width, height = rle.toBbox(encoded).reshape(-1, 4).T
+        combinations = len(COLORS) * len(MATERIALS) * len(SHAPES)
+        return {
+            "boxes": torch.tensor(np.stack([x0, y0, x0 + width, y0 + height], 1), dtype=torch.float32),
+            "scores": torch.tensor(found.score, dtype=torch.float32),
+            "labels": torch.ones(len(found), dtype=torch.int64),
+            "masks": torch.tensor(np.array(masks, np.float32).reshape(-1, 1, *size)),
+            "attribute": torch.eye(combinations)[torch.tensor(found.attribute, dtype=torch.int64)],
+        }
+
+
+def timed(runs: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[str, tuple[float, float]]:
+    """(CPU time, wall time) a frame in ms of each function, which processes so many frames: the fastest of all rounds."""
+    best = dict.fromkeys(runs, (float("inf"), float("inf")))
+    for round_index in range(rounds + 1):
+        for name, (run, n_frames) in runs.items():
+            cpu, wall = time.process_time(), time.perf_counter()
+            run()
+            spent = (time.process_time() - cpu, time.perf_counter() - wall)
+            if round_index:  # the first one warms up
+                best[name] = (
+                    min(best[name][0], 1000 * spent[0] / n_frames),
+                    min(best[name][1], 1000 * spent[1] / n_frames),
+                )
+    return best
+
+
+def references(model: nn.Module) -> dict[str, nn.Module]:
+    """Networks of torchvision, with random weights except the parser's own."""
+    small = {"min_size": HEIGHT_PX, "max_size": WIDTH_PX}
+    resnet18 = resnet_fpn_backbone(backbone_name="resnet18", weights=None)
+    options: dict[str, Any] = {"weights": None, "weights_backbone": None}
+    networks = {
+        "the same network in torchvision": model,
+        "torchvision, ResNet-18, 480x320": MaskRCNN(resnet18, num_classes=2, **small),
+        "torchvision, ResNet-50, 480x320": maskrcnn_resnet50_fpn(**options, **small),
+        "torchvision, ResNet-50, its default size": maskrcnn_resnet50_fpn(**options),
+    }
+    return {name: network.eval() for name, network in networks.items()}
+
+
+def one_by_one(network: nn.Module, images: list[Tensor]) -> None:
+    for image in images:
+        network([image])
+
+
+@limit_threads()
+@torch.no_grad()
+def compare_speed(parsers: dict[str, FrameParser], video: Any, rounds: int, reference_frames: int) -> None:
+    frames = video[:TIMED_FRAMES]
+    runs: dict[str, tuple[Callable[[], Any], int]] = {
+        f"nsdr, {name}": (partial(p.parse, frames), len(frames)) for name, p in parsers.items()
+    }
+    images = [image_tensor(frame) for frame in frames[:reference_frames]]
+    if images:
+        for name, network in references(next(iter(parsers.values())).model).items():
+            runs[name] = (partial(one_by_one, network, images), len(images))
+    best = timed(runs, rounds)
+    print(
+        f"\n{torch.get_num_threads()} threads, {available_cores()} cores; the parsers' times are with masks, not with decoding"
+    )
+    print("| network | CPU, ms a frame | wall, ms a frame |" + "".join(f" CPU, times {n} |" for n in parsers))
+    print("|---" * (3 + len(parsers)) + "|")
+    for name, (cpu, wall) in best.items():
+        ratios = "".join(f" {cpu / best[f'nsdr, {n}'][0]:.1f} |" for n in parsers)
+        print(f"| {name} | {cpu:.1f} | {wall:.1f} |{ratios}")
+
+
+@limit_threads()
+@torch.no_grad()
+def count_objectness(folder: Path, every: int, parser: FrameParser) -> None:
+    """Print how many detections are left in training frames when regions of a lower objectness are not proposed."""
+    frames = FrameDataset(folder, "train")
+    detectors = {value: Detector(parser.model, torch.float32, value) for value in OBJECTNESS}
+    kept = dict.fromkeys(OBJECTNESS, 0)
+    indices = range(0, len(frames), every)
+    for i in indices:
+        frame = (frames[i][0] * 255).round().byte().permute(1, 2, 0).numpy()
+        for value, detector in detectors.items():
+            kept[value] += len(detector([frame])[0]["scores"])
+    print(f"{len(indices)} frames; detections by the lowest objectness: {kept}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--videos", type=Path, required=True)
-    parser.add_argument("--proposals", type=Path, required=True)
+    parser.add_argument("--videos", type=Path)
+    parser.add_argument("--proposals", type=Path)
+    parser.add_argument("--objectness", type=Path)
     parser.add_argument("--checkpoint", default="default")
-    parser.add_argument("--every", type=int, default=4, help="measure accuracy on every n-th frame")
-    parser.add_argument("--stride", type=int, nargs="*", default=[1, 2, 4])
-    parser.add_argument("--reference_frames", type=int, default=3, help="0 leaves torchvision's network out")
+    parser.add_argument("--every", type=int, default=4, help="measure accuracy on every n-th frame; 0 leaves it out")
+    parser.add_argument("--precision", nargs="+", default=["auto"], choices=PRECISIONS)
+    parser.add_argument("--stride", type=int, nargs="*", default=[], help="also time a whole video at these strides")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--reference_frames", type=int, default=3, help="0 leaves torchvision's networks out")
     options = parser.parse_args()
     folder = find_checkpoint(options.checkpoint)
-    ours = FrameParser.from_checkpoint(folder)
+    if options.objectness:
+        count_objectness(options.objectness, options.every, FrameParser.from_checkpoint(folder))
+        return
+    if not options.videos or not options.proposals:
+        parser.error("give --videos and --proposals, or --objectness")
+    parsers = {name: FrameParser.from_checkpoint(folder, precision=name) for name in options.precision}
 
-    with TemporaryDirectory() as work:
-        write_frames(options.videos, options.proposals, work, options.every)
-        frames = FrameDataset(work, "all")
-        pairs = [frames[i] for i in range(len(frames))]
-        scores = detection_scores(ours.model, pairs) | average_precision(ours.model, pairs)
-    print(f"{len(pairs)} frames: " + ", ".join(f"{name} {value:.3f}" for name, value in scores.items()))
+    if options.every:
+        with TemporaryDirectory() as work:
+            write_frames(options.videos, options.proposals, work, options.every)
+            frames = FrameDataset(work, "all")
+            pairs = [frames[i] for i in range(len(frames))]
+            for name, ours in parsers.items():
+                network = ParserAsNetwork(ours)
+                scores = detection_scores(network, pairs) | average_precision(network, pairs)
+                print(f"{name}, {len(pairs)} frames: " + ", ".join(f"{k} {value:.4f}" for k, value in scores.items()))
 
     video = read_video(sorted(options.videos.rglob("video_*.mp4"))[0])
-    ours.parse(video[:16])
+    if options.rounds:
+        compare_speed(parsers, video, options.rounds, options.reference_frames)
     for stride in options.stride:
-        strided = FrameParser.from_checkpoint(folder, stride=stride)
+        strided = FrameParser.from_checkpoint(folder, stride=stride, precision=options.precision[0])
         start = time.perf_counter()
         strided.parse(video)
-        seconds = time.perf_counter() - start
-        print(f"stride {stride}: {seconds:.1f} s for {len(video)} frames")
-        if stride == 1:
-            per_frame = seconds / len(video)
-    if options.reference_frames and 1 in options.stride:
-        reference = maskrcnn_resnet50_fpn(weights=None, weights_backbone=None).eval()
-        images = [torch.from_numpy(frame).permute(2, 0, 1).float() / 255 for frame in video[: options.reference_frames]]
-        with torch.no_grad():
-            start = time.perf_counter()
-            for image in images:
-                reference([image])
-            theirs = (time.perf_counter() - start) / len(images)
-        print(
-            f"{1000 * per_frame:.0f} ms a frame, torchvision's default {1000 * theirs:.0f} ms: {theirs / per_frame:.0f} x"
-        )
+        print(f"stride {stride}: {time.perf_counter() - start:.1f} s for {len(video)} frames")
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f} GiB")
 
 

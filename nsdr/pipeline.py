@@ -17,9 +17,10 @@ from nsdr.errors import DataError, NsdrError, QuestionError, VideoError
 from nsdr.frame_parser.video_check import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.device import resolve_device
+from nsdr.io.device import PRECISIONS, resolve_device
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import MANY, MAX_SIZE, check_ranges
+from nsdr.io.lazy import deferred_function
+from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
 from nsdr.io.video_kinds import check_is_video
 from nsdr.question_parser.suggestions import suggestion
 from nsdr.symbolic import Executor, Program
@@ -45,6 +46,8 @@ class PipelineConfig:
     Attributes:
         stride: the frame parser processes every n-th frame; the tracker bridges the others.
         batch_size: frames per forward pass of the frame parser.
+        precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
+            device multiplies matrices of it (AMX, CUDA).
         video: what is expected of videos, and how many frames of them are processed.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
@@ -52,12 +55,14 @@ class PipelineConfig:
 
     stride: int = 1
     batch_size: int = 8
+    precision: str = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
     def __post_init__(self) -> None:
         check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
+        check_choices(self, precision=PRECISIONS)
 
 
 def pipeline_settings(
@@ -168,13 +173,17 @@ class Pipeline:
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
-        from nsdr.frame_parser.parser import FrameParser
+        # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
+        with deferred_function("torch._dynamo.utils", "is_compile_supported"):
+            from nsdr.frame_parser.parser import FrameParser
         from nsdr.question_parser.parser import QuestionParser
 
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
         pipeline = cls(
-            FrameParser.from_checkpoint(folder, batch_size=config.batch_size, stride=config.stride),
+            FrameParser.from_checkpoint(
+                folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
+            ),
             load_backend(folder, config.dynamics),
             QuestionParser.from_checkpoint(folder),
             **options,

@@ -119,7 +119,7 @@ def test_the_question_parser_runs_where_its_weights_are() -> None:
 
 def test_the_frame_parser_runs_where_its_weights_are() -> None:
     image, _ = draw_frame([("red", "rubber", "cube", -1.0, -0.8), ("cyan", "metal", "sphere", 0.5, 0.6)])
-    parser = FrameParser.from_pretrained(device="cpu")
+    parser = FrameParser.from_pretrained(device="cpu", precision="float32")
     expected = parser.parse([image])
     with second_device() as device:
         found = parser.to(str(device)).parse([image])

@@ -35,7 +35,8 @@ TINY = FrameParserConfig(
 @pytest.fixture(scope="module")
 def tiny_parser() -> FrameParser:
     torch.manual_seed(0)
-    return FrameParser(build_frame_parser(TINY), batch_size=2)
+    # In bfloat16, detections of an untrained network, all of them doubtful, depend on the rounding of the batch's size.
+    return FrameParser(build_frame_parser(TINY), batch_size=2, precision="float32")
 
 
 def test_widths_that_crash_the_backend_are_rejected() -> None:
@@ -91,7 +92,7 @@ def test_the_papers_joint_label_is_learned(tiny_frames) -> None:
 def test_a_stride_skips_frames_but_not_the_last(tiny_parser: FrameParser) -> None:
     seen = []
     parser = FrameParser(tiny_parser.model, batch_size=2, stride=4)
-    parser._detections = lambda frames: seen.extend(frames) or [_nothing() for _ in frames]
+    parser._detector = lambda: lambda frames: seen.extend(frames) or [_nothing() for _ in frames]
     frames = np.arange(11, dtype=np.uint8)[:, None, None, None] * np.ones((1, 320, 480, 3), np.uint8)
     assert parser.parse(frames).n_frames == 11
     assert [int(frame[0, 0, 0]) for frame in seen] == [0, 4, 8, 10]
@@ -188,7 +189,7 @@ def test_batches_give_what_single_frames_give(tiny_parser: FrameParser) -> None:
     frames = np.random.default_rng(0).integers(0, 255, (3, 320, 480, 3), dtype=np.uint8)
     tiny_parser.model.roi_heads.score_thresh = 0.3
     together = tiny_parser.parse(frames)
-    alone = FrameParser(tiny_parser.model, batch_size=1).parse(frames)
+    alone = FrameParser(tiny_parser.model, batch_size=1, precision="float32").parse(frames)
     tiny_parser.model.roi_heads.score_thresh = 0.5
     assert together.n_frames == alone.n_frames == 3
     np.testing.assert_array_equal(together.frame_index, alone.frame_index)
@@ -265,7 +266,7 @@ def test_dataset_errors_name_the_file(tiny_frames, tmp_path) -> None:
 
 def test_a_saved_parser_gives_the_same_proposals(tiny_parser: FrameParser, tmp_path) -> None:
     tiny_parser.save_pretrained(tmp_path, {"metrics": {"f1": 0.5}})
-    again = FrameParser.from_pretrained(tmp_path, device="cpu", batch_size=2)
+    again = FrameParser.from_pretrained(tmp_path, device="cpu", batch_size=2, precision="float32")
     assert again.model.config == TINY
     assert load_checkpoint(tmp_path, "frame_parser")[1]["metrics"] == {"f1": 0.5}
     frames = np.random.default_rng(0).integers(0, 255, (3, 320, 480, 3), dtype=np.uint8)

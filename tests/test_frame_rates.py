@@ -133,7 +133,7 @@ def draw(path, frames: int, rate: float) -> None:
 def test_frames_are_processed_at_their_own_time(tmp_path, rate: float) -> None:
     draw(tmp_path / "v.mp4", round(4 * rate), rate)
     parser, seen = FrameParser(build_frame_parser(FrameParserConfig())), []
-    parser._detections = lambda frames: seen.extend(frames) or [nothing() for _ in frames]  # type: ignore[method-assign]
+    parser._detector = lambda: lambda frames: seen.extend(frames) or [nothing() for _ in frames]  # type: ignore[method-assign]
     found = parser.parse(read_frames(tmp_path / "v.mp4"))
     assert found.n_frames == 100
     processed = np.arange(100) if found.processed is None else found.processed
@@ -145,7 +145,7 @@ def test_frames_are_processed_at_their_own_time(tmp_path, rate: float) -> None:
 def test_a_stride_skips_repeated_frames(tmp_path) -> None:
     images = [np.full((320, 480, 3), k, np.uint8) for k in range(6)]
     parser, seen = FrameParser(build_frame_parser(FrameParserConfig()), stride=3), []
-    parser._detections = lambda frames: seen.extend(frames) or [nothing() for _ in frames]  # type: ignore[method-assign]
+    parser._detector = lambda: lambda frames: seen.extend(frames) or [nothing() for _ in frames]  # type: ignore[method-assign]
     found = parser.parse([image for image in images for _ in range(2)])
     assert found.n_frames == 12
     assert found.processed is not None

@@ -1,7 +1,7 @@
 """Proposals of videos by a trained network."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import count, islice
 from pathlib import Path
 from typing import Any, Self
@@ -16,10 +16,11 @@ from tqdm import tqdm
 
 from nsdr.clevrer.proposals import proposals_from_rows
 from nsdr.errors import CheckpointError, DataError
-from nsdr.frame_parser.dataset import image_tensor
+from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
 from nsdr.io.checkpoint import load_network
+from nsdr.io.device import resolve_precision
 from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
 from nsdr.types import VideoProposals
@@ -38,18 +39,21 @@ class FrameParser(PretrainedPart):
         batch_size: frames per forward pass.
         stride: process every n-th frame of 25 per second and the last one; the tracker bridges the others. Frames that a
             slower video shows again are never processed twice.
+        precision: number format of the convolutions, "float32" or "bfloat16"; "auto" is bfloat16 where the device multiplies
+            matrices of it (AMX, CUDA), else float32.
 
     Raises:
-        DataError: `batch_size` or `stride` is less than 1.
+        DataError: `batch_size` or `stride` is less than 1, or `precision` is unknown.
     """
 
     part = "frame_parser"
 
-    def __init__(self, model: nn.Module, batch_size: int = 8, stride: int = 1) -> None:
+    def __init__(self, model: nn.Module, batch_size: int = 8, stride: int = 1, precision: str = "auto") -> None:
         if batch_size < 1 or stride < 1:
             raise DataError(f"batch_size {batch_size} and stride {stride}: expected at least 1")
+        resolve_precision(precision, torch.device("cpu"))
         self.model = model.eval().to(memory_format=torch.channels_last)
-        self.batch_size, self.stride = batch_size, stride
+        self.batch_size, self.stride, self.precision = batch_size, stride, precision
 
     @classmethod
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
@@ -86,35 +90,35 @@ class FrameParser(PretrainedPart):
         Raises:
             DataError: no frames, or a frame of another shape or dtype.
         """
+        counter = count()
         rows: list[tuple[int, int, float, str]] = []
         processed: list[int] = []
-        counter = count()
+        detect = self._detector()
+        pasted: Future[list[tuple[int, int, float, str]]] | None = None
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
-        # A thread decodes the next batch of frames while the network processes the present one.
-        with ThreadPoolExecutor(1) as pool:
+        # One thread decodes the next batch of frames and another pastes the masks of the last one, while the network
+        # processes the present one.
+        with ThreadPoolExecutor(1) as decoding, ThreadPoolExecutor(1) as pasting:
             batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride)
-            upcoming = pool.submit(next, batches, None)
+            upcoming = decoding.submit(next, batches, None)
             while (batch := upcoming.result()) is not None:
-                upcoming = pool.submit(next, batches, None)
-                for (index, _), detection in zip(batch, self._detections([frame for _, frame in batch]), strict=True):
-                    rows += [(index, *found) for found in _found(detection)]
-                    processed.append(index)
-                    bar.update(index + 1 - bar.n)
+                upcoming = decoding.submit(next, batches, None)
+                detections = detect([frame for _, frame in batch])
+                indices = [index for index, _ in batch]
+                rows += pasted.result() if pasted else []
+                pasted = pasting.submit(_rows, indices, detections)
+                processed += indices
+                bar.update(indices[-1] + 1 - bar.n)
+            rows += pasted.result() if pasted else []
         bar.close()
         n_frames = next(counter)
         if not n_frames:
             raise DataError("no frames to parse")
         return proposals_from_rows(n_frames, rows, processed)
 
-    def _detections(self, frames: list[NDArray[np.uint8]]) -> list[dict[str, Any]]:
-        """The network's stages one by one, without its post-processing, which pastes masks differently (see `_pasted`)."""
-        model: Any = self.model
-        device = next(model.parameters()).device
-        images, _ = model.transform([image_tensor(frame).to(device) for frame in frames])
-        features = model.backbone(images.tensors)
-        proposals, _ = model.rpn(images, features)
-        detections: list[dict[str, Any]] = model.roi_heads(features, proposals, images.image_sizes)[0]
-        return detections
+    def _detector(self) -> Callable[[list[NDArray[np.uint8]]], list[dict[str, Any]]]:
+        """Detections of a batch of frames by the network as it is now."""
+        return Detector(self.model, resolve_precision(self.precision, self.device))
 
 
 def _batches(
@@ -147,9 +151,14 @@ def _check_frame(frame: Any, index: int) -> None:
         raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
 
 
+def _rows(indices: list[int], detections: list[dict[str, Any]]) -> list[tuple[int, int, float, str]]:
+    """(frame index, attribute index, score, mask) of all objects in a batch of frames."""
+    return [(i, *found) for i, detection in zip(indices, detections, strict=True) for found in _found(detection)]
+
+
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:
     """(attribute index, score, COCO run-length mask) of each detected object."""
-    boxes, masks = detection["boxes"].cpu().numpy(), detection["masks"][:, 0].float().cpu().numpy()
+    boxes, masks = detection["boxes"].numpy(), detection["masks"][:, 0].numpy()
     attributes = detection["attribute"].argmax(1).tolist()
     for i, score in enumerate(detection["scores"].tolist()):
         yield attributes[i], score, rle.encode(_pasted(masks[i], boxes[i]))["counts"].decode()

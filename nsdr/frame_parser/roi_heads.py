@@ -130,7 +130,8 @@ class AttributeRoIHeads(RoIHeads):
         class_logits, box_regression = self.box_predictor(box_features)
         attributes = attribute_probabilities(self.attribute_predictor(box_features))
         counts = [len(boxes) for boxes in proposals]
-        all_boxes = self.box_coder.decode(box_regression, proposals)[:, 1].split(counts)
+        # Without proposals, `decode` returns another shape.
+        all_boxes = self.box_coder.decode(box_regression, proposals).reshape(-1, 2, 4)[:, 1].split(counts)
         all_scores = class_logits.softmax(-1)[:, 1].split(counts)
         all_attributes = {name: probability.split(counts) for name, probability in attributes.items()}
 

@@ -172,7 +172,8 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
             raise CheckpointError(f"{where}: config.{name}: expected {expected.__name__}, got {value!r:.60}")
     try:
         settings = kind(**config)
-        with torch.device("meta"):  # no memory is taken before the sizes are known to be those of the weights
+        # No memory is taken before the sizes are known to be those of the weights.
+        with torch.device("meta"), _without_initial_values():
             built = build(settings).state_dict()
         found, wanted = _forms(state), _forms(built)
         wrong = [name for name in {**wanted, **found} if wanted.get(name) != found.get(name)]
@@ -186,6 +187,21 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
         reason = " ".join(str(e).split())[:200]
         raise CheckpointError(f"{where}: not a network of {kind.__name__} ({reason}); restore the files") from e
     return network
+
+
+def _without_initial_values() -> Any:
+    """Within it, tensors are not filled with random numbers, for which torch's meta device loads its compiler (2.5 s)."""
+    import torch
+    from torch.overrides import TorchFunctionMode
+
+    class Unfilled(TorchFunctionMode):
+        def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+            given = kwargs or {}
+            if function in (torch.Tensor.normal_, torch.Tensor.uniform_, torch.nn.init.normal_, torch.nn.init.uniform_):
+                return args[0] if args else given["tensor"]
+            return function(*args, **given)
+
+    return Unfilled()
 
 
 def _forms(state: Mapping[str, Any]) -> dict[str, str]:

@@ -1,10 +1,16 @@
-"""Names of devices."""
+"""Names of devices and number formats."""
 
 from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["resolve_device"]
+__all__ = ["PRECISIONS", "resolve_device", "resolve_precision"]
+
+PRECISIONS = ("auto", "float32", "bfloat16")
+"""Number formats of convolutions."""
+CPU_CHECK = "_is_amx_tile_supported"
+"""Function of `torch.cpu` that says whether the processor multiplies bfloat16 matrices (AMX). Without, bfloat16 is slower than
+float32: `ONEDNN_MAX_CPU_ISA=AVX512_CORE_BF16 python benchmarks/frame_parser.py … --precision float32 bfloat16`."""
 
 
 def resolve_device(device: str = "auto") -> Any:
@@ -24,3 +30,22 @@ def resolve_device(device: str = "auto") -> Any:
         reason = str(e).splitlines()[0]
         raise DataError(f"device {device!r} cannot be used ({reason}); expected auto, cpu, cuda or cuda:N") from e
     return found
+
+
+def resolve_precision(precision: str, device: Any) -> Any:
+    """The `torch.dtype` of a name; "auto" is bfloat16 where the `torch.device` multiplies matrices of it, else float32.
+
+    Raises:
+        DataError: an unknown name.
+    """
+    if precision not in PRECISIONS:
+        raise DataError(f"precision is {precision!r}; expected one of {', '.join(PRECISIONS)}")
+    import torch
+
+    if precision != "auto":
+        return torch.bfloat16 if precision == "bfloat16" else torch.float32
+    if device.type == "cuda":
+        fast = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        fast = device.type == "cpu" and getattr(torch.cpu, CPU_CHECK, bool)()
+    return torch.bfloat16 if fast else torch.float32
