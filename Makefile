@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test robustness docs clean
+.PHONY: demo test robustness docs bench clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -18,6 +18,11 @@ test: .venv/installed-dev
 robustness: .venv/installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/pytest -m robustness
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.robustness.campaign
+
+# Takes half an hour on a machine that does nothing else. DATA is a folder with clips/ (videos and proposals) and real/ (official
+# proposals as proposals_dev.npz, truth_dev.json.gz, questions/mixed_dev.json); without it, what needs them is left out.
+bench: .venv/installed-dev
+	$(BIN)/python benchmarks/speed.py -o results/speed.md $(if $(DATA),--data $(DATA))
 
 docs: .venv/installed-docs
 	$(BIN)/mkdocs build --strict --site-dir site
