@@ -311,6 +311,12 @@ def _evaluate_options(commands: _Commands) -> None:
     add("--every", type=PositiveInt, default=1, help="answer every n-th scene")
     add("--limit", type=NonNegativeInt, default=0, help="answer the first n scenes; 0 for all")
     add("--stride", type=PositiveInt, default=1, help="videos: process every n-th frame")
+    add(
+        "--counterfactuals",
+        default="simulated",
+        choices=["simulated", "recording"],
+        help="recording: delete the removed object from the recording and simulate nothing, as a control",
+    )
     add("--truth_source", default="", help="source of scenes whose observed collisions replace the detected ones")
     add("--truth", default="", help="folder or file of --truth_source")
     add("--cache", default="runs/scenes", help="folder that keeps scenes for the next run")

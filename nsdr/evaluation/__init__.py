@@ -2,7 +2,7 @@
 
 from nsdr.evaluation.batch import parse_videos, predict_dynamics
 from nsdr.evaluation.experiments import run_experiment
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.intervals import accuracy_interval, wilson_interval
 from nsdr.evaluation.runner import EvaluationConfig, run_evaluation
 from nsdr.evaluation.score import evaluate, format_table
 from nsdr.evaluation.sources import SOURCES, PerceptionInput, SceneSource
@@ -12,6 +12,7 @@ __all__ = [
     "EvaluationConfig",
     "PerceptionInput",
     "SceneSource",
+    "accuracy_interval",
     "evaluate",
     "format_table",
     "parse_videos",

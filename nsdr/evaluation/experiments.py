@@ -19,7 +19,7 @@ from nsdr.baselines.q_type import q_type_baselines
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
-from nsdr.evaluation.score import first_failure
+from nsdr.evaluation.score import TAGS, first_failure
 from nsdr.io.configuration import config_of
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
@@ -229,13 +229,16 @@ def _published(numbers: Sequence[float]) -> dict[str, Any]:
 
 def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """The paper's table: accuracy in %, per option / per question for multiple choice, with what it was measured by."""
-    lines = [f"# {title}", "", "| | descriptive | explanatory | predictive | counterfactual |", "|---|---|---|---|---|"]
+    header = ["", "descriptive", *QUESTION_TYPES[1:], *(f"{tag} options" for tag in TAGS)]
+    lines = [f"# {title}", "", f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
     for row in rows:
         table = row["table"]
-        cells = [_percent(table["descriptive"]["accuracy"])]
+        cells = [_percent(table["descriptive"], "accuracy")]
         for kind in QUESTION_TYPES[1:]:
-            option, question = table[kind]["per_option"], table[kind]["per_question"]
-            cells.append("-" if option is None else f"{_percent(option)} / {_percent(question)}")
+            option, question = (_percent(table[kind], name) for name in ("per_option", "per_question"))
+            cells.append("-" if option == "-" else f"{option} / {question}")
+        tags = table["counterfactual"].get("tags", {})
+        cells += [_percent(tags[tag], "per_option") if tags else "-" for tag in TAGS]
         lines.append(f"| {row['settings']['name']} | {' | '.join(cells)} |")
     counts: set[str] = set()
     runs: set[str] = set()
@@ -244,10 +247,17 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
             counts.add(", ".join(str(n) for n in _numbers(row["table"])))
             runs.add(f"{row['date']}, version {row['version']}, revision {row['revision']}, {row['machine']}")
     total = sum(row.get("seconds", 0) for row in rows)
-    lines += ["", f"Per option / per question. Questions by type: {'; '.join(sorted(counts))}. Made by `{command}`"]
+    lines += [
+        "",
+        f"Per option / per question, with 95 % intervals. Questions by type: {'; '.join(sorted(counts))}. Made by `{command}`",
+    ]
     lines += [f"in {total} s ({'; '.join(sorted(runs))})."]
     return "\n".join(lines) + "\n"
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.1f}"
+def _percent(row: Mapping[str, Any], name: str) -> str:
+    """A share in %, with its interval where it was measured."""
+    if row[name] is None:
+        return "-"
+    interval = row.get("interval" if name == "accuracy" else f"{name}_interval")
+    return f"{100 * row[name]:.1f}" + (f" ({100 * interval[0]:.1f}-{100 * interval[1]:.1f})" if interval else "")

@@ -1,11 +1,16 @@
 """Confidence intervals of accuracies."""
 
+from collections.abc import Sequence
 from math import sqrt
 
-__all__ = ["wilson_interval"]
+import numpy as np
+
+__all__ = ["accuracy_interval", "wilson_interval"]
 
 Z_95 = 1.959964
 """Standard normal quantile of a two-sided 95 % interval."""
+RESAMPLES = 2000
+"""Number of bootstrap samples, drawn with a fixed seed."""
 
 
 def wilson_interval(accuracy: float, n: int, z: float = Z_95) -> tuple[float, float]:
@@ -23,3 +28,24 @@ def wilson_interval(accuracy: float, n: int, z: float = Z_95) -> tuple[float, fl
     centre = (accuracy + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * sqrt(accuracy * (1 - accuracy) / n + z * z / (4 * n * n))
     return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
+def accuracy_interval(correct: Sequence[bool], scenes: Sequence[int]) -> tuple[float, float]:
+    """95 % interval (low, high) of the share that is correct: the wider of Wilson's and a bootstrap over scenes.
+
+    Answers about one video are not independent: one missed collision makes several of them wrong. The bootstrap draws whole
+    videos; Wilson's interval holds where all or nearly all are right.
+
+    Args:
+        correct: of each answer.
+        scenes: index of each answer's scene.
+    """
+    if not correct:
+        return 0.0, 1.0
+    index = np.unique(np.asarray(scenes), return_inverse=True)[1]
+    n = np.bincount(index).astype(float)
+    right = np.bincount(index, np.asarray(correct, float))
+    drawn = np.random.default_rng(0).multinomial(len(n), np.full(len(n), 1 / len(n)), RESAMPLES)
+    low, high = np.quantile((drawn @ right) / (drawn @ n), [0.025, 0.975])
+    least, most = wilson_interval(float(right.sum() / n.sum()), len(correct))
+    return min(float(low), least), max(float(high), most)

@@ -13,6 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.parsed_programs import with_parsed_programs
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
@@ -35,6 +36,8 @@ from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
 __all__ = ["EvaluationConfig", "evaluation_fingerprint", "run_evaluation"]
+
+COUNTERFACTUALS = ("simulated", "recording")
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,7 @@ class EvaluationConfig:
         stride: the frame parser processes every n-th frame; for videos only.
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
+        counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
         truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
         truth: folder or file that `truth_source` reads.
         cache: folder that keeps scenes for the next run.
@@ -90,6 +94,7 @@ class EvaluationConfig:
     stride: int = 1
     semantics: str = "paper"
     collisions: str = "predicted"
+    counterfactuals: str = "simulated"
     truth_source: str = ""
     truth: str = ""
     cache: str = "runs/scenes"
@@ -102,6 +107,7 @@ class EvaluationConfig:
         if unknown:
             raise DataError(f"types: unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
         check_choices(self, semantics=("paper", "official"), collisions=("predicted", "velocity"))
+        check_choices(self, counterfactuals=COUNTERFACTUALS)
         check_choices(self, split=SPLITS, engine=ENGINES, source=SOURCES.names())
         if self.truth_source:
             check_choices(self, truth_source=SOURCES.names())
@@ -120,6 +126,8 @@ class EvaluationConfig:
             raise DataError(
                 f"the official semantics runs on predictions, not on {self.source}; use --source predictions"
             )
+        if self.semantics == "official" and self.counterfactuals != "simulated":
+            raise DataError("counterfactuals: recording needs --semantics paper")
         if self.semantics == "paper" and self.collisions != "predicted":
             raise DataError("collisions: velocity needs --semantics official; for NE of a backend use its YAML file")
         if self.stride != 1 and self.source != "videos":
@@ -188,7 +196,9 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
     parse = parse or _programs(config, questions)
-    return evaluate(((s, _executor(scenes[s.scene_index])) for s in questions), parse, config.types)
+    keeps_recording = config.counterfactuals == "recording"
+    made = ((s, _executor(scenes[s.scene_index], keeps_recording)) for s in questions)
+    return evaluate(made, parse, config.types)
 
 
 def _programs(config: EvaluationConfig, questions: Sequence[SceneQuestions]) -> Parse | None:
@@ -276,10 +286,11 @@ def _true_scene(source: SceneSource, s: SceneQuestions) -> Scene:
     return scene
 
 
-def _executor(scene: Scene | Path | NsdrError) -> Executor | NsdrError:
+def _executor(scene: Scene | Path | NsdrError, keeps_recording: bool) -> Executor | NsdrError:
     if isinstance(scene, NsdrError):
         return scene
-    return Executor(storage.load(Scene, scene) if isinstance(scene, Path) else scene)
+    loaded = storage.load(Scene, scene) if isinstance(scene, Path) else scene
+    return Executor(keep_recording(loaded) if keeps_recording else loaded)
 
 
 def _official(

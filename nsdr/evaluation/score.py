@@ -4,18 +4,22 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.intervals import accuracy_interval
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import ChoiceAnswer
 
-__all__ = ["Parse", "evaluate", "first_failure", "format_table"]
+__all__ = ["TAGS", "Parse", "evaluate", "first_failure", "format_table"]
 
 Parse = Callable[[str, str], Program]
 """(text, kind) -> program, as `QuestionParser.parse`."""
+TAGS = ("observational", "inferential")
+"""Kinds of counterfactual options: those that `keep_recording` of the evaluated scene answers rightly, and those where it fails
+because the removal changes what else happens."""
 
 
 def evaluate(
@@ -31,13 +35,15 @@ def evaluate(
         types: question types to answer.
 
     Returns:
-        The table by question type as fractions 0-1, and under `results` every question with its answers. What fails carries
-        its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number
-        of questions with either. Questions without answers in their file are answered, not scored: their results have no
+        The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; of
+        counterfactual options also for each of `TAGS`. Under `results` every question with its answers. What fails carries its
+        `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number of
+        questions with either. Questions without answers in their file are answered, not scored: their results have no
         `correct`, and `unlabelled` is their number.
     """
     results = []
     for questions, executor in scenes:
+        recording = _recording(executor) if "counterfactual" in types else None
         for question in questions.questions:
             if question.type not in types:
                 continue
@@ -47,6 +53,8 @@ def evaluate(
                 if isinstance(executor, NsdrError):
                     raise executor
                 result |= _answered(executor, question, parse)
+                if recording is not None and question.type == "counterfactual" and _labelled(question):
+                    _tag(result["choices"], _answered(recording, question, parse)["choices"])
             except NsdrError as e:
                 result |= {"correct": False, "error": str(e)}
                 if question.choices:
@@ -56,6 +64,20 @@ def evaluate(
             results.append(result if _labelled(question) else _unscored(result))
     counts = {"errors": sum(bool(_errors(r)) for r in results), "unlabelled": sum("correct" not in r for r in results)}
     return {**_table(results), **counts, "results": results}
+
+
+def _recording(executor: Executor | NsdrError) -> Executor | None:
+    """The executor of the same scene without physics; None without a scene."""
+    if isinstance(executor, NsdrError) or executor.semantics == "official":
+        return None
+    return Executor(keep_recording(executor.scene))
+
+
+def _tag(choices: Sequence[dict[str, Any]], kept: Sequence[Mapping[str, Any]]) -> None:
+    """Add its tag to each choice that the recording answers in `kept`; one with an error has none."""
+    for choice, found in zip(choices, kept, strict=True):
+        if "error" not in found:
+            choice["tag"] = TAGS[not found["correct"]]
 
 
 def _labelled(question: Question) -> bool:
@@ -125,30 +147,36 @@ def _table(results: list[dict[str, Any]]) -> dict[str, Any]:
     for kind in QUESTION_TYPES:
         rows = [r for r in results if r["question_type"] == kind and "correct" in r]
         if kind == "descriptive":
-            subtypes = {}
-            for name in sorted({str(r["question_subtype"]) for r in rows}):
-                of_type = [r for r in rows if str(r["question_subtype"]) == name]
-                subtypes[name] = {"accuracy": _share(of_type), "n": len(of_type)}
-            table[kind] = {"accuracy": _share(rows), "n": len(rows), "subtypes": subtypes}
+            names = sorted({str(r["question_subtype"]) for r in rows})
+            subtypes = {n: _accuracy([r for r in rows if str(r["question_subtype"]) == n]) for n in names}
+            table[kind] = _accuracy(rows) | {"subtypes": subtypes}
         else:
-            options = [c for r in rows for c in r["choices"]]
-            table[kind] = {"per_option": _share(options), "per_question": _share(rows)}
-            table[kind] |= {"n_options": len(options), "n_questions": len(rows)}
+            options = [{**c, "scene_index": r["scene_index"]} for r in rows for c in r["choices"]]
+            table[kind] = _accuracy(options, "per_option", "options") | _accuracy(rows, "per_question", "questions")
+            if any("tag" in c for c in options):
+                tagged = {tag: [c for c in options if c.get("tag") == tag] for tag in TAGS}
+                table[kind]["tags"] = {tag: _accuracy(c, "per_option", "options") for tag, c in tagged.items()}
     return table
 
 
-def _share(rows: list[dict[str, Any]]) -> float | None:
-    return sum(r["correct"] for r in rows) / len(rows) if rows else None
+def _accuracy(rows: Sequence[Mapping[str, Any]], name: str = "accuracy", what: str = "") -> dict[str, Any]:
+    """The share of the rows that is correct, its interval and their number; none of no rows."""
+    n, interval = (f"n_{what}", f"{name}_interval") if what else ("n", "interval")
+    if not rows:
+        return {name: None, n: 0}
+    correct = [bool(r["correct"]) for r in rows]
+    found = accuracy_interval(correct, [r["scene_index"] for r in rows])
+    return {name: sum(correct) / len(rows), interval: found, n: len(rows)}
 
 
 def format_table(report: dict[str, Any]) -> str:
-    """The report as the paper's table: percentages with 95 % Wilson intervals, and the number of questions."""
+    """The report as the paper's table: percentages with 95 % intervals of `accuracy_interval`, and the number of questions."""
 
-    def cell(value: float | None, n: int) -> str:
-        if value is None:
+    def cell(row: Mapping[str, Any], name: str = "accuracy") -> str:
+        if row[name] is None:
             return "-"
-        low, high = wilson_interval(value, n)
-        return f"{100 * value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+        low, high = row["interval" if name == "accuracy" else f"{name}_interval"]
+        return f"{100 * row[name]:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
 
     results, unlabelled = report["results"], report["unlabelled"]
     missing = f"{unlabelled} questions have no answers in their file: they are answered, not scored"
@@ -158,12 +186,12 @@ def format_table(report: dict[str, Any]) -> str:
     for kind in QUESTION_TYPES:
         row = report[kind]
         if kind == "descriptive":
-            lines.append(f"{kind:<22}{'':>22}{cell(row['accuracy'], row['n']):>22}{row['n']:>11}")
-            for name, part in row["subtypes"].items():
-                lines.append(f"  {name:<20}{'':>22}{cell(part['accuracy'], part['n']):>22}{part['n']:>11}")
+            for name, part in {kind: row, **{f"  {n}": part for n, part in row["subtypes"].items()}}.items():
+                lines.append(f"{name:<22}{'':>22}{cell(part):>22}{part['n']:>11}")
         else:
-            option, question = cell(row["per_option"], row["n_options"]), cell(row["per_question"], row["n_questions"])
+            option, question = cell(row, "per_option"), cell(row, "per_question")
             lines.append(f"{kind:<22}{option:>22}{question:>22}{row['n_questions']:>11}")
+            lines += [f"  {tag:<20}{cell(part, 'per_option'):>22}" for tag, part in row.get("tags", {}).items()]
     return "\n".join([*lines, *([missing] if unlabelled else []), *_failures(report)])
 
 

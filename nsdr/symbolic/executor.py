@@ -54,6 +54,7 @@ class Executor:
             return
         if collisions != "predicted":
             raise ExecutionError(f"collisions {collisions!r} need the official semantics")
+        self.scene = scene
         self.world = world_of(scene)
         self._runner = PostfixRunner(PHRASES, self.world)
         self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
