@@ -1,0 +1,1 @@
+"""Collisions in observed motion: a temporal network over whole tracks."""
