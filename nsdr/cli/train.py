@@ -8,7 +8,10 @@ from nsdr.errors import DataError
 
 __all__ = ["PARTS", "train"]
 
-PARTS = {name: f"nsdr.training.{name.replace('-', '_')}" for name in ("frame-parser", "dynamics", "collisions", "question-parser")}
+PARTS = {
+    name: f"nsdr.training.{name.replace('-', '_')}"
+    for name in ("frame-parser", "dynamics", "collisions", "question-parser")
+}
 """Module with the `main(argv)` of each part."""
 
 

@@ -8,8 +8,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nsdr.dynamics.collisions.detector import CollisionDetector
-from nsdr.dynamics.collisions.features import MotionArrays, NetworkInputs, arrays_from_states, near_pairs, network_inputs
+from nsdr.dynamics.collisions.detector import TrackCollisionDetector
+from nsdr.dynamics.collisions.features import (
+    MotionArrays,
+    NetworkInputs,
+    arrays_from_states,
+    near_pairs,
+    network_inputs,
+)
 from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.metrics import collision_scores
 from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
@@ -171,7 +177,7 @@ class CollisionTask(Task):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of collisions more probable than not, on the held-out scenes."""
-        detector = CollisionDetector(cast(CollisionNetwork, model).eval())
+        detector = TrackCollisionDetector(cast(CollisionNetwork, model).eval())
         found = []
         for i in range(len(self.held_out)):
             states, true = self.held_out.states(i)
@@ -204,4 +210,3 @@ def main(argv: Sequence[str] | None = None) -> str:
     """
     config = parse_training(CollisionTraining, argv, "collisions")
     return train_part("collisions", CollisionTask(config), config, config.model)
-

@@ -16,13 +16,13 @@ from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
 from nsdr.types import Event
 
-__all__ = ["CollisionDetector"]
+__all__ = ["TrackCollisionDetector"]
 
 PEAK_STEPS = 2
 """Steps on each side of the most probable one that decide the frame of a collision."""
 
 
-class CollisionDetector(PretrainedPart):
+class TrackCollisionDetector(PretrainedPart):
     """Collisions in observed motion, by a temporal network over whole tracks.
 
     Differs from the paper: the paper's network sees image patches of few frames.
