@@ -1,4 +1,4 @@
-"""`nsdr train frame-parser|dynamics|question-parser`."""
+"""`nsdr train frame-parser|dynamics|collisions|question-parser`."""
 
 import logging
 import re
