@@ -148,30 +148,33 @@ def test_gaps_are_those_of_outlines_at_the_closest_approach() -> None:
     passing = bodies(
         ("cube", -1.5, 0.5, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.0, -2.0, 0.0, 0.0), yaw=0.0
     )
-    fit = fit_trajectories(seen(run(passing), passing.shape), [])
+    fit = replace(fit_trajectories(seen(run(passing), passing.shape), []), motion=run(passing))
     assert closest_gap(fit, (0, 1)) == pytest.approx(0.1, abs=0.03)  # 0.5 between the centres, 0.2 to the edges of each
     assert closest_gap(fit, (0, 2)) == 0.3  # no more than that is said
     meeting = bodies(("cube", -1.5, 0.1, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
-    assert closest_gap(fit_trajectories(seen(run(meeting), meeting.shape), []), (0, 1)) == 0.0
+    assert closest_gap(replace(fit, bodies=meeting, motion=run(meeting)), (0, 1)) == 0.0
 
 
 def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
     three = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
-    good = fit_trajectories(seen(run(three), three.shape), [])
-    assert good.motion.contact[0, 1] != NO_CONTACT
-    apart = replace(good, motion=replace(good.motion, contact=np.full((2, 2), NO_CONTACT)), cost=0.1)
+    good = replace(fit_trajectories(seen(run(three), three.shape), []), motion=run(three))
     met = replace(good, cost=0.2)
-    assert Evidence.of((0, 1), 0.9, met, replace(met, cost=0.4)).fit == pytest.approx(np.log(2))
-    assert Evidence.of((0, 1), 0.9, replace(met, cost=20.0), replace(met, cost=20.0)).fit == 0.0
-    assert Evidence.of((0, 1), 0.9, apart, replace(met, cost=9.0)).fit == 0.0  # bodies that do not meet explain nothing
-    assert Evidence.of((0, 1), 0.9, met, replace(met, cost=1e9)).fit == 3.0
-    assert Evidence.of((0, 1), 1.0, met, met).network == 12.0
+    trust = 1 / (1 + 0.5**2)
+    assert Evidence.of((0, 1), 0.9, met, replace(met, cost=0.4)).fit == pytest.approx(trust * np.log(2))
+    assert Evidence.of((0, 1), 0.9, replace(met, cost=20.0), replace(met, cost=40.0)).fit == pytest.approx(0, abs=0.001)
+    assert Evidence.of((0, 1), 0.9, met, replace(met, cost=1e9)).fit == pytest.approx(trust * 3.0)
+    assert Evidence.of((0, 1), 1.0, met, met) == Evidence(12.0, 0.0, 0.0)
+    position = good.motion.position.copy()
+    position[1, :, 1] += 5.0
+    never = np.full((2, 2), NO_CONTACT)
+    apart = replace(good, motion=replace(good.motion, position=position, contact=never), cost=0.2)
+    assert Evidence.of((0, 1), 0.5, apart, met) == Evidence(0.0, pytest.approx(trust * 0.3), 0.0)
     assert log_odds(0.5) == 0.0
 
 
 def test_evidence_adds_up() -> None:
-    weights = EvidenceWeights(bias=0.5, network=2.0, gap_with=-10.0, gap_without=-1.0, fit=3.0)
-    assert weights.log_odds(Evidence(1.0, 0.2, 0.1, 1.5)) == pytest.approx(0.5 + 2.0 - 2.0 - 0.1 + 4.5)
+    weights = EvidenceWeights(bias=0.5, network=2.0, gap=-10.0, fit=3.0)
+    assert weights.log_odds(Evidence(1.0, 0.2, 1.5)) == pytest.approx(0.5 + 2.0 - 2.0 + 4.5)
 
 
 def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
@@ -201,7 +204,7 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
         return fits[-1]
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
-    weights = EvidenceWeights(bias=-1.0, network=1.0, fit=1.0)
+    weights = EvidenceWeights(bias=-1.0, network=1.0, gap=-10.0, fit=1.0)
     found, fit = search_collisions(
         states, [(Event("collision", 40, (0, 1)), 0.3)], CollisionSearchConfig(weights=weights)
     )

@@ -15,6 +15,11 @@ MAX_LOG_ODDS = 12.0
 """The network's log-odds are clamped to this: beyond, a probability of 0 or 1 says no more."""
 MAX_LOG_RATIO = 3.0
 """Logarithms of ratios of costs are clamped to this."""
+GOOD_COST = 0.4
+"""Cost of a fit that explains a video half (`TrajectoryFitConfig.good_cost` is the same)."""
+_MIN_COST = 1e-9
+FAR_GAP_WORLD = 0.1
+"""Bodies that stay this far apart do not nearly touch (world units)."""
 MAX_GAP_WORLD = 0.3
 """Gaps are clamped to this (world units)."""
 NEAREST_FRAMES = 3
@@ -25,17 +30,18 @@ NEAREST_FRAMES = 3
 class Evidence:
     """What speaks for a collision, given the other collisions of its video.
 
+    What the fits say is weighted by the share 0-1 to which the fit with the collision explains the video (1 / (1 + (cost /
+    `GOOD_COST`)²)): one that did not converge is no evidence.
+
     Attributes:
         network: log-odds of the detector.
-        gap_with: how close the bodies come in the run that was fitted with the collision (world units); 0 where they touch.
-        gap_without: the same in the run that was fitted without it.
-        fit: logarithm of the fit's cost without the collision, divided by that with it; 0 where the bodies do not touch in the
-            run with it, which then explains nothing. The costs of fits that fail either way are alike, so they are no evidence.
+        gap: how close the bodies come in the run fitted with the collision (world units), weighted; 0 where they touch.
+        fit: logarithm of the fit's cost without the collision, divided by that with it, weighted; down to 0 where the bodies
+            stay `FAR_GAP_WORLD` apart in the run with it: such a run explains nothing by the collision.
     """
 
     network: float
-    gap_with: float
-    gap_without: float
+    gap: float
     fit: float
 
     @classmethod
@@ -48,9 +54,10 @@ class Evidence:
             given: the fit with the collision.
             without: the fit without it.
         """
-        gaps = closest_gap(given, pair), closest_gap(without, pair)
-        ratio = math.log(max(without.cost, 1e-9) / max(given.cost, 1e-9)) if gaps[0] == 0 else 0.0
-        return cls(log_odds(probability), *gaps, min(max(ratio, -MAX_LOG_RATIO), MAX_LOG_RATIO))
+        trust, gap = 1 / (1 + (given.cost / GOOD_COST) ** 2), closest_gap(given, pair)
+        ratio = math.log(max(without.cost, _MIN_COST) / max(given.cost, _MIN_COST))
+        ratio = min(max(ratio, -MAX_LOG_RATIO), MAX_LOG_RATIO)
+        return cls(log_odds(probability), trust * gap, trust * max(1 - gap / FAR_GAP_WORLD, 0.0) * ratio)
 
 
 @dataclass(frozen=True)
@@ -61,22 +68,18 @@ class EvidenceWeights:
     Attributes:
         bias: constant part.
         network: weight of the detector's log-odds.
-        gap_with: weight of the gap with the collision (for a world unit).
-        gap_without: weight of the gap without it (for a world unit).
+        gap: weight of the gap (for a world unit).
         fit: weight of the logarithm of the costs' ratio.
     """
 
-    bias: float = 0.0
-    network: float = 1.0
-    gap_with: float = -20.0
-    gap_without: float = 0.0
-    fit: float = 0.0
+    bias: float = 0.44
+    network: float = 0.71
+    gap: float = -42.0
+    fit: float = 2.05
 
     def log_odds(self, evidence: Evidence) -> float:
         """Of the collision, by all evidence."""
-        e = evidence
-        gaps = self.gap_with * e.gap_with + self.gap_without * e.gap_without
-        return self.bias + self.network * e.network + gaps + self.fit * e.fit
+        return self.bias + self.network * evidence.network + self.gap * evidence.gap + self.fit * evidence.fit
 
 
 def log_odds(probability: float) -> float:

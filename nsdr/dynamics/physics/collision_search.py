@@ -47,7 +47,6 @@ class CollisionSearch:
     Attributes:
         doubtful: pairs that are tried both ways, the most doubtful first.
         probable: pairs that collide more probably than not.
-        trials: number of fits beside the first.
     """
 
     def __init__(
@@ -65,11 +64,13 @@ class CollisionSearch:
         low, high = self.config.doubt, 1 - self.config.doubt
         doubtful = sorted((abs(p - 0.5), pair) for pair, p in self.probability.items() if low < p < high)
         self.doubtful = [pair for _, pair in doubtful]
-        self._fits = {self.probable: self._fit(self.probable, None)}
+        self._fits: dict[frozenset[Pair], TrajectoryFit] = {}
+        self._repeated: set[frozenset[Pair]] = set()
 
     @property
     def trials(self) -> int:
-        return len(self._fits) - 1
+        """Number of fits beside the first."""
+        return max(len(self._fits) - 1, 0)
 
     def can_try(self, pairs: frozenset[Pair]) -> bool:
         """Whether a fit with these collisions is there already, or may still be made."""
@@ -94,8 +95,10 @@ class CollisionSearch:
         first = self.fitted(chosen)
         if pair not in chosen and _meet(first, pair):
             self.fitted(given, first)
-        if _meet(self.fitted(without), pair) and not _meet(self.fitted(given), pair):
-            # That fit was stuck: the run without the collision makes it all the same, and its rebound alone is not fitted.
+        stuck = _meet(self.fitted(without), pair) and not _meet(self.fitted(given), pair)
+        if stuck and given not in self._repeated:
+            # The run without the collision makes it all the same, and its rebound alone is not fitted.
+            self._repeated.add(given)
             again = self._fit(given, self.fitted(without))
             if again.cost < self.fitted(given).cost:
                 self._fits[given] = again
