@@ -72,10 +72,10 @@ class EvidenceWeights:
         fit: weight of the logarithm of the costs' ratio.
     """
 
-    bias: float = 0.44
-    network: float = 0.71
-    gap: float = -42.0
-    fit: float = 2.05
+    bias: float = 0.396
+    network: float = 0.719
+    gap: float = -31.1
+    fit: float = 1.968
 
     def log_odds(self, evidence: Evidence) -> float:
         """Of the collision, by all evidence."""
