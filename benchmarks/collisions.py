@@ -41,7 +41,7 @@ FOLDS = 5
 class Video:
     """One video: tracks as states, candidates with their probabilities, and frames of true collisions by pairs of tracks.
 
-    `lost` is the number of true collisions with an object that has no track.
+    `lost` is the number of true collisions with an object that has no track; `missing` and `spurious` are objects.
     """
 
     index: int
@@ -49,6 +49,8 @@ class Video:
     candidates: list[Any]
     true: dict[tuple[int, ...], int]
     lost: int
+    missing: set[str]
+    spurious: set[str]
 
 
 def main() -> None:
@@ -87,7 +89,9 @@ def read_videos(options: argparse.Namespace, backend: Any) -> list[Video]:
                 lost += pair[0] < 0
                 if pair[0] >= 0:
                     true[pair] = event.frame
-        videos.append(Video(index, states, backend.detector.collision_candidates(states), true, lost))
+        candidates = backend.detector.collision_candidates(states)
+        missing, spurious = set(names.values()) - ids.keys(), ids.keys() - set(names.values())
+        videos.append(Video(index, states, candidates, true, lost, missing, spurious))
     return videos
 
 
@@ -123,6 +127,8 @@ def print_errors(videos: list[Video], backend: Any) -> None:
     print(
         f"missing {100 * low:.2f}-{100 * high:.2f} %, {lost} of them with a lost object, {no_candidate} never near each other"
     )
+    missing, spurious = sum(len(v.missing) for v in videos), sum(len(v.spurious) for v in videos)
+    print(f"objects: {missing} missing, {spurious} too many, {sum(len(v.states.objects) for v in videos)} found")
     found_p = np.array([p for v in videos for _, p in v.candidates])
     is_true = np.array([e.objects in v.true for v in videos for e, _ in v.candidates])
     for low, high in pairwise(BINS):

@@ -50,7 +50,8 @@ class TrackerConfig:
             frame). Objects move by up to 0.1 per frame.
         mismatch_world: matching cost of each differing attribute word, as a distance (world units).
         switch_frames: a tracklet is cut where it goes over from one object to another: two words or more of the attributes
-            change, for at least this many frames on both sides.
+            change, for at least this many frames on both sides. Set on every 8th scene of `train`, whose missing and spurious
+            objects `python benchmarks/collisions.py --every 8` counts.
         switch_share: share of the frames on each side that must have that side's attributes (0-1).
         velocity_memory: weight of a tracklet's previous velocity when a displacement updates it (0-1).
         duplicate_iou: boxes of two tracks coincide where their intersection over union exceeds this (0-1).

@@ -24,8 +24,8 @@ __all__ = [
 ]
 
 NEAR_WORLD = 1.0
-"""Pairs whose centres never come closer than this do not collide (world units): of the 23,000 collisions of `train`, all but
-those of wrong tracks come closer (`python benchmarks/collisions.py` counts those that do not)."""
+"""Pairs whose centres never come closer than this do not collide (world units): all 4,223 collisions of the left-out scenes of
+`train` come closer (`python benchmarks/collisions.py` counts those that do not)."""
 SPEED_WORLD = 0.05
 """Unit of displacements in one frame (world units)."""
 BENDS = ((3, 0.1), (8, 0.2))
@@ -77,7 +77,7 @@ class NetworkInputs(NamedTuple):
 
 
 def arrays_from_states(states: MotionStates, visibility: VisibilityConfig | None = None) -> MotionArrays:
-    """What the network sees of a video's tracks."""
+    """What the network sees of a video's tracks: arrays (n, F, ...) of its n objects and F frames."""
     box, location = states.box_px, states.location_world
     corners = np.concatenate([box[..., :2] - box[..., 2:] / 2, box[..., :2] + box[..., 2:] / 2], -1)
     corners = np.where(states.detected[..., None], corners, np.nan)
