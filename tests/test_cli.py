@@ -205,7 +205,7 @@ def _truth(folder):
         (["execute", "--scene", QUESTIONS, "--program", "objects count"], "not a Scene"),
         (["execute", "--scene", TRUTH, "--program", "objects boggle"], "unknown module or word 'boggle'"),
         (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json or .npz"),
-        (["train", "everything"], "expected one of frame-parser, dynamics, question-parser"),
+        (["train", "everything"], "expected one of frame-parser, dynamics, collisions, question-parser"),
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
         (["nonsense"], "nonsense"),

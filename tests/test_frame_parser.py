@@ -411,6 +411,21 @@ def test_rare_and_uncertain_identities_are_dropped() -> None:
     assert len(track(as_proposals(rows), TrackerConfig(score=0.7)).tracks) == 3
 
 
+def test_a_tracklet_that_goes_over_to_another_object_is_cut() -> None:
+    """The second object appears where the first one is hidden, and the link between frames takes it for the first."""
+    other = attribute_index("green", "metal", "sphere")
+    rows = moving(range(60), RED, 50, 2) + moving(range(60, 75), other, 50, 2)
+    video = track(as_proposals(rows, 75))
+    assert [(t.object.color, int(t.frame_index[0]), len(t.frame_index)) for t in video.tracks] == [
+        ("red", 0, 60),
+        ("green", 60, 15),
+    ]
+    wrong_label = moving(range(60), RED, 50, 2) + moving(range(60, 75), BLUE, 50, 2)  # one word alone
+    assert len(track(as_proposals(wrong_label, 75)).tracks) == 1
+    alternating = moving(range(0, 40, 2), RED, 50, 4) + moving(range(1, 40, 2), other, 50, 4)
+    assert len(track(as_proposals(alternating)).tracks) == 1
+
+
 def test_two_tracklets_of_one_triple_become_one_track() -> None:
     rows = moving(range(40), RED, 50, 4) + moving(range(10, 30), RED, 300, 0)
     video = track(as_proposals(rows))

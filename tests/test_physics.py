@@ -10,7 +10,8 @@ import torch
 from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, StatePredictor
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
-from nsdr.dynamics.physics.collision_search import search_collisions
+from nsdr.dynamics.physics.collision_evidence import Evidence, EvidenceWeights, closest_gap, log_odds
+from nsdr.dynamics.physics.collision_search import CollisionSearchConfig, search_collisions
 from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
@@ -143,6 +144,52 @@ def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> 
     assert fit.cost < 0.2
 
 
+def test_gaps_are_those_of_outlines_at_the_closest_approach() -> None:
+    passing = bodies(
+        ("cube", -1.5, 0.5, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.0, -2.0, 0.0, 0.0), yaw=0.0
+    )
+    fit = replace(fit_trajectories(seen(run(passing), passing.shape), []), motion=run(passing))
+    assert closest_gap(fit, (0, 1)) == pytest.approx(0.1, abs=0.03)  # 0.5 between the centres, 0.2 to the edges of each
+    assert closest_gap(fit, (0, 2)) == 0.3  # no more than that is said
+    meeting = bodies(("cube", -1.5, 0.1, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
+    assert closest_gap(replace(fit, bodies=meeting, motion=run(meeting)), (0, 1)) == 0.0
+
+
+def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
+    three = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
+    good = replace(fit_trajectories(seen(run(three), three.shape), []), motion=run(three))
+    met = replace(good, cost=0.2)
+    trust = 1 / (1 + 0.5**2)
+    assert Evidence.of((0, 1), 0.9, met, replace(met, cost=0.4)).fit == pytest.approx(trust * np.log(2))
+    assert Evidence.of((0, 1), 0.9, replace(met, cost=20.0), replace(met, cost=40.0)).fit == pytest.approx(0, abs=0.001)
+    assert Evidence.of((0, 1), 0.9, met, replace(met, cost=1e9)).fit == pytest.approx(trust * 3.0)
+    assert Evidence.of((0, 1), 1.0, met, met) == Evidence(12.0, 0.0, 0.0)
+    position = good.motion.position.copy()
+    position[1, :, 1] += 5.0
+    never = np.full((2, 2), NO_CONTACT)
+    apart = replace(good, motion=replace(good.motion, position=position, contact=never), cost=0.2)
+    assert Evidence.of((0, 1), 0.5, apart, met) == Evidence(0.0, pytest.approx(trust * 0.3), 0.0)
+    assert log_odds(0.5) == 0.0
+
+
+def test_evidence_adds_up() -> None:
+    weights = EvidenceWeights(bias=0.5, network=2.0, gap=-10.0, fit=3.0)
+    assert weights.log_odds(Evidence(1.0, 0.2, 1.5)) == pytest.approx(0.5 + 2.0 - 2.0 + 4.5)
+
+
+def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
+    start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
+    motion = run(start)
+    states, calls = seen(motion, start.shape), []
+    monkeypatch.setattr(
+        collision_search, "fit_trajectories", lambda *args: calls.append(args[1]) or fit_trajectories(*args)
+    )
+    candidates = [(Event("collision", int(motion.contact[0, 1]), (0, 1)), 1.0), (Event("collision", 60, (1, 2)), 0.0)]
+    found, _ = search_collisions(states, candidates)
+    assert [e.objects for e in found] == [(0, 1)]
+    assert len(calls) == 1
+
+
 def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
     """A rejected trial may cost a little less than what is chosen."""
     three = bodies(("sphere", -1.5, 0.05, 0.0, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
@@ -152,12 +199,15 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
 
     def fitted(states, collisions, *options):
         touching = replace(motion, contact=np.full((2, 2), 40 if collisions else NO_CONTACT))
-        cost = 0.9 if collisions else 1.0  # cheaper with a collision, but by less than `min_gain`
+        cost = 0.9 if collisions else 1.0  # cheaper with a collision, but not so much that it is probable
         fits.append(replace(real(states, collisions, *options), motion=touching, cost=cost))
         return fits[-1]
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
-    found, fit = search_collisions(states, [(Event("collision", 40, (0, 1)), 0.3)])
+    weights = EvidenceWeights(bias=-1.0, network=1.0, gap=-10.0, fit=1.0)
+    found, fit = search_collisions(
+        states, [(Event("collision", 40, (0, 1)), 0.3)], CollisionSearchConfig(weights=weights)
+    )
     assert found == []
     assert fit is fits[0]
     assert len(fits) == 2

@@ -1,4 +1,4 @@
-"""`nsdr train frame-parser|dynamics|question-parser`."""
+"""`nsdr train frame-parser|dynamics|collisions|question-parser`."""
 
 import logging
 import re
@@ -8,7 +8,10 @@ from nsdr.errors import DataError
 
 __all__ = ["PARTS", "train"]
 
-PARTS = {name: f"nsdr.training.{name.replace('-', '_')}" for name in ("frame-parser", "dynamics", "question-parser")}
+PARTS = {
+    name: f"nsdr.training.{name.replace('-', '_')}"
+    for name in ("frame-parser", "dynamics", "collisions", "question-parser")
+}
 """Module with the `main(argv)` of each part."""
 
 

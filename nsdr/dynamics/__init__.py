@@ -6,6 +6,7 @@ from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.dynamics.base import DynamicsBackend
+    from nsdr.dynamics.collisions import CollisionNetwork, TrackCollisionDetector
     from nsdr.dynamics.physics import PhysicsConfig, PhysicsPredictor
     from nsdr.dynamics.propnet import PatchModel, PatchPredictor, StateModel, StatePredictor
     from nsdr.dynamics.registry import BACKENDS, BackendConfig, load_backend
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "nsdr.dynamics.base": ["DynamicsBackend"],
+    "nsdr.dynamics.collisions": ["CollisionNetwork", "TrackCollisionDetector"],
     "nsdr.dynamics.physics": ["PhysicsConfig", "PhysicsPredictor"],
     "nsdr.dynamics.propnet": ["PatchModel", "PatchPredictor", "StateModel", "StatePredictor"],
     "nsdr.dynamics.registry": ["BACKENDS", "BackendConfig", "load_backend"],
@@ -24,6 +26,7 @@ _HOME = {
 __all__ = [
     "BACKENDS",
     "BackendConfig",
+    "CollisionNetwork",
     "DynamicsBackend",
     "PatchModel",
     "PatchPredictor",
@@ -31,6 +34,7 @@ __all__ = [
     "PhysicsPredictor",
     "StateModel",
     "StatePredictor",
+    "TrackCollisionDetector",
     "VelocityConfig",
     "VelocityEvents",
     "load_backend",

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 from nsdr.dynamics.base import DynamicsBackend
-from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.physics.predictor import CollisionDetector, PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.track_smoothing import SmoothingConfig
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
 from nsdr.errors import DataError
@@ -76,10 +76,18 @@ BACKENDS: Registry[BackendFactory] = Registry(
 
 
 def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
+    return PhysicsPredictor(_detector(folder), config.physics, config.shortcut, config.horizon_frame, config.smoothing)
+
+
+def _detector(folder: Path) -> CollisionDetector:
+    """The checkpoint's collision network; the state backend's in a checkpoint without one."""
+    if (folder / "collisions.json").is_file():
+        from nsdr.dynamics.collisions.detector import TrackCollisionDetector
+
+        return TrackCollisionDetector.from_checkpoint(folder)
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
 
-    detector = StatePredictor.from_checkpoint(folder)
-    return PhysicsPredictor(detector, config.physics, config.shortcut, config.horizon_frame, config.smoothing)
+    return StatePredictor.from_checkpoint(folder)
 
 
 def _state(folder: Path, config: BackendConfig) -> DynamicsBackend:

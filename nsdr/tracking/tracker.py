@@ -24,6 +24,8 @@ MIN_SAMPLES = 2
 """Processed frames in which an identity must be seen, however far apart they are."""
 MAX_MISSED_SAMPLES = 1
 """Processed frames that a tracklet may miss where `TrackerConfig.max_gap_frames` would not even reach the next one."""
+SWITCHED_WORDS = 2
+"""Differing words of the attributes that show another object; a single wrong word is often a wrong label."""
 NO_MATCH_COST = 1e3
 """Assignment cost of a forbidden pair (world units). It is finite, so that an assignment always exists; pairs that get it are
 dropped afterwards."""
@@ -47,6 +49,10 @@ class TrackerConfig:
         gate_world_per_frame: growth of that distance with each frame since the tracklet's last proposal (world units per
             frame). Objects move by up to 0.1 per frame.
         mismatch_world: matching cost of each differing attribute word, as a distance (world units).
+        switch_frames: a tracklet is cut where it goes over from one object to another: two words or more of the attributes
+            change, for at least this many frames on both sides. Set on every 8th scene of `train`, whose missing and spurious
+            objects `python benchmarks/collisions.py --every 8` counts.
+        switch_share: share of the frames on each side that must have that side's attributes (0-1).
         velocity_memory: weight of a tracklet's previous velocity when a displacement updates it (0-1).
         duplicate_iou: boxes of two tracks coincide where their intersection over union exceeds this (0-1).
         duplicate_share: a track is dropped as a duplicate when it coincides with a longer one in at least this share of its
@@ -63,6 +69,8 @@ class TrackerConfig:
     gate_world: float = 0.25
     gate_world_per_frame: float = 0.1
     mismatch_world: float = 0.12
+    switch_frames: int = 6
+    switch_share: float = 0.8
     velocity_memory: float = 0.6
     duplicate_iou: float = 0.5
     duplicate_share: float = 0.9
@@ -72,6 +80,7 @@ class TrackerConfig:
         check_ranges(
             self, score=SHARE, late_share=SHARE, velocity_memory=SHARE, duplicate_iou=SHARE, duplicate_share=SHARE
         )
+        check_ranges(self, switch_frames=MANY, switch_share=SHARE)
         check_ranges(self, min_frames=COUNT, min_late_frames=COUNT, late_end_frames=COUNT, max_gap_frames=MANY)
         check_ranges(self, gate_world=NOT_NEGATIVE, gate_world_per_frame=NOT_NEGATIVE, mismatch_world=NOT_NEGATIVE)
 
@@ -117,8 +126,10 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     c = _with_spacing(config or TrackerConfig(), spacing)
     kept = np.flatnonzero(proposals.score > c.score)
     positions = _positions(proposals, kept, c)
-    tracklets = _link(proposals, kept, positions, c)
-    by_identity = _identities(proposals, tracklets)
+    linked = [tracklet.rows for tracklet in _link(proposals, kept, positions, c)]
+    by_identity = _identities(
+        proposals, [part for rows in linked for part in _cut_at_switches(proposals, rows, c, spacing)]
+    )
     tracks = []
     for attribute, rows in by_identity.items():
         seen_often = len(rows) * spacing > c.min_frames and len(rows) >= min(MIN_SAMPLES, spacing)
@@ -246,19 +257,43 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
     return done + active
 
 
-def _identities(proposals: VideoProposals, tracklets: list[_Tracklet]) -> dict[int, list[int]]:
+def _cut_at_switches(proposals: VideoProposals, rows: list[int], c: TrackerConfig, spacing: float) -> list[list[int]]:
+    """A tracklet's rows, cut where it goes over from one object to another, as where one hides another at the border."""
+    attributes = proposals.attribute[rows]
+    values, counts = np.unique(attributes, return_counts=True)
+    enough = math.ceil(c.switch_frames / spacing)
+    often = values[counts >= enough].tolist()
+    best, cut = 0, 0
+    for before in often:
+        for after in often:
+            words = zip(attributes_of(before), attributes_of(after), strict=True)
+            if sum(a != b for a, b in words) < SWITCHED_WORDS:
+                continue
+            left, right = np.cumsum(attributes == before), np.cumsum((attributes == after)[::-1])[::-1]
+            k = np.arange(1, len(rows))
+            is_side = np.minimum(left[:-1] / k, right[1:] / k[::-1]) >= c.switch_share
+            is_side &= np.minimum(left[:-1], right[1:]) >= enough
+            total = np.where(is_side, left[:-1] + right[1:], 0)
+            if len(total) and total.max() > best:
+                best, cut = int(total.max()), int(total.argmax()) + 1
+    if not cut:
+        return [rows]
+    return [part for side in (rows[:cut], rows[cut:]) for part in _cut_at_switches(proposals, side, c, spacing)]
+
+
+def _identities(proposals: VideoProposals, tracklets: list[list[int]]) -> dict[int, list[int]]:
     """Rows of each attribute index, one per frame, by a vote in each tracklet.
 
     Where two tracklets of the same triple have a row in the same frame, the longer one's is used.
     """
     by_identity: dict[int, dict[int, int]] = defaultdict(dict)
-    for tracklet in sorted(tracklets, key=lambda p: -len(p.rows)):
+    for tracklet in sorted(tracklets, key=len, reverse=True):
         votes: dict[int, float] = defaultdict(float)
-        for row in tracklet.rows:
+        for row in tracklet:
             # Objects cut by the image border are often mislabelled, so votes are weighted by visible area.
             votes[int(proposals.attribute[row])] += float(proposals.score[row]) * int(proposals.area_px[row])
         identity = max(votes, key=lambda a: votes[a])
-        for row in tracklet.rows:
+        for row in tracklet:
             by_identity[identity].setdefault(int(proposals.frame_index[row]), row)
     return {identity: [rows[f] for f in sorted(rows)] for identity, rows in by_identity.items()}
 

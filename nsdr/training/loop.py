@@ -270,7 +270,7 @@ def train_part(part: str, task: Task, config: Any, model_config: Any, details: M
     """Train a part of the system and write its checkpoint.
 
     Args:
-        part: "frame_parser", "dynamics" or "question_parser".
+        part: one of `nsdr.io.checkpoint.PARTS`.
         task: what to train.
         config: the training, with `run_dir`, `output` ("" for `run_dir/checkpoint`) and `loop`.
         model_config: the dataclass that rebuilds the network.

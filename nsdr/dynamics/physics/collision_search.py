@@ -1,38 +1,112 @@
-"""Which collisions explain a video best: candidates are judged by how well a simulation with them fits the tracks."""
+"""Which collisions explain a video best: the detector's evidence and that of fitted simulations are added up."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
+from nsdr.dynamics.physics.collision_evidence import Evidence, EvidenceWeights
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitConfig, fit_trajectories
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, check_ranges
+from nsdr.io.validation import COUNT, check_ranges
 from nsdr.types import Event
 
-__all__ = ["CollisionSearchConfig", "search_collisions"]
+__all__ = ["CollisionSearch", "CollisionSearchConfig", "search_collisions"]
+
+Pair = tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class CollisionSearchConfig:
-    """How collisions are found by fitting. The limits were set on left-out scenes of `train`.
+    """How collisions are found by fitting.
 
     Attributes:
         doubt: candidates with a probability in (doubt, 1 - doubt) are tried both ways; the others are taken as they are.
-        min_gain: a further collision that is less probable than not must lower the fit's cost by this much.
-        max_loss: without a collision in which the fitted objects do not touch, and with a probable one in which they do, the
-            cost may rise by at most this much.
         trials: maximum number of fits beside the first.
+        weights: of the evidence.
         fit: of the simulator.
     """
 
     doubt: float = 0.01
-    min_gain: float = 0.3
-    max_loss: float = 0.1
     trials: int = 8
+    weights: EvidenceWeights = field(default_factory=EvidenceWeights)
     fit: TrajectoryFitConfig = field(default_factory=TrajectoryFitConfig)
 
     def __post_init__(self) -> None:
-        check_ranges(self, doubt=(0.0, 0.5), min_gain=NOT_NEGATIVE, max_loss=NOT_NEGATIVE, trials=COUNT)
+        check_ranges(self, doubt=(0.0, 0.5), trials=COUNT)
+
+
+class CollisionSearch:
+    """Fits of one video with different collisions.
+
+    Args:
+        states: of at least one object.
+        candidates: collisions with their probabilities, in order of time.
+        config: how to search.
+        measurement: how far measured positions are trusted.
+
+    Attributes:
+        doubtful: pairs that are tried both ways, the most doubtful first.
+        probable: pairs that collide more probably than not.
+    """
+
+    def __init__(
+        self,
+        states: MotionStates,
+        candidates: Sequence[tuple[Event, float]],
+        config: CollisionSearchConfig | None = None,
+        measurement: MeasurementConfig | None = None,
+    ) -> None:
+        self.config = config or CollisionSearchConfig()
+        self.states, self.measurement = states, measurement
+        self.events = {event.objects: event for event, _ in candidates}
+        self.probability = {event.objects: p for event, p in candidates}
+        self.probable: frozenset[Pair] = frozenset(pair for pair, p in self.probability.items() if p > 0.5)
+        low, high = self.config.doubt, 1 - self.config.doubt
+        doubtful = sorted((abs(p - 0.5), pair) for pair, p in self.probability.items() if low < p < high)
+        self.doubtful = [pair for _, pair in doubtful]
+        self._fits: dict[frozenset[Pair], TrajectoryFit] = {}
+        self._repeated: set[frozenset[Pair]] = set()
+
+    @property
+    def trials(self) -> int:
+        """Number of fits beside the first."""
+        return max(len(self._fits) - 1, 0)
+
+    def can_try(self, pairs: frozenset[Pair]) -> bool:
+        """Whether a fit with these collisions is there already, or may still be made."""
+        return pairs in self._fits or self.trials < self.config.trials
+
+    def fitted(self, pairs: frozenset[Pair], near: TrajectoryFit | None = None) -> TrajectoryFit:
+        """The fit with these collisions; where it is new, it starts from `near`, None for a first guess."""
+        if pairs not in self._fits:
+            self._fits[pairs] = self._fit(pairs, near)
+        return self._fits[pairs]
+
+    def _fit(self, pairs: frozenset[Pair], near: TrajectoryFit | None) -> TrajectoryFit:
+        return fit_trajectories(self.states, self.collisions(pairs), self.config.fit, self.measurement, near)
+
+    def collisions(self, pairs: frozenset[Pair]) -> list[Event]:
+        """The events of pairs, in order of time."""
+        return sorted((self.events[pair] for pair in pairs), key=lambda e: e.frame)
+
+    def evidence(self, pair: Pair, chosen: frozenset[Pair]) -> Evidence:
+        """For a pair's collision, given the others among the chosen ones."""
+        given, without = chosen | {pair}, chosen - {pair}
+        first = self.fitted(chosen)
+        if pair not in chosen and _meet(first, pair):
+            self.fitted(given, first)
+        stuck = _meet(self.fitted(without), pair) and not _meet(self.fitted(given), pair)
+        if stuck and given not in self._repeated:
+            # The run without the collision makes it all the same, and its rebound alone is not fitted.
+            self._repeated.add(given)
+            again = self._fit(given, self.fitted(without))
+            if again.cost < self.fitted(given).cost:
+                self._fits[given] = again
+        return Evidence.of(pair, self.probability[pair], self.fitted(given), self.fitted(without))
+
+
+def _meet(fit: TrajectoryFit, pair: Pair) -> bool:
+    return bool(fit.motion.contact[pair] != NO_CONTACT)
 
 
 def search_collisions(
@@ -43,8 +117,8 @@ def search_collisions(
 ) -> tuple[list[Event], TrajectoryFit]:
     """Collisions during the video, and the simulation fitted with them.
 
-    A doubtful collision is dropped when the fitted objects do not touch and the tracks are explained as well without it; one
-    is added when the objects touch and the tracks are explained much better with it, or as well if it is probable.
+    Starting from those that are more probable than not, doubtful collisions are added and dropped one by one as long as the
+    evidence (`EvidenceWeights`), given the others, is for it.
 
     Args:
         states: of at least one object.
@@ -52,37 +126,16 @@ def search_collisions(
         config: how to search.
         measurement: how far measured positions are trusted.
     """
-    config = config or CollisionSearchConfig()
-    events = {event.objects: event for event, _ in candidates}
-    chosen = {event.objects for event, p in candidates if p > 0.5}
-
-    probable = set(chosen)
-
-    def fitted(pairs: set[tuple[int, ...]], start: TrajectoryFit | None = None) -> TrajectoryFit:
-        collisions = sorted((events[p] for p in pairs), key=lambda e: e.frame)
-        return fit_trajectories(states, collisions, config.fit, measurement, start)
-
-    current = fitted(chosen)
-    doubtful = sorted((abs(p - 0.5), e.objects) for e, p in candidates if config.doubt < p < 1 - config.doubt)
-    tried = {(frozenset(chosen), False)}
-    changed = True
+    search = CollisionSearch(states, candidates, config, measurement)
+    chosen, seen, changed = search.probable, {search.probable}, True
     while changed:
         changed = False
-        for _, pair in doubtful:
-            touch, listed = current.motion.contact[pair] != NO_CONTACT, pair in chosen
+        for pair in search.doubtful:
             other = chosen ^ {pair}
-            settled = touch if listed else not touch and current.cost < config.fit.good_cost
-            from_current = touch and not listed  # the collision is in the run already, its rebound is not fitted
-            attempt = (frozenset(other), from_current)
-            if settled or attempt in tried or len(tried) > config.trials:
+            if other in seen or not search.can_try(other):
                 continue
-            tried.add(attempt)
-            trial = fitted(other, current if from_current else None)
-            if listed:
-                better = trial.cost < current.cost + config.max_loss
-            else:
-                margin = config.max_loss if pair in probable else -config.min_gain
-                better = trial.motion.contact[pair] != NO_CONTACT and trial.cost < current.cost + margin
-            if better:
-                chosen, current, changed = other, trial, True
-    return sorted((events[p] for p in chosen), key=lambda e: e.frame), current
+            collides = search.config.weights.log_odds(search.evidence(pair, chosen)) > 0
+            if collides != (pair in chosen):
+                chosen, changed = other, True
+                seen.add(chosen)
+    return search.collisions(chosen), search.fitted(chosen)

@@ -47,6 +47,7 @@ class MotionDataset:
     Attributes:
         scene: (S,) int, video index; `SIMULATED_SCENE` for simulated scenes.
         location_world: (S, N, F, 2) float32, positions on the ground as in `MotionStates` (world units).
+        detected: (S, N, F) bool, detected in that frame.
         reliable: (S, N, F) bool, detected, not cut by the image's border and not hidden.
         present: (S, N, F) bool, between the object's first and last detection.
         static: (S, N, 5) float32, one-hot shape (3) and material (2).
@@ -57,6 +58,7 @@ class MotionDataset:
 
     scene: NDArray[Any]
     location_world: NDArray[Any]
+    detected: NDArray[Any]
     reliable: NDArray[Any]
     present: NDArray[Any]
     static: NDArray[Any]
@@ -77,7 +79,7 @@ class MotionDataset:
         shape = self.static[index, :n, : len(SHAPES)].argmax(1)
         material = self.static[index, :n, len(SHAPES) :].argmax(1)
         objects = tuple(SceneObject(i, COLORS[0], MATERIALS[material[i]], SHAPES[shape[i]]) for i in range(n))
-        reliable = self.reliable[index, :n]
+        detected, reliable = self.detected[index, :n], self.reliable[index, :n]
         frames = self.collision_frame[index]
         events = [
             Event("collision", int(frames[i, j]), (i, j))
@@ -87,7 +89,7 @@ class MotionDataset:
         ]
         location = self.location_world[index, :n].astype(float)
         box = self.box_px[index, :n].astype(float)
-        return MotionStates(objects, location, reliable, reliable, self.present[index, :n], box), events
+        return MotionStates(objects, location, detected, reliable, self.present[index, :n], box), events
 
 
 def read_motion_dataset(
@@ -207,6 +209,7 @@ def _row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, A
     return {
         "scene": np.int32(video),
         "location_world": padded(states.location_world.astype(np.float32)),
+        "detected": padded(states.detected),
         "reliable": padded(states.reliable),
         "present": padded(states.present),
         "static": padded(object_features(states.objects)),

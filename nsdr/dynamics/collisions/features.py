@@ -1,0 +1,161 @@
+"""Inputs of the collision network: motion of the objects of a video, and of the pairs that come near each other."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from nsdr.dynamics.motion_states import MotionStates, object_features
+from nsdr.tracking.localization import expected_size
+from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+
+__all__ = [
+    "OBJECT_CHANNELS",
+    "PAIR_CHANNELS",
+    "MotionArrays",
+    "NetworkInputs",
+    "arrays_from_states",
+    "near_pairs",
+    "network_inputs",
+]
+
+NEAR_WORLD = 1.0
+"""Pairs whose centres never come closer than this do not collide (world units): all 4,223 collisions of the left-out scenes of
+`train` come closer (`python benchmarks/collisions.py` counts those that do not)."""
+SPEED_WORLD = 0.05
+"""Unit of displacements in one frame (world units)."""
+BENDS = ((3, 0.1), (8, 0.2))
+"""(frames, unit in world units) of the second differences that show changes of velocity."""
+POSITION_WORLD = 3.0
+"""Unit of positions (world units)."""
+BOX_PX = 20.0
+"""Unit of gaps between boxes (pixels)."""
+MAX_INPUT = 5.0
+"""Inputs are clamped to this."""
+OBJECT_CHANNELS, PAIR_CHANNELS = 22, 22
+
+
+@dataclass(frozen=True)
+class MotionArrays:
+    """What the network sees of the n objects of a video of F frames.
+
+    Attributes:
+        location_world: (n, F, 2) as in `MotionStates`.
+        detected, reliable, present: (n, F) bool as in `MotionStates`.
+        hidden: (n, F, 4) bool, hidden sides (left, top, right, bottom) of detected boxes.
+        box_px: (n, F, 4) centre, width and height.
+        size: (n, F, 2) logarithm of the box's width and height, divided by those expected where it is.
+        static: (n, 5) one-hot shape and material.
+    """
+
+    location_world: NDArray[Any]
+    detected: NDArray[Any]
+    reliable: NDArray[Any]
+    present: NDArray[Any]
+    hidden: NDArray[Any]
+    box_px: NDArray[Any]
+    size: NDArray[Any]
+    static: NDArray[Any]
+
+
+class NetworkInputs(NamedTuple):
+    """Inputs of the network for one or several videos.
+
+    Attributes:
+        objects: (O, `OBJECT_CHANNELS`, F).
+        pairs: (2 P, `PAIR_CHANNELS`, F): first from each pair's first object to its second, then the other way round.
+        edges: (2 P, 2) int, objects of each row of `pairs`.
+    """
+
+    objects: Tensor
+    pairs: Tensor
+    edges: Tensor
+
+
+def arrays_from_states(states: MotionStates, visibility: VisibilityConfig | None = None) -> MotionArrays:
+    """What the network sees of a video's tracks: arrays (n, F, ...) of its n objects and F frames."""
+    box, location = states.box_px, states.location_world
+    corners = np.concatenate([box[..., :2] - box[..., 2:] / 2, box[..., :2] + box[..., 2:] / 2], -1)
+    corners = np.where(states.detected[..., None], corners, np.nan)
+    hidden = hidden_sides(corners.transpose(1, 0, 2), visibility).transpose(1, 0, 2)
+    expected = np.ones_like(location)
+    for i, o in enumerate(states.objects):
+        expected[i] = expected_size(o.shape, location[i])
+    with np.errstate(invalid="ignore"):
+        size = np.nan_to_num(np.log(np.maximum(box[..., 2:], 1.0) / np.maximum(expected, 1.0)))
+    static = object_features(states.objects)
+    flags = states.detected, states.reliable, states.present
+    return MotionArrays(location, *flags, hidden & states.detected[..., None], box, size, static)
+
+
+def near_pairs(location_world: NDArray[Any]) -> NDArray[Any]:
+    """(P, 2) int, i < j: the pairs of n objects at (n, F, 2) that come near each other."""
+    n = len(location_world)
+    if n < 2:
+        return np.zeros((0, 2), int)
+    apart = np.linalg.norm(location_world[:, None] - location_world[None], axis=-1).min(-1)
+    return np.argwhere(np.triu(apart < NEAR_WORLD, 1))
+
+
+def network_inputs(arrays: MotionArrays, pairs: NDArray[Any]) -> NetworkInputs:
+    """Inputs for the given pairs (P, 2) of one video, or of several whose objects are joined."""
+    position = torch.from_numpy(np.ascontiguousarray(arrays.location_world, np.float32)).transpose(1, 2)
+    frames = position.shape[-1]
+    padded = _continued(position, max(k for k, _ in BENDS))
+    velocity = _difference(padded, frames)
+    bends = [_bend(padded, frames, k) / unit for k, unit in BENDS]
+    flags = [arrays.detected[..., None], arrays.reliable[..., None], arrays.present[..., None], arrays.hidden]
+    seen = np.concatenate([*flags, arrays.size], -1).astype(np.float32)
+    static = torch.from_numpy(arrays.static.astype(np.float32))[:, :, None].expand(-1, -1, frames)
+    parts = [velocity, *bends, torch.from_numpy(seen).transpose(1, 2), position / POSITION_WORLD, static]
+    objects = torch.cat(parts, 1).clamp(-MAX_INPUT, MAX_INPUT)
+    edges = torch.from_numpy(np.concatenate([pairs, pairs[:, ::-1]]).astype(np.int64))
+    box = torch.from_numpy(arrays.box_px.astype(np.float32)).transpose(1, 2)
+    return NetworkInputs(objects, _pair_inputs(padded, velocity, bends, box, edges), edges)
+
+
+def _pair_inputs(padded: Tensor, velocity: Tensor, bends: list[Tensor], box: Tensor, edges: Tensor) -> Tensor:
+    """Relative motion (E, `PAIR_CHANNELS`, F); changes of velocity along the line of centres and across it."""
+    i, j = edges[:, 0], edges[:, 1]
+    frames = velocity.shape[-1]
+    margin = (padded.shape[-1] - frames) // 2
+    apart_padded = padded[j] - padded[i]
+    distance_padded = apart_padded.norm(dim=1, keepdim=True)
+    apart, distance = (x[..., margin : margin + frames] for x in (apart_padded, distance_padded))
+    along = apart / distance.clamp(min=OBJECT_RADIUS_WORLD)
+    across = torch.stack([-along[:, 1], along[:, 0]], 1)
+    gap = distance - 2 * OBJECT_RADIUS_WORLD
+    parts = [apart, (gap / 0.1).clamp(-3, MAX_INPUT), gap / 0.5, _difference(distance_padded, frames)]
+    parts += [_bend(distance_padded, frames, k) / unit for k, unit in BENDS]
+    for change in (velocity, *bends):
+        for of in (change[i], change[j]):
+            parts += [(of * along).sum(1, keepdim=True), (of * across).sum(1, keepdim=True)]
+    difference, reach = (box[j] - box[i])[:, :2], (box[j] + box[i])[:, 2:] / 2
+    lower = difference[:, 1:] + (box[j] - box[i])[:, 3:] / 2
+    parts += [(difference.abs() - reach) / BOX_PX, lower / BOX_PX]
+    return torch.cat(parts, 1).clamp(-MAX_INPUT, MAX_INPUT)
+
+
+def _continued(x: Tensor, frames: int) -> Tensor:
+    """(..., F) continued on both sides by point reflection: (..., F + 2 frames)."""
+    index = torch.arange(-frames, x.shape[-1] + frames)
+    last = x.shape[-1] - 1
+    inside = index.clamp(0, last)
+    reflected = (2 * inside - index).clamp(0, last)
+    return torch.where(index == inside, x[..., inside], 2 * x[..., inside] - x[..., reflected])
+
+
+def _difference(padded: Tensor, frames: int) -> Tensor:
+    margin = (padded.shape[-1] - frames) // 2
+    ahead, behind = padded[..., margin + 1 : margin + 1 + frames], padded[..., margin - 1 : margin - 1 + frames]
+    return (ahead - behind) / (2 * SPEED_WORLD)
+
+
+def _bend(padded: Tensor, frames: int, reach: int) -> Tensor:
+    margin = (padded.shape[-1] - frames) // 2
+    ahead, behind = padded[..., margin + reach :][..., :frames], padded[..., margin - reach :][..., :frames]
+    return ahead + behind - 2 * padded[..., margin : margin + frames]

@@ -1,0 +1,89 @@
+"""The collision network: convolutions over time, for objects and for pairs, that exchange messages."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from nsdr.dynamics.collisions.features import OBJECT_CHANNELS, PAIR_CHANNELS, NetworkInputs
+from nsdr.io.validation import SIZE, check_ranges
+
+__all__ = ["STEP_FRAMES", "CollisionNetwork", "CollisionNetworkConfig"]
+
+STEP_FRAMES = 2
+"""Frames between two steps of the output."""
+KERNEL = 5
+"""Width of the convolutions (frames, then steps)."""
+FIRST_LOGIT = -6.0
+"""Initial bias: before training, collisions are rare."""
+
+
+@dataclass(frozen=True)
+class CollisionNetworkConfig:
+    """Sizes; a `DataError` names a value that is too small.
+
+    Attributes:
+        width: channels.
+        object_dilations: of the objects' convolutions.
+        pair_dilations: of the pairs' convolutions before messages are exchanged.
+        last_dilations: of those after it.
+    """
+
+    width: int = 64
+    object_dilations: tuple[int, ...] = (1, 2)
+    pair_dilations: tuple[int, ...] = (1, 2, 4)
+    last_dilations: tuple[int, ...] = (1, 4, 8)
+
+    def __post_init__(self) -> None:
+        check_ranges(self, width=SIZE)
+
+
+class CollisionNetwork(nn.Module):
+    """When each pair collides, by the whole tracks of all objects.
+
+    An object's change of velocity that another collision explains is no evidence for this one, so pairs tell their objects
+    what they found, and objects tell their pairs.
+    """
+
+    def __init__(self, config: CollisionNetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.width
+        self.of_object = nn.Conv1d(OBJECT_CHANNELS, width, KERNEL, STEP_FRAMES, KERNEL // 2)
+        self.of_pair = nn.Conv1d(PAIR_CHANNELS, width, KERNEL, STEP_FRAMES, KERNEL // 2)
+        self.objects = nn.Sequential(*(_Block(width, d) for d in config.object_dilations))
+        self.to_pair = nn.Conv1d(2 * width, width, 1)
+        self.pairs = nn.Sequential(*(_Block(width, d) for d in config.pair_dilations))
+        self.message = nn.Conv1d(width, width, 1)
+        self.exchanged = nn.Sequential(*(_Block(width, d) for d in config.object_dilations))
+        self.back_to_pair = nn.Conv1d(2 * width, width, 1)
+        self.last = nn.Sequential(*(_Block(width, d) for d in config.last_dilations))
+        self.logit = nn.Conv1d(width, 1, 1)
+        nn.init.constant_(self.logit.bias, FIRST_LOGIT)  # type: ignore[arg-type]
+
+    def forward(self, inputs: NetworkInputs) -> Tensor:
+        """Logits (P, S) of a collision in each of S steps of `STEP_FRAMES` frames, against none at all, whose logit is 0."""
+        first, second = inputs.edges[:, 0], inputs.edges[:, 1]
+        objects = self.objects(self.of_object(inputs.objects))
+        pairs = self.of_pair(inputs.pairs) + self.to_pair(torch.cat([objects[first], objects[second]], 1))
+        pairs = self.pairs(pairs)
+        messages = F.relu(self.message(pairs))
+        objects = self.exchanged(objects.index_add(0, first, messages))
+        pairs = self.last(pairs + self.back_to_pair(torch.cat([objects[first], objects[second]], 1)))
+        one_way, other_way = self.logit(F.relu(pairs))[:, 0].chunk(2)
+        return (one_way + other_way) / 2
+
+
+class _Block(nn.Module):
+    """A residual block with one dilated convolution."""
+
+    def __init__(self, width: int, dilation: int) -> None:
+        super().__init__()
+        self.wide = nn.Conv1d(width, width, KERNEL, padding=dilation * (KERNEL // 2), dilation=dilation)
+        self.mix = nn.Conv1d(width, width, 1)
+        with torch.no_grad():
+            self.mix.weight *= 0.3
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.mix(F.relu(self.wide(F.relu(x))))
