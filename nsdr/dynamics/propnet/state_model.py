@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from nsdr.dynamics.propnet.folded import FoldedPropNet, Pairs
 from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
-__all__ = ["StateModel", "StateModelConfig"]
+__all__ = ["FoldedStateModel", "StateModel", "StateModelConfig"]
 
 STATIC_FEATURES = 5
 LENGTH_WORLD = 0.1
@@ -79,31 +80,82 @@ class StateModel(nn.Module):
         Returns:
             Positions (B, N, 2) `stride_frames` later; collision logits (B, N, N), symmetric.
         """
-        objects, relations = _inputs(window, reliable, static, present=-1)
-        motion, collision = self.forward_network(objects, relations, exists)
-        inertia = (window[:, :, -1] - window[:, :, -1 - INERTIA_STEPS]) / INERTIA_STEPS
-        return window[:, :, -1] + inertia + motion * LENGTH_WORLD, _symmetric(collision)
+        objects = _object_inputs(window, reliable, static, present=-1)
+        motion, collision = self.forward_network(objects, _relation_inputs(_apart(window)), exists)
+        return _moved(window, motion), _symmetric(collision[..., 0])
 
     def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
         """Collision logits (B, N, N) at the middle of windows (B, N, 2 side_steps + 1, 2)."""
-        objects, relations = _inputs(window, reliable, static, present=self.config.side_steps)
-        return _symmetric(self.observer_network(objects, relations, exists)[1])
+        objects = _object_inputs(window, reliable, static, present=self.config.side_steps)
+        return _symmetric(self.observer_network(objects, _relation_inputs(_apart(window)), exists)[1][..., 0])
+
+    def folded(self) -> "StateModel | FoldedStateModel":
+        """The same functions for inference, with a copy of the weights."""
+        return FoldedStateModel(self)
+
+
+class FoldedStateModel:
+    """`StateModel.predict` and `StateModel.observe` for inference.
+
+    The same results but for rounding; what is said of objects and pairs that do not exist has no meaning.
+
+    Args:
+        model: the weights are copied: later changes of it have no effect.
+    """
+
+    def __init__(self, model: StateModel) -> None:
+        self.config = model.config
+        self.forward_network = FoldedPropNet(model.forward_network)
+        self.observer_network = FoldedPropNet(model.observer_network)
+
+    def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
+        """As `StateModel.predict`."""
+        motion, collision = self._outputs(self.forward_network, window, reliable, static, exists, present=-1)
+        return _moved(window, motion), collision
+
+    def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
+        """As `StateModel.observe`."""
+        present = self.config.side_steps
+        return self._outputs(self.observer_network, window, reliable, static, exists, present)[1]
+
+    def _outputs(
+        self, network: FoldedPropNet, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor, present: int
+    ) -> tuple[Tensor, Tensor]:
+        pairs = Pairs.of(exists)
+        receivers, senders = window.flatten(0, 1)[pairs.ends.T]
+        objects = _object_inputs(window, reliable, static, present).flatten(0, 1)
+        motion, collision = network(objects, _relation_inputs(senders - receivers), pairs)
+        logits = collision.new_zeros((*exists.shape, exists.shape[1]))
+        logits[pairs.scene, pairs.receiver, pairs.sender] = collision[:, 0]
+        return motion.unflatten(0, exists.shape), _symmetric(logits)
+
+
+def _moved(window: Tensor, motion: Tensor) -> Tensor:
+    """The next positions: the present ones moved on by the current velocity and by the network's output."""
+    inertia = (window[:, :, -1] - window[:, :, -1 - INERTIA_STEPS]) / INERTIA_STEPS
+    return window[:, :, -1] + inertia + motion * LENGTH_WORLD
+
+
+def _apart(window: Tensor) -> Tensor:
+    """Displacements (B, N, N, samples, 2) from receiver to sender."""
+    return window[:, None] - window[:, :, None]
 
 
 def _symmetric(logits: Tensor) -> Tensor:
-    return (logits[..., 0] + logits[..., 0].transpose(1, 2)) / 2
+    return (logits + logits.transpose(1, 2)) / 2
 
 
-def _inputs(window: Tensor, reliable: Tensor, static: Tensor, present: int) -> tuple[Tensor, Tensor]:
+def _object_inputs(window: Tensor, reliable: Tensor, static: Tensor, present: int) -> Tensor:
     own = (window - window[:, :, present : present + 1 or None]) / LENGTH_WORLD
-    known = reliable.to(window.dtype)
-    objects = torch.cat([static, own.flatten(2), known], -1)
-    apart = (window[:, None, :] - window[:, :, None]) / LENGTH_WORLD  # sender minus receiver
-    distance = apart.norm(dim=-1)
+    return torch.cat([static, own.flatten(2), reliable.to(window.dtype)], -1)
+
+
+def _relation_inputs(apart_world: Tensor) -> Tensor:
+    """What the relation encoder reads of displacements (..., samples, 2) from receiver to sender."""
+    apart = apart_world / LENGTH_WORLD
+    distance = torch.linalg.vector_norm(apart, dim=-1)
     moving_apart = distance[..., 1:] - distance[..., :-1]
-    nearest = distance.min(-1, keepdim=True).values
+    nearest = distance.amin(-1, keepdim=True)
     beyond_contact, touches = (distance - DIAMETER).clamp(-NEAR, FAR), nearest - DIAMETER < 1
-    relations = torch.cat(
-        [apart.flatten(3) / DIAMETER, beyond_contact, moving_apart, nearest.clamp(max=MAX_DISTANCE), touches], -1
-    )
-    return objects, relations
+    parts = apart.flatten(-2) / DIAMETER, beyond_contact, moving_apart, nearest.clamp(max=MAX_DISTANCE), touches
+    return torch.cat(parts, -1)

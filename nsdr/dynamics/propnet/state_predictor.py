@@ -100,7 +100,7 @@ class StatePredictor(PretrainedPart):
         return [event for event, p in self.collision_candidates(states) if p > self.config.collision_threshold]
 
     @limit_threads(1)
-    @torch.no_grad()
+    @torch.inference_mode()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
         """For every pair that is ever seen together, its most probable collision, and how probable that is; by frame."""
         n, frames = states.present.shape
@@ -112,7 +112,8 @@ class StatePredictor(PretrainedPart):
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
         parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
-        logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
+        network = self.model.folded()
+        logits = torch.cat([self._on_device(network.observe, *part) for part in parts])
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
@@ -125,7 +126,7 @@ class StatePredictor(PretrainedPart):
                 candidates.append((Event("collision", frame, (i, j)), float(of_pair[peak])))
         return sorted(candidates, key=lambda c: c[0].frame)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def _rollouts(
         self,
         states: MotionStates,
@@ -160,6 +161,7 @@ class StatePredictor(PretrainedPart):
         pending = [list(observed) for _ in range(n_rollouts)]
         scores = np.zeros((n, n))
         static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
+        network = self.model.folded()
         for t in range(0, total - 1, stride) if n else ():
             for rollout in range(1, n_rollouts):
                 while pending[rollout] and pending[rollout][0].frame <= t + stride:
@@ -178,7 +180,7 @@ class StatePredictor(PretrainedPart):
             history = location[at_work][:, :, index] + earlier[:, np.minimum(times, 0)]
             window = torch.from_numpy(np.nan_to_num(history).astype(np.float32))
             inputs = window, torch.from_numpy(known), static[: len(at_work)], torch.from_numpy(here)
-            positions, logits = self._on_device(self.model.predict, *inputs)
+            positions, logits = self._on_device(network.predict, *inputs)
             following = positions.numpy().astype(float)
             now, moves = location[at_work, :, t], free[at_work][..., None]
             for step in range(1, stride + 1):
