@@ -1,8 +1,5 @@
 """`PropNet` for inference: the same function with less arithmetic."""
 
-from dataclasses import dataclass
-from typing import Self
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -12,31 +9,40 @@ from nsdr.dynamics.propnet.layers import PropNet
 __all__ = ["FoldedPropNet", "Pairs"]
 
 
-@dataclass(frozen=True)
 class Pairs:
-    """The ordered pairs of objects that exist, of scenes of N objects; object i of scene b has the number b N + i.
+    """The ordered pairs of objects that exist, of B scenes of N objects; object i of scene b has the number b N + i.
+
+    Args:
+        exists: (B, N) bool.
 
     Attributes:
-        scene, receiver, sender: (P,) int, indices into (B, N, N), by scene and receiver.
-        ends: (P, 2) int, numbers of receiver and sender.
-        start: (B N,) int, index of the first pair whose receiver is the object of this number.
+        receiver, sender: (P,) int, numbers of the objects, by receiver.
+        index: (P,) int, where a pair stands among all pairs (B, N, N), the receiver before the sender.
     """
 
-    scene: Tensor
-    receiver: Tensor
-    sender: Tensor
-    ends: Tensor
-    start: Tensor
-
-    @classmethod
-    def of(cls, exists: Tensor) -> Self:
-        """All pairs of objects that exist (B, N)."""
-        n = exists.shape[1]
-        there = exists[:, :, None] & exists[:, None] & ~torch.eye(n, dtype=torch.bool, device=exists.device)
-        scene, receiver, sender = there.nonzero(as_tuple=True)
+    def __init__(self, exists: Tensor) -> None:
+        n, device = exists.shape[1], exists.device
+        there = exists[:, :, None] & exists[:, None] & ~torch.eye(n, dtype=torch.bool, device=device)
+        self.index = there.flatten().nonzero()[:, 0]
+        self.receiver = self.index // max(n, 1)
+        self.sender = self.receiver // max(n, 1) * n + self.index % max(n, 1)
         senders = there.sum(2).flatten()
-        ends = torch.stack([receiver, sender], 1) + n * scene[:, None]
-        return cls(scene, receiver, sender, ends, senders.cumsum(0) - senders)
+        self._first = senders.cumsum(0) - senders
+        self._every, self._firsts_of_two = (torch.arange(len(self.index) * k, device=device)[::k] for k in (1, 2))
+        self._ends = torch.stack([self.receiver, self.sender], 1).flatten()
+        self._ends_by_role = torch.stack([2 * self.receiver, 2 * self.sender + 1], 1).flatten()
+
+    def received(self, effects: Tensor) -> Tensor:
+        """(B N, H): for each object, the sum of the rows (P, H) of the pairs that it receives in."""
+        return _sums(effects, self._every, self._first)
+
+    def of_ends(self, objects: Tensor) -> Tensor:
+        """(P, H): the sum of the rows (B N, H) of both objects of each pair."""
+        return _sums(objects, self._ends, self._firsts_of_two)
+
+    def of_receiver_and_sender(self, objects: Tensor) -> Tensor:
+        """(P, H): what objects (B N, 2 H) say as receivers (first half) and senders, added up for each pair."""
+        return _sums(objects.view(2 * objects.shape[0], objects.shape[1] // 2), self._ends_by_role, self._firsts_of_two)
 
 
 class FoldedPropNet:
@@ -83,27 +89,24 @@ class FoldedPropNet:
         Returns:
             (V, object_outputs), (P, relation_outputs).
         """
-        number = torch.arange(len(relations), device=relations.device)
-        by_role = 2 * pairs.ends + torch.tensor([0, 1], device=relations.device)  # rows: receiver, sender by turns
         encoded = _mlp(self.object_encoder, objects)
         update, object_features = F.linear(encoded, self.encoded, self.encoded_bias).chunk(2, 1)
-        of_ends = F.linear(encoded, self.ends, self.ends_bias).view(2 * len(encoded), -1)
-        of_pairs = F.linear(_mlp(self.relation_encoder, relations), self.pair) + _row_sums(of_ends, by_role)
+        of_pairs = F.linear(_mlp(self.relation_encoder, relations), self.pair)
+        of_pairs += pairs.of_receiver_and_sender(F.linear(encoded, self.ends, self.ends_bias))
         propagate, relation_features = of_pairs.chunk(2, 1)
         hidden = torch.zeros_like(encoded)
         for step in range(self.steps):
             inner = propagate
             if step:
-                inner = propagate + _row_sums(F.linear(hidden, self.hidden_ends).view(2 * len(hidden), -1), by_role)
+                inner = propagate + pairs.of_receiver_and_sender(F.linear(hidden, self.hidden_ends))
             effects = F.linear(inner.relu(), self.effect.weight, self.effect.bias).relu_()
-            total = F.embedding_bag(number, effects, pairs.start, mode="sum")
-            change = torch.addmm(update, total, self.update_effects.T)
+            change = torch.addmm(update, pairs.received(effects), self.update_effects.T)
             if step:
                 change.addmm_(hidden, self.update_hidden.T)
             hidden = hidden + F.linear(change.relu_(), self.update.weight, self.update.bias).relu_()
         motion = torch.addmm(object_features, hidden, self.object_hidden.T).relu_()
         relation = torch.addmm(relation_features, effects, self.relation_effects.T)
-        relation += _row_sums(F.linear(hidden, self.relation_hidden), pairs.ends)
+        relation += pairs.of_ends(F.linear(hidden, self.relation_hidden))
         return _head(self.object_predictor, motion), _head(self.relation_predictor, relation.relu_())
 
 
@@ -121,6 +124,7 @@ def _head(layers: list[nn.Linear], x: Tensor) -> Tensor:
     return F.linear(_mlp(layers[:-1], x), layers[-1].weight, layers[-1].bias)
 
 
-def _row_sums(table: Tensor, rows: Tensor) -> Tensor:
-    """Sums (P, H) of the rows (P, K) of a table (V, H)."""
-    return F.embedding_bag(rows, table, mode="sum")
+def _sums(table: Tensor, rows: Tensor, first: Tensor) -> Tensor:
+    """Sums (K, H) of rows of a table (V, H): of those listed from each of K first places to the next."""
+    sums: Tensor = torch.embedding_bag(table, rows, first)[0]
+    return sums

@@ -97,7 +97,7 @@ class StateModel(nn.Module):
 class FoldedStateModel:
     """`StateModel.predict` and `StateModel.observe` for inference.
 
-    The same results but for rounding; what is said of objects and pairs that do not exist has no meaning.
+    The same results but for rounding; collision logits of pairs that do not exist are minus infinity.
 
     Args:
         model: the weights are copied: later changes of it have no effect.
@@ -107,6 +107,7 @@ class FoldedStateModel:
         self.config = model.config
         self.forward_network = FoldedPropNet(model.forward_network)
         self.observer_network = FoldedPropNet(model.observer_network)
+        self._exists, self._pairs = torch.zeros(0), None  # of the last call: mostly the next one has the same
 
     def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
         """As `StateModel.predict`."""
@@ -121,12 +122,14 @@ class FoldedStateModel:
     def _outputs(
         self, network: FoldedPropNet, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor, present: int
     ) -> tuple[Tensor, Tensor]:
-        pairs = Pairs.of(exists)
-        receivers, senders = window.flatten(0, 1)[pairs.ends.T]
+        if self._pairs is None or not torch.equal(exists, self._exists):
+            self._exists, self._pairs = exists, Pairs(exists)
+        pairs, positions = self._pairs, window.flatten(0, 1)
+        apart = positions.index_select(0, pairs.sender) - positions.index_select(0, pairs.receiver)
         objects = _object_inputs(window, reliable, static, present).flatten(0, 1)
-        motion, collision = network(objects, _relation_inputs(senders - receivers), pairs)
-        logits = collision.new_zeros((*exists.shape, exists.shape[1]))
-        logits[pairs.scene, pairs.receiver, pairs.sender] = collision[:, 0]
+        motion, collision = network(objects, _relation_inputs(apart), pairs)
+        logits = collision.new_full((*exists.shape, exists.shape[1]), -torch.inf)
+        logits.view(-1)[pairs.index] = collision[:, 0]
         return motion.unflatten(0, exists.shape), _symmetric(logits)
 
 
