@@ -1,12 +1,16 @@
 """`PropNet` for inference: the same function with less arithmetic."""
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from nsdr.dynamics.propnet.layers import PropNet
 
 __all__ = ["FoldedPropNet", "Pairs"]
+
+PARTS = 3
+"""What an object's row of a table says: as a receiver, as a sender, and for itself."""
 
 
 class Pairs:
@@ -28,9 +32,10 @@ class Pairs:
         self.sender = self.receiver // max(n, 1) * n + self.index % max(n, 1)
         senders = there.sum(2).flatten()
         self._first = senders.cumsum(0) - senders
-        self._every, self._firsts_of_two = (torch.arange(len(self.index) * k, device=device)[::k] for k in (1, 2))
+        self._every = torch.arange(len(self.index), device=device)
+        self._twos = 2 * self._every
         self._ends = torch.stack([self.receiver, self.sender], 1).flatten()
-        self._ends_by_role = torch.stack([2 * self.receiver, 2 * self.sender + 1], 1).flatten()
+        self._roles = torch.stack([PARTS * self.receiver, PARTS * self.sender + 1], 1).flatten()
 
     def received(self, effects: Tensor) -> Tensor:
         """(B N, H): for each object, the sum of the rows (P, H) of the pairs that it receives in."""
@@ -38,18 +43,34 @@ class Pairs:
 
     def of_ends(self, objects: Tensor) -> Tensor:
         """(P, H): the sum of the rows (B N, H) of both objects of each pair."""
-        return _sums(objects, self._ends, self._firsts_of_two)
+        return _sums(objects, self._ends, self._twos)
 
-    def of_receiver_and_sender(self, objects: Tensor) -> Tensor:
-        """(P, H): what objects (B N, 2 H) say as receivers (first half) and senders, added up for each pair."""
-        return _sums(objects.view(2 * objects.shape[0], objects.shape[1] // 2), self._ends_by_role, self._firsts_of_two)
+    def of_roles(self, objects: Tensor) -> Tensor:
+        """(P, H): what objects (B N, `PARTS` H) say as receivers (first part) and as senders, added up for each pair."""
+        return _sums(objects.view(-1, objects.shape[1] // PARTS), self._roles, self._twos)
+
+
+class _Layer(NamedTuple):
+    """A linear layer: x @ weight + bias."""
+
+    weight: Tensor
+    bias: Tensor
+
+    @classmethod
+    def of(cls, *parts: tuple[Tensor, Tensor]) -> "_Layer":
+        """Layers (outputs, inputs), (outputs,) that read the same, as one whose outputs follow one another."""
+        weights, biases = zip(*parts, strict=True)
+        return cls(torch.cat(weights).T.contiguous(), torch.cat(biases))
+
+    def __call__(self, x: Tensor) -> Tensor:
+        return torch.addmm(self.bias, x, self.weight)
 
 
 class FoldedPropNet:
     """The weights of a `PropNet` whose encoders are made by `mlp`, multiplied out.
 
     Only pairs that exist are computed. What a pair's layers add up from its two objects is computed once for each object;
-    linear layers that follow one another are one. Outputs differ from the network's by rounding.
+    linear layers that follow one another, or read the same, are one. Outputs differ from the network's by rounding.
 
     Args:
         network: the weights are copied: later changes of it have no effect.
@@ -58,25 +79,34 @@ class FoldedPropNet:
     def __init__(self, network: PropNet) -> None:
         self.steps = network.steps
         self.object_encoder, self.relation_encoder = _layers(network.object_encoder), _layers(network.relation_encoder)
-        propagate, self.effect = _layers(network.relation_propagator)
-        update, self.update = _layers(network.object_propagator)
-        predict_object, *self.object_predictor = _layers(network.object_predictor)
-        predict_relation, *self.relation_predictor = _layers(network.relation_predictor)
-        update_encoded, self.update_effects, self.update_hidden = update.weight.chunk(3, 1)
+        propagate, effect = _linear(network.relation_propagator)
+        update, new = _linear(network.object_propagator)
+        predict_object, *object_predictor = _linear(network.object_predictor)
+        predict_relation, *relation_predictor = _linear(network.relation_predictor)
+        update_encoded, update_effects, update_hidden = update.weight.chunk(3, 1)
         object_hidden, object_encoded = predict_object.weight.chunk(2, 1)
-        relation_hidden, self.relation_effects, relation_pairs = predict_relation.weight.chunk(3, 1)
-        # Both readers of a pair's encoding: the propagation and the relation predictor.
-        self.pair = torch.cat([propagate.weight, relation_pairs])
-        received, sent = network.relation_receiver, network.relation_sender
-        constant = propagate.weight @ (network.effect_receiver.bias + network.effect_sender.bias) + propagate.bias
-        bias = self.pair @ (received.bias + sent.bias) + torch.cat([constant, predict_relation.bias])
-        self.ends = torch.cat([self.pair @ received.weight, self.pair @ sent.weight])
-        self.ends_bias = torch.cat([bias, torch.zeros_like(bias)])
-        effects = network.effect_receiver.weight, network.effect_sender.weight
-        self.hidden_ends = torch.cat([propagate.weight @ weight for weight in effects])
-        self.encoded = torch.cat([update_encoded, object_encoded])
-        self.encoded_bias = torch.cat([update.bias, predict_object.bias])
-        self.object_hidden, self.relation_hidden = object_hidden, relation_hidden
+        relation_hidden, relation_effects, relation_pairs = predict_relation.weight.chunk(3, 1)
+        receiver, sender = network.relation_receiver, network.relation_sender
+        from_receiver, from_sender = network.effect_receiver, network.effect_sender
+
+        # Two read a pair's encoding: the propagation and the relation predictor.
+        pair = torch.cat([propagate.weight, relation_pairs])
+        constant = propagate.weight @ (from_receiver.bias + from_sender.bias) + propagate.bias
+        pair_bias = pair @ (receiver.bias + sender.bias) + torch.cat([constant, predict_relation.bias])
+        self.pair = pair.T.contiguous()
+        self.encoded = _Layer.of(
+            (pair @ receiver.weight, pair_bias),
+            (pair @ sender.weight, torch.zeros_like(pair_bias)),
+            (update_encoded, update.bias),
+            (object_encoded, predict_object.bias),
+        )
+        ends = propagate.weight @ from_receiver.weight, propagate.weight @ from_sender.weight
+        self.hidden = torch.cat([*ends, update_hidden]).T.contiguous()
+        self.last_hidden = torch.cat([object_hidden, relation_hidden]).T.contiguous()
+        self.effect, self.update = (_Layer.of((x.weight, x.bias)) for x in (effect, new))
+        self.update_effects, self.relation_effects = update_effects.T.contiguous(), relation_effects.T.contiguous()
+        self.object_predictor = [_Layer.of((x.weight, x.bias)) for x in object_predictor]
+        self.relation_predictor = [_Layer.of((x.weight, x.bias)) for x in relation_predictor]
 
     def __call__(self, objects: Tensor, relations: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:
         """Predict for all objects and pairs.
@@ -89,39 +119,39 @@ class FoldedPropNet:
         Returns:
             (V, object_outputs), (P, relation_outputs).
         """
-        encoded = _mlp(self.object_encoder, objects)
-        update, object_features = F.linear(encoded, self.encoded, self.encoded_bias).chunk(2, 1)
-        of_pairs = F.linear(_mlp(self.relation_encoder, relations), self.pair)
-        of_pairs += pairs.of_receiver_and_sender(F.linear(encoded, self.ends, self.ends_bias))
+        encoded = self.encoded(_mlp(self.object_encoder, objects))
+        update, object_features = encoded[:, -encoded.shape[1] // PARTS :].chunk(2, 1)
+        of_pairs = (_mlp(self.relation_encoder, relations) @ self.pair).add_(pairs.of_roles(encoded))
         propagate, relation_features = of_pairs.chunk(2, 1)
-        hidden = torch.zeros_like(encoded)
-        for step in range(self.steps):
-            inner = propagate
-            if step:
-                inner = propagate + pairs.of_receiver_and_sender(F.linear(hidden, self.hidden_ends))
-            effects = F.linear(inner.relu(), self.effect.weight, self.effect.bias).relu_()
-            change = torch.addmm(update, pairs.received(effects), self.update_effects.T)
-            if step:
-                change.addmm_(hidden, self.update_hidden.T)
-            hidden = hidden + F.linear(change.relu_(), self.update.weight, self.update.bias).relu_()
-        motion = torch.addmm(object_features, hidden, self.object_hidden.T).relu_()
-        relation = torch.addmm(relation_features, effects, self.relation_effects.T)
-        relation += pairs.of_ends(F.linear(hidden, self.relation_hidden))
-        return _head(self.object_predictor, motion), _head(self.relation_predictor, relation.relu_())
+        effects = self.effect(propagate.relu()).relu_()
+        hidden = self.update(torch.addmm(update, pairs.received(effects), self.update_effects).relu_()).relu_()
+        for _ in range(self.steps - 1):
+            of_hidden = hidden @ self.hidden
+            effects = self.effect(pairs.of_roles(of_hidden).add_(propagate).relu_()).relu_()
+            change = update + of_hidden[:, -of_hidden.shape[1] // PARTS :]
+            hidden += self.update(change.addmm_(pairs.received(effects), self.update_effects).relu_()).relu_()
+        object_hidden, relation_hidden = (hidden @ self.last_hidden).chunk(2, 1)
+        motion = (object_features + object_hidden).relu_()
+        relation = pairs.of_ends(relation_hidden).add_(relation_features).addmm_(effects, self.relation_effects).relu_()
+        return _head(self.object_predictor, motion), _head(self.relation_predictor, relation)
 
 
-def _layers(module: nn.Module) -> list[nn.Linear]:
+def _linear(module: nn.Module) -> list[nn.Linear]:
     return [layer for layer in module.modules() if isinstance(layer, nn.Linear)]
 
 
-def _mlp(layers: list[nn.Linear], x: Tensor) -> Tensor:
+def _layers(module: nn.Module) -> list[_Layer]:
+    return [_Layer.of((layer.weight, layer.bias)) for layer in _linear(module)]
+
+
+def _mlp(layers: list[_Layer], x: Tensor) -> Tensor:
     for layer in layers:
-        x = F.linear(x, layer.weight, layer.bias).relu_()
+        x = layer(x).relu_()
     return x
 
 
-def _head(layers: list[nn.Linear], x: Tensor) -> Tensor:
-    return F.linear(_mlp(layers[:-1], x), layers[-1].weight, layers[-1].bias)
+def _head(layers: list[_Layer], x: Tensor) -> Tensor:
+    return layers[-1](_mlp(layers[:-1], x))
 
 
 def _sums(table: Tensor, rows: Tensor, first: Tensor) -> Tensor:

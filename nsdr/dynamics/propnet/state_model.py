@@ -1,6 +1,7 @@
 """The state backend's networks: one detects collisions in observed motion, one predicts the next positions."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor, nn
@@ -100,24 +101,31 @@ class FoldedStateModel:
     The same results but for rounding; collision logits of pairs that do not exist are minus infinity.
 
     Args:
-        model: the weights are copied: later changes of it have no effect.
+        model: each network's weights are copied when it is first used: later changes have no effect.
     """
 
     def __init__(self, model: StateModel) -> None:
         self.config = model.config
-        self.forward_network = FoldedPropNet(model.forward_network)
-        self.observer_network = FoldedPropNet(model.observer_network)
+        self._model = model
         self._exists, self._pairs = torch.zeros(0), None  # of the last call: mostly the next one has the same
+
+    @cached_property
+    def _forward_network(self) -> FoldedPropNet:
+        return FoldedPropNet(self._model.forward_network)
+
+    @cached_property
+    def _observer_network(self) -> FoldedPropNet:
+        return FoldedPropNet(self._model.observer_network)
 
     def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
         """As `StateModel.predict`."""
-        motion, collision = self._outputs(self.forward_network, window, reliable, static, exists, present=-1)
+        motion, collision = self._outputs(self._forward_network, window, reliable, static, exists, present=-1)
         return _moved(window, motion), collision
 
     def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
         """As `StateModel.observe`."""
         present = self.config.side_steps
-        return self._outputs(self.observer_network, window, reliable, static, exists, present)[1]
+        return self._outputs(self._observer_network, window, reliable, static, exists, present)[1]
 
     def _outputs(
         self, network: FoldedPropNet, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor, present: int
