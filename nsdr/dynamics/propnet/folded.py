@@ -9,45 +9,45 @@ from nsdr.dynamics.propnet.layers import PropNet
 
 __all__ = ["FoldedPropNet", "Pairs"]
 
-PARTS = 3
-"""What an object's row of a table says: as a receiver, as a sender, and for itself."""
-
 
 class Pairs:
-    """The ordered pairs of objects that exist, of B scenes of N objects; object i of scene b has the number b N + i.
+    """The objects that exist, numbered from 0 to V - 1, and their ordered pairs, of B scenes of N objects.
 
     Args:
         exists: (B, N) bool.
 
     Attributes:
-        receiver, sender: (P,) int, numbers of the objects, by receiver.
+        objects: (V,) int, where an object stands among all objects (B, N).
+        receiver, sender: (P,) int, numbers of the objects of a pair, by receiver.
         index: (P,) int, where a pair stands among all pairs (B, N, N), the receiver before the sender.
     """
 
     def __init__(self, exists: Tensor) -> None:
         n, device = exists.shape[1], exists.device
         there = exists[:, :, None] & exists[:, None] & ~torch.eye(n, dtype=torch.bool, device=device)
+        self.objects = exists.flatten().nonzero()[:, 0]
         self.index = there.flatten().nonzero()[:, 0]
-        self.receiver = self.index // max(n, 1)
-        self.sender = self.receiver // max(n, 1) * n + self.index % max(n, 1)
-        senders = there.sum(2).flatten()
+        number = exists.flatten().cumsum(0) - 1
+        receiver = self.index // max(n, 1)
+        self.receiver, self.sender = number[receiver], number[receiver // max(n, 1) * n + self.index % max(n, 1)]
+        senders = there.sum(2).flatten()[self.objects]
         self._first = senders.cumsum(0) - senders
         self._every = torch.arange(len(self.index), device=device)
         self._twos = 2 * self._every
         self._ends = torch.stack([self.receiver, self.sender], 1).flatten()
-        self._roles = torch.stack([PARTS * self.receiver, PARTS * self.sender + 1], 1).flatten()
+        self._roles = torch.stack([2 * self.receiver, 2 * self.sender + 1], 1).flatten()
 
     def received(self, effects: Tensor) -> Tensor:
-        """(B N, H): for each object, the sum of the rows (P, H) of the pairs that it receives in."""
+        """(V, H): for each object, the sum of the rows (P, H) of the pairs that it receives in."""
         return _sums(effects, self._every, self._first)
 
     def of_ends(self, objects: Tensor) -> Tensor:
-        """(P, H): the sum of the rows (B N, H) of both objects of each pair."""
+        """(P, H): the sum of the rows (V, H) of both objects of each pair."""
         return _sums(objects, self._ends, self._twos)
 
     def of_roles(self, objects: Tensor) -> Tensor:
-        """(P, H): what objects (B N, `PARTS` H) say as receivers (first part) and as senders, added up for each pair."""
-        return _sums(objects.view(-1, objects.shape[1] // PARTS), self._roles, self._twos)
+        """(P, H): what objects (V, 2 H) say as receivers (first half) and as senders, added up for each pair."""
+        return _sums(objects.view(2 * objects.shape[0], objects.shape[1] // 2), self._roles, self._twos)
 
 
 class _Layer(NamedTuple):
@@ -89,19 +89,13 @@ class FoldedPropNet:
         receiver, sender = network.relation_receiver, network.relation_sender
         from_receiver, from_sender = network.effect_receiver, network.effect_sender
 
+        self.encoded_ends = _Layer.of((receiver.weight, receiver.bias), (sender.weight, sender.bias))
+        self.encoded = _Layer.of((update_encoded, update.bias), (object_encoded, predict_object.bias))
         # Two read a pair's encoding: the propagation and the relation predictor.
-        pair = torch.cat([propagate.weight, relation_pairs])
         constant = propagate.weight @ (from_receiver.bias + from_sender.bias) + propagate.bias
-        pair_bias = pair @ (receiver.bias + sender.bias) + torch.cat([constant, predict_relation.bias])
-        self.pair = pair.T.contiguous()
-        self.encoded = _Layer.of(
-            (pair @ receiver.weight, pair_bias),
-            (pair @ sender.weight, torch.zeros_like(pair_bias)),
-            (update_encoded, update.bias),
-            (object_encoded, predict_object.bias),
-        )
+        self.pair = _Layer.of((propagate.weight, constant), (relation_pairs, predict_relation.bias))
         ends = propagate.weight @ from_receiver.weight, propagate.weight @ from_sender.weight
-        self.hidden = torch.cat([*ends, update_hidden]).T.contiguous()
+        self.hidden_ends, self.update_hidden = torch.cat(ends).T.contiguous(), update_hidden.T.contiguous()
         self.last_hidden = torch.cat([object_hidden, relation_hidden]).T.contiguous()
         self.effect, self.update = (_Layer.of((x.weight, x.bias)) for x in (effect, new))
         self.update_effects, self.relation_effects = update_effects.T.contiguous(), relation_effects.T.contiguous()
@@ -119,16 +113,15 @@ class FoldedPropNet:
         Returns:
             (V, object_outputs), (P, relation_outputs).
         """
-        encoded = self.encoded(_mlp(self.object_encoder, objects))
-        update, object_features = encoded[:, -encoded.shape[1] // PARTS :].chunk(2, 1)
-        of_pairs = (_mlp(self.relation_encoder, relations) @ self.pair).add_(pairs.of_roles(encoded))
+        encoded = _mlp(self.object_encoder, objects)
+        update, object_features = self.encoded(encoded).chunk(2, 1)
+        of_pairs = self.pair(_mlp(self.relation_encoder, relations).add_(pairs.of_roles(self.encoded_ends(encoded))))
         propagate, relation_features = of_pairs.chunk(2, 1)
         effects = self.effect(propagate.relu()).relu_()
         hidden = self.update(torch.addmm(update, pairs.received(effects), self.update_effects).relu_()).relu_()
         for _ in range(self.steps - 1):
-            of_hidden = hidden @ self.hidden
-            effects = self.effect(pairs.of_roles(of_hidden).add_(propagate).relu_()).relu_()
-            change = update + of_hidden[:, -of_hidden.shape[1] // PARTS :]
+            effects = self.effect(pairs.of_roles(hidden @ self.hidden_ends).add_(propagate).relu_()).relu_()
+            change = torch.addmm(update, hidden, self.update_hidden)
             hidden += self.update(change.addmm_(pairs.received(effects), self.update_effects).relu_()).relu_()
         object_hidden, relation_hidden = (hidden @ self.last_hidden).chunk(2, 1)
         motion = (object_features + object_hidden).relu_()

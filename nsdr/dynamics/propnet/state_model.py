@@ -98,7 +98,8 @@ class StateModel(nn.Module):
 class FoldedStateModel:
     """`StateModel.predict` and `StateModel.observe` for inference.
 
-    The same results but for rounding; collision logits of pairs that do not exist are minus infinity.
+    The same results but for rounding; collision logits of pairs that do not exist are minus infinity, and objects that do
+    not exist move on at their velocity.
 
     Args:
         model: each network's weights are copied when it is first used: later changes have no effect.
@@ -132,13 +133,16 @@ class FoldedStateModel:
     ) -> tuple[Tensor, Tensor]:
         if self._pairs is None or not torch.equal(exists, self._exists):
             self._exists, self._pairs = exists, Pairs(exists)
-        pairs, positions = self._pairs, window.flatten(0, 1)
+        pairs = self._pairs
+        positions = window.flatten(0, 1).index_select(0, pairs.objects)
         apart = positions.index_select(0, pairs.sender) - positions.index_select(0, pairs.receiver)
-        objects = _object_inputs(window, reliable, static, present).flatten(0, 1)
-        motion, collision = network(objects, _relation_inputs(apart), pairs)
+        objects = _object_inputs(window, reliable, static, present).flatten(0, 1).index_select(0, pairs.objects)
+        found, collision = network(objects, _relation_inputs(apart), pairs)
+        motion = found.new_zeros((exists.numel(), found.shape[1]))
+        motion[pairs.objects] = found
         logits = collision.new_full((*exists.shape, exists.shape[1]), -torch.inf)
         logits.view(-1)[pairs.index] = collision[:, 0]
-        return motion.unflatten(0, exists.shape), _symmetric(logits)
+        return motion.view(*exists.shape, -1), _symmetric(logits)
 
 
 def _moved(window: Tensor, motion: Tensor) -> Tensor:
