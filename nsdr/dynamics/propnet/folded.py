@@ -66,7 +66,7 @@ class _Layer(NamedTuple):
         return torch.addmm(self.bias, x, self.weight)
 
 
-class FoldedPropNet:
+class FoldedPropNet(nn.Module):
     """The weights of a `PropNet` whose encoders are made by `mlp`, multiplied out.
 
     Only pairs that exist are computed. What a pair's layers add up from its two objects is computed once for each object;
@@ -77,6 +77,7 @@ class FoldedPropNet:
     """
 
     def __init__(self, network: PropNet) -> None:
+        super().__init__()
         self.steps = network.steps
         self.object_encoder, self.relation_encoder = _layers(network.object_encoder), _layers(network.relation_encoder)
         propagate, effect = _linear(network.relation_propagator)
@@ -102,7 +103,7 @@ class FoldedPropNet:
         self.object_predictor = [_Layer.of((x.weight, x.bias)) for x in object_predictor]
         self.relation_predictor = [_Layer.of((x.weight, x.bias)) for x in relation_predictor]
 
-    def __call__(self, objects: Tensor, relations: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:
+    def forward(self, objects: Tensor, relations: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:
         """Predict for all objects and pairs.
 
         Args:

@@ -108,7 +108,8 @@ class FoldedStateModel:
     def __init__(self, model: StateModel) -> None:
         self.config = model.config
         self._model = model
-        self._exists, self._pairs = torch.zeros(0), None  # of the last call: mostly the next one has the same
+        self._exists = torch.zeros((1, 0), dtype=torch.bool)  # of the last call: mostly the next one has the same
+        self._pairs = Pairs(self._exists)
 
     @cached_property
     def _forward_network(self) -> FoldedPropNet:
@@ -131,18 +132,18 @@ class FoldedStateModel:
     def _outputs(
         self, network: FoldedPropNet, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor, present: int
     ) -> tuple[Tensor, Tensor]:
-        if self._pairs is None or not torch.equal(exists, self._exists):
-            self._exists, self._pairs = exists, Pairs(exists)
+        if exists.device != self._exists.device or not torch.equal(exists, self._exists):
+            self._exists, self._pairs = exists.clone(), Pairs(exists)
         pairs = self._pairs
         positions = window.flatten(0, 1).index_select(0, pairs.objects)
         apart = positions.index_select(0, pairs.sender) - positions.index_select(0, pairs.receiver)
         objects = _object_inputs(window, reliable, static, present).flatten(0, 1).index_select(0, pairs.objects)
         found, collision = network(objects, _relation_inputs(apart), pairs)
-        motion = found.new_zeros((exists.numel(), found.shape[1]))
-        motion[pairs.objects] = found
+        motion = found.new_zeros((*exists.shape, found.shape[1]))
+        motion.flatten(0, 1).index_copy_(0, pairs.objects, found)
         logits = collision.new_full((*exists.shape, exists.shape[1]), -torch.inf)
-        logits.view(-1)[pairs.index] = collision[:, 0]
-        return motion.view(*exists.shape, -1), _symmetric(logits)
+        logits.flatten().index_copy_(0, pairs.index, collision[:, 0])
+        return motion, _symmetric(logits)
 
 
 def _moved(window: Tensor, motion: Tensor) -> Tensor:

@@ -100,7 +100,7 @@ class StatePredictor(PretrainedPart):
         return [event for event, p in self.collision_candidates(states) if p > self.config.collision_threshold]
 
     @limit_threads(1)
-    @torch.inference_mode()
+    @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
         """For every pair that is ever seen together, its most probable collision, and how probable that is; by frame."""
         n, frames = states.present.shape
@@ -126,7 +126,7 @@ class StatePredictor(PretrainedPart):
                 candidates.append((Event("collision", frame, (i, j)), float(of_pair[peak])))
         return sorted(candidates, key=lambda c: c[0].frame)
 
-    @torch.inference_mode()
+    @torch.no_grad()
     def _rollouts(
         self,
         states: MotionStates,
@@ -223,6 +223,8 @@ class StatePredictor(PretrainedPart):
 
     def _on_device(self, network: Any, device: torch.device, *inputs: torch.Tensor) -> Any:
         """Outputs of a network on the CPU, computed on the device of its weights."""
+        if device.type == "cpu":
+            return network(*inputs)
         outputs = network(*(x.to(device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
 
