@@ -112,7 +112,8 @@ class StatePredictor(PretrainedPart):
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
         parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
-        logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
+        network, device = self.model.folded(), self.device
+        logits = torch.cat([self._on_device(network.observe, device, *part) for part in parts])
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
@@ -142,12 +143,12 @@ class StatePredictor(PretrainedPart):
         n, stride, past = len(states.objects), self.config.stride_frames, self.config.past_steps
         total = rollout_frames(n_frames, self.horizon_frame)
         n_rollouts = n + 1 if counterfactual else 1
-        location = np.full((n_rollouts, n, total + stride, 2), np.nan)
-        location[:, :, :n_frames] = states.location_world
-        # Offsets from the first position to those before the video; index -k stands for frame -k.
-        reach = stride * past
-        continued = extrapolate(states.location_world, reach)[:, :reach] - states.location_world[:, :1]
-        earlier = np.concatenate([np.zeros((n, 1, 2)), continued], 1)
+        reach = stride * (past - 1)  # frames before the video that the first window sees
+        positions = np.zeros((n_rollouts, n, reach + total + stride, 2))
+        positions[:, :, : reach + n_frames] = extrapolate(states.location_world, reach)[:, : reach + n_frames]
+        location = positions[:, :, reach : reach + total]
+        reliable = np.pad(states.reliable, [(0, 0), (0, total + stride - n_frames)], constant_values=True)
+        reliable = np.pad(reliable, [(0, 0), (reach, 0)])
         exists = np.ones((n_rollouts, n), bool)
         exists[np.arange(1, n_rollouts), np.arange(n_rollouts - 1)] = False
         first = states.present.argmax(1) if n else np.zeros(0, int)
@@ -160,6 +161,8 @@ class StatePredictor(PretrainedPart):
         pending = [list(observed) for _ in range(n_rollouts)]
         scores = np.zeros((n, n))
         static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
+        network, device = self.model.folded(), self.device
+        shares = np.arange(1, stride + 1)[:, None] / stride
         for t in range(0, total - 1, stride) if n else ():
             for rollout in range(1, n_rollouts):
                 while pending[rollout] and pending[rollout][0].frame <= t + stride:
@@ -168,29 +171,24 @@ class StatePredictor(PretrainedPart):
             at_work = np.flatnonzero(free.any(1))  # in the other rollouts all still move as observed
             if not len(at_work):
                 continue
-            times = t - stride * np.arange(past - 1, -1, -1)
-            index = np.maximum(times, 0)
-            known = np.ones((len(at_work), n, past), bool)
-            known[:, :, times < 0] = False
-            seen = (times >= 0) & (times < n_frames)
-            known[:, :, seen] = states.reliable[:, index[seen]] | (free_from[at_work][:, :, None] <= index[seen])
+            past_frames = slice(t, t + reach + 1, stride)
+            times = np.arange(t - reach, t + 1, stride)
+            window = positions[at_work, :, past_frames]
+            known = reliable[:, past_frames] | (free_from[at_work][:, :, None] <= times)
             here = exists[at_work] & (first <= t)
-            history = location[at_work][:, :, index] + earlier[:, np.minimum(times, 0)]
-            window = torch.from_numpy(np.nan_to_num(history).astype(np.float32))
-            inputs = window, torch.from_numpy(known), static[: len(at_work)], torch.from_numpy(here)
-            positions, logits = self._on_device(self.model.predict, *inputs)
-            following = positions.numpy().astype(float)
-            now, moves = location[at_work, :, t], free[at_work][..., None]
-            for step in range(1, stride + 1):
-                between = now + (following - now) * step / stride
-                location[at_work, :, t + step] = np.where(moves, between, location[at_work, :, t + step])
+            inputs = torch.from_numpy(window.astype(np.float32)), torch.from_numpy(known), static[: len(at_work)]
+            following, logits = self._on_device(network.predict, device, *inputs, torch.from_numpy(here))
+            now, moves = window[:, :, -1:], free[at_work][:, :, None]
+            between = now + (following.numpy()[:, :, None] - now) * shares
+            steps = slice(reach + t + 1, reach + t + stride + 1)
+            positions[at_work, :, steps] = np.where(moves[..., None], between, positions[at_work, :, steps])
             possible = here[:, :, None] & here[:, None] & (moves | moves.transpose(0, 2, 1))
-            probability = np.zeros((n_rollouts, n, n))
-            probability[at_work] = logits.sigmoid().numpy() * possible
-            np.maximum(scores, probability[0], out=scores)
-            hits = probability > self.config.collision_threshold
-            for rollout, i, j in np.argwhere(np.triu(hits, 1)).tolist():
-                if (i, j) not in met[rollout] and t + 1 < total:
+            probability = logits.sigmoid().numpy() * possible
+            if at_work[0] == 0:
+                np.maximum(scores, probability[0], out=scores)
+            for k, i, j in np.argwhere(probability > self.config.collision_threshold).tolist():
+                rollout = int(at_work[k])
+                if i < j and (i, j) not in met[rollout] and t + 1 < total:
                     met[rollout].add((i, j))
                     frame = t + 1 if rollout else max(t + 1, n_frames)
                     collisions[rollout].append(Event("collision", frame, (i, j)))
@@ -199,9 +197,11 @@ class StatePredictor(PretrainedPart):
         visible[:, :, :n_frames] = states.present if smoothed is None else smoothed.visible
         free_frames = np.arange(total) >= np.maximum(free_from, first)[..., None]
         free_frames[0, :, :n_frames] = False  # the video itself was observed to its last frame
-        shapes = [o.shape for o in states.objects]
-        in_image = np.stack([rollout_in_image(shapes, location[k, :, :total]) for k in range(n_rollouts)])
-        visible = np.where(free_frames, in_image, visible) & exists[..., None]
+        visible &= ~free_frames & exists[..., None]
+        shapes = np.array([o.shape for o in states.objects])
+        for shape in np.unique(shapes):
+            frames = free_frames & (exists & (shapes == shape))[..., None]
+            visible[frames] = rollout_in_image([shape], location[frames][None])[0]
         as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
         shown = states.location_world
         if smoothed is not None:
@@ -213,7 +213,7 @@ class StatePredictor(PretrainedPart):
             scores[event.objects] = scores[event.objects[::-1]] = 0.0
         return [
             Rollout(
-                location[k, :, :total],
+                location[k],
                 visible[k],
                 tuple(sorted(collisions[k], key=lambda e: e.frame)),
                 scores if k == 0 else None,
@@ -221,9 +221,10 @@ class StatePredictor(PretrainedPart):
             for k in range(n_rollouts)
         ]
 
-    def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
-        """Outputs of a network on the CPU, computed where its weights are."""
-        device = self.device
+    def _on_device(self, network: Any, device: torch.device, *inputs: torch.Tensor) -> Any:
+        """Outputs of a network on the CPU, computed on the device of its weights."""
+        if device.type == "cpu":
+            return network(*inputs)
         outputs = network(*(x.to(device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
 
