@@ -59,7 +59,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=200, help="number of scenes; 0 for all")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    rows = {"1 process": [], f"{options.workers} processes": ["--workers", str(options.workers)]}
+    rows = {"1 process": ["--workers", "1"], f"{options.workers} processes": ["--workers", str(options.workers)]}
     if importlib.util.find_spec("ray"):
         rows[f"{options.workers} Ray workers"] = ["--workers", str(options.workers), "--engine", "ray"]
     print(f"{options.limit} scenes, load {os.getloadavg()[0]:.1f} before the first run")
