@@ -81,7 +81,7 @@ def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
 
 def _detector(folder: Path) -> CollisionDetector:
     """The checkpoint's collision network; the state backend's in a checkpoint without one."""
-    if (folder / "collisions.json").is_file():
+    if any((folder / f"collisions.{suffix}").exists() for suffix in ("json", "safetensors")):
         from nsdr.dynamics.collisions.detector import TrackCollisionDetector
 
         return TrackCollisionDetector.from_checkpoint(folder)

@@ -14,12 +14,13 @@ from tests.robustness.files import DAMAGES, Damage
 __all__ = ["checkpoint_cases"]
 
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints" / "default"
-PARTS = ("question_parser", "frame_parser", "dynamics")
+PARTS = ("question_parser", "frame_parser", "dynamics", "collisions")
 VIDEO = ("parse-video", "{good}/gray.mp4", "--set", "video.check=off", "--checkpoint", "weights", "-o", "scene.json")
 COMMANDS = {
     "question_parser": ("parse-question", "How many collisions happen?", "--checkpoint", "weights"),
     "frame_parser": VIDEO,
-    "dynamics": VIDEO,
+    "dynamics": (*VIDEO, "--dynamics", "state"),
+    "collisions": VIDEO,
 }
 """A command that loads each part."""
 State = dict[str, torch.Tensor]

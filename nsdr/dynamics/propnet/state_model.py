@@ -120,12 +120,26 @@ class FoldedStateModel:
         return FoldedPropNet(self._model.observer_network)
 
     def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
-        """As `StateModel.predict`."""
+        """As `StateModel.predict`.
+
+        Args:
+            window, reliable, static, exists: (B, N, past_steps, 2), (B, N, past_steps), (B, N, 5) and (B, N).
+
+        Returns:
+            Positions (B, N, 2) and collision logits (B, N, N).
+        """
         motion, collision = self._outputs(self._forward_network, window, reliable, static, exists, present=-1)
         return _moved(window, motion), collision
 
     def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
-        """As `StateModel.observe`."""
+        """As `StateModel.observe`.
+
+        Args:
+            window, reliable, static, exists: (B, N, 2 side_steps + 1, 2), (B, N, 2 side_steps + 1), (B, N, 5) and (B, N).
+
+        Returns:
+            Collision logits (B, N, N).
+        """
         present = self.config.side_steps
         return self._outputs(self._observer_network, window, reliable, static, exists, present)[1]
 
