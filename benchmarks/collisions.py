@@ -162,7 +162,7 @@ def print_weights(videos: list[Video], backend: Any) -> None:
         search = CollisionSearch(video.states, video.candidates, backend.config.search, backend.smoothing.measurement)
         for pair in search.doubtful:
             e = search.evidence(pair, search.probable)
-            rows.append((1.0, e.network, e.gap, e.fit))
+            rows.append((1.0, e.network, -e.gap, e.fit))
             labels.append(pair in video.true)
             groups.append(video.index)
     x, y, fold = np.array(rows) / SCALES, np.array(labels), np.array(groups) // 5 % FOLDS

@@ -173,7 +173,7 @@ def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
 
 
 def test_evidence_adds_up() -> None:
-    weights = EvidenceWeights(bias=0.5, network=2.0, gap=-10.0, fit=3.0)
+    weights = EvidenceWeights(bias=0.5, network=2.0, gap=10.0, fit=3.0)
     assert weights.log_odds(Evidence(1.0, 0.2, 1.5)) == pytest.approx(0.5 + 2.0 - 2.0 + 4.5)
 
 
@@ -204,7 +204,7 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
         return fits[-1]
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
-    weights = EvidenceWeights(bias=-1.0, network=1.0, gap=-10.0, fit=1.0)
+    weights = EvidenceWeights(bias=-1.0, network=1.0, gap=10.0, fit=1.0)
     found, fit = search_collisions(
         states, [(Event("collision", 40, (0, 1)), 0.3)], CollisionSearchConfig(weights=weights)
     )

@@ -13,6 +13,7 @@ __all__ = [
     "MANY",
     "MAX_SIZE",
     "NOT_NEGATIVE",
+    "NUMBER",
     "POSITIVE",
     "SHARE",
     "SIZE",
@@ -25,7 +26,7 @@ __all__ = [
 MAX_SIZE = 65_536
 """Largest width of a network and number of its steps, samples or proposals: more is a mistake, and would fill the memory."""
 COUNT, MANY, SIZE = (0, math.inf), (1, math.inf), (1, MAX_SIZE)
-NOT_NEGATIVE, POSITIVE, SHARE = (0.0, math.inf), (math.ulp(0.0), math.inf), (0.0, 1.0)
+NOT_NEGATIVE, POSITIVE, SHARE, NUMBER = (0.0, math.inf), (math.ulp(0.0), math.inf), (0.0, 1.0), (-math.inf, math.inf)
 """Closed ranges for `check_ranges`."""
 
 
@@ -49,6 +50,8 @@ def check_ranges(config: Any, **ranges: tuple[float, float]) -> None:
 
 
 def _range(lowest: float, highest: float) -> str:
+    if lowest == -math.inf:
+        return "a finite number"
     if lowest == math.ulp(0.0):
         return "more than 0" if math.isinf(highest) else f"more than 0, up to {highest}"
     return f"{lowest:.10g} or more" if math.isinf(highest) else f"{lowest:.10g} to {highest:.10g}"

@@ -37,7 +37,7 @@ WRONG_SETTINGS: dict[type, tuple[Any, ...]] = {
     float: ("zebra", -1.0, float("nan"), float("inf")),
     bool: ("zebra", 5),
 }
-SIGNED = ("image_mean", "area")
+SIGNED = ("image_mean", "area", "bias")
 """Numbers that may be negative."""
 
 

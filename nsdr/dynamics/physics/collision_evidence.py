@@ -8,6 +8,7 @@ import numpy as np
 from nsdr.dynamics.physics.contact_geometry import outline_gap
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit
+from nsdr.io.validation import NOT_NEGATIVE, NUMBER, check_ranges
 
 __all__ = ["MAX_GAP_WORLD", "MAX_LOG_ODDS", "Evidence", "EvidenceWeights", "closest_gap", "log_odds"]
 
@@ -68,18 +69,21 @@ class EvidenceWeights:
     Attributes:
         bias: constant part.
         network: weight of the detector's log-odds.
-        gap: weight of the gap (for a world unit).
+        gap: weight of the gap (for a world unit), which speaks against the collision.
         fit: weight of the logarithm of the costs' ratio.
     """
 
     bias: float = 0.396
     network: float = 0.719
-    gap: float = -31.1
+    gap: float = 31.1
     fit: float = 1.968
+
+    def __post_init__(self) -> None:
+        check_ranges(self, bias=NUMBER, network=NOT_NEGATIVE, gap=NOT_NEGATIVE, fit=NOT_NEGATIVE)
 
     def log_odds(self, evidence: Evidence) -> float:
         """Of the collision, by all evidence."""
-        return self.bias + self.network * evidence.network + self.gap * evidence.gap + self.fit * evidence.fit
+        return self.bias + self.network * evidence.network - self.gap * evidence.gap + self.fit * evidence.fit
 
 
 def log_odds(probability: float) -> float:
