@@ -3,7 +3,7 @@
 `python benchmarks/continued.py --proposals FILE.npz --truth FILE.json.gz [--every 5] [--scenes N] [--set NAME=VALUE]`
 fits each video up to the last of `CUTS` that has collisions before and after it, continues it to its end, and scores the
 probabilities of the pairs that had not met: log loss, Brier score, and wrong decisions. Several `--set` of one name are
-compared, such as `--set widening=0 --set widening=1`. `--every 5` keeps the scenes whose index 5 divides: those of
+compared, such as `--set yaw_noise=0.1 --set yaw_noise=0.2`. `--every 5` keeps the scenes whose index 5 divides: those of
 `train` that nothing was trained on. The collisions before the cut are the true ones.
 """
 

@@ -11,7 +11,6 @@ from nsdr.dynamics.physics import collision_search
 from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.physics.contact_geometry import CUBE_OUTLINE
 from nsdr.dynamics.physics.fit_objective import EDGES_PX, cube_edges_px, evaluate
-from nsdr.dynamics.physics.fit_posterior import draw_runs
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate, simulate_perturbed
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFitConfig, _Problem, fit_trajectories
 from nsdr.dynamics.physics.trust_region import trust_region_step
@@ -155,40 +154,23 @@ def test_a_fit_starts_from_another() -> None:
     assert again.cost == pytest.approx(good.cost, rel=0.01)
 
 
-@pytest.mark.parametrize("name", PAIRS)
-def test_drawn_runs_spread_where_the_tracks_say_little(name: str) -> None:
-    states, collision = measured(PAIRS[name])
-    posterior = fit_trajectories(states, [collision]).posterior
-    normal = np.random.default_rng(3).normal(size=(40, len(posterior.x)))
-    runs, log_mass = draw_runs(posterior, normal, 1.0)
-    wider = draw_runs(posterior, normal, 1.5)[0]
-    assert runs.shape == (40, 2, 60, 6)
-    assert log_mass.shape == (40, 2)
-    assert 0.03 < log_mass.std() < TrajectoryFitConfig().mass_deviation * 1.2
-    spread = runs[..., :2].std(0).max(-1)
-    assert spread.max() < 3 * TrajectoryFitConfig().position_noise_world
-    assert wider[..., :2].std(0).max(-1)[1, -1] > 1.2 * spread[1, -1]
-    hidden = replace(states, detected=states.detected.copy())
-    hidden.detected[1, collision.frame + 6 :] = False
-    without = fit_trajectories(hidden, [collision]).posterior
-    blind = draw_runs(without, np.random.default_rng(3).normal(size=(40, len(without.x))), 1.0)[0]
-    assert blind[:, 1, -1, :2].std(0).max() > 2 * spread[1, -1]
-
-
 def test_perturbed_runs_are_those_of_perturbed_bodies() -> None:
     start, rng = PAIRS["a cube that spins"], np.random.default_rng(0)
-    states = rng.normal(size=(4, 2, 60, 6)) * [0.02, 0.02, 0.1, 0.1, 0.3, 0.2]
-    changes = Perturbations(states, rng.uniform(0.8, 1.2, (4, 2)))
+    changes = Perturbations(
+        0.02 * rng.normal(size=(4, 2, 2)),
+        0.1 * rng.normal(size=(4, 2, 2)),
+        0.3 * rng.normal(size=(4, 2)),
+        rng.uniform(0.8, 1.2, (4, 2)),
+    )
     first, contacts = simulate_perturbed(start, np.ones(2, bool), 60, changes)
     np.testing.assert_array_equal(first.position, run(start, 60).position)
     moves = np.linalg.norm(start.velocity, axis=1, keepdims=True) > 0
     for k in range(4):
         changed = replace(
             start,
-            position=start.position + states[k, :, 0, :2],
-            velocity=start.velocity + states[k, :, 0, 2:4] * moves,
-            yaw=start.yaw + states[k, :, 0, 4],
-            spin=start.spin + states[k, :, 0, 5],
+            position=start.position + changes.position[k],
+            velocity=start.velocity + changes.velocity[k] * moves,
+            yaw=start.yaw + changes.yaw[k],
             mass=start.mass * changes.mass[k],
         )
         np.testing.assert_array_equal(contacts[k + 1], run(changed, 60).contact)

@@ -110,15 +110,17 @@ class SimulatedMotion:
 
 @dataclass(frozen=True)
 class Perturbations:
-    """Changes of further runs.
+    """Changes of the start of further runs.
 
     Attributes:
-        state: (R, n, F, 6) added to position, velocity, yaw and spin at every frame where motion is prescribed, those of
-            frame 0 to the start; bodies at rest get no velocity.
+        position, velocity: (R, n, 2) added, at all frames where motion is prescribed; bodies at rest get no velocity.
+        yaw: (R, n) added.
         mass: (R, n) factors.
     """
 
-    state: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    yaw: FloatArray
     mass: FloatArray
 
 
@@ -147,7 +149,7 @@ def simulate(
         *_run(
             shape,
             state,
-            np.zeros((len(state), n_frames, 6)),
+            np.zeros_like(state),
             mass,
             exists,
             _rebounds(rebound, len(shape)),
@@ -180,7 +182,9 @@ def simulate_perturbed(
     shape, state, mass = _rows(bodies)
     rows, until, collisions = _prescribed_rows(prescribed, len(shape))
     exists, rebounds = np.asarray(exists, np.bool_), _rebounds(rebound, len(shape))
-    changes = np.concatenate([np.zeros_like(perturbations.state[:1]), perturbations.state])
+    changes = np.zeros((len(perturbations.yaw) + 1, len(shape), 6))
+    changes[1:, :, :2], changes[1:, :, 2:4] = perturbations.position, perturbations.velocity
+    changes[1:, :, 4] = perturbations.yaw
     masses = mass * np.concatenate([np.ones((1, len(mass))), perturbations.mass])
     runs = [
         _run(shape, state, change, own_mass, exists, rebounds, rows, until, collisions, 0, n_frames)
@@ -262,15 +266,15 @@ def _steps_apart(state, i, j, distance):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _changed(row, change, i, out):  # type: ignore[no-untyped-def]
-    """Write a state (6,) with a change (6,) to row i of `out`; a body at rest stays so."""
+    """Write a state (6,) with body i's change of `change` (n, 6) to row i of `out`; a body at rest stays so."""
     rests = row[2] == 0.0 and row[3] == 0.0
     for k in range(6):
-        out[i, k] = row[k] if rests and (k == 2 or k == 3) else row[k] + change[k]
+        out[i, k] = row[k] if rests and (k == 2 or k == 3) else row[k] + change[i, k]
 
 
 @cached_njit
 def _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from):  # type: ignore[no-untyped-def]
-    """Bring a frame's prescribed collisions and states, with the run's changes (n, F, 6), to the bodies."""
+    """Bring a frame's prescribed collisions and states, with the run's change (n, 6), to the bodies."""
     for e in range(len(collisions)):
         i, j, when = collisions[e, 0], collisions[e, 1], collisions[e, 2]
         if when - 1 == frame:
@@ -282,19 +286,19 @@ def _follow_prescribed(rows, change, collisions, until, frame, exists, state, co
                 free_from[j] = min(free_from[j], frame)
     for i in range(len(until)):
         if frame <= free_from[i] and until[i] > 0:
-            _changed(rows[i, frame], change[i, frame], i, state)
+            _changed(rows[i, frame], change, i, state)
 
 
 @cached_njit
 def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, start, n_frames):  # type: ignore[no-untyped-def]
-    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion, all with changes (n, F, 6)."""
+    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion, all with a change (n, 6) of states."""
     n = len(shape)
     states = np.zeros((n, n_frames, 6))
     contact, touched = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.bool_)
     next_look = np.zeros((n, n), np.int64)
     free_from, given, state = until.copy(), state, np.empty((n, 6))
     for i in range(n):
-        _changed(given[i], change[i, start], i, state)
+        _changed(given[i], change, i, state)
     step_number = start * STEPS_PER_FRAME
     for frame in range(start, n_frames):
         _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from)

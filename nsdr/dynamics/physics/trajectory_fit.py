@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.fit_objective import MAX_FITTED_REBOUND, FitProblem, cube_edges_px, evaluate
-from nsdr.dynamics.physics.fit_posterior import FitPosterior
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
 from nsdr.dynamics.physics.trust_region import minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
@@ -100,7 +99,6 @@ class TrajectoryFit:
         motion: the run over the video.
         error_world: (n,) median distance from each object's reliable positions; NaN without any.
         cost: half the sum of squared, robust residuals for each datum.
-        posterior: of the parameters.
     """
 
     bodies: BodyStates
@@ -108,7 +106,6 @@ class TrajectoryFit:
     motion: SimulatedMotion
     error_world: FloatArray
     cost: float
-    posterior: FitPosterior
 
 
 def fit_trajectories(
@@ -330,8 +327,7 @@ class _Problem:
             good = d.weight == 1
             distance = np.linalg.norm(position[i, d.frame[good]] - d.position[good], axis=1)
             errors.append(float(np.median(distance)) if good.any() else float("nan"))
-        posterior = FitPosterior(self.problem, x, self.frames)
-        return TrajectoryFit(bodies, rebound, motion, np.array(errors), float(cost), posterior)
+        return TrajectoryFit(bodies, rebound, motion, np.array(errors), float(cost))
 
     def _compiled(self) -> FitProblem:
         """The same for the compiled objective."""

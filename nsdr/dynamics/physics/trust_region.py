@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.fit_objective import FitProblem, evaluate
 
-__all__ = ["lower_factor", "minimise", "solve_upper", "trust_region_step"]
+__all__ = ["minimise", "trust_region_step"]
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -89,20 +89,6 @@ def trust_region_step(gradient, curvature, radius):  # type: ignore[no-untyped-d
         change = length * length / _square(bent) * (length - radius) / radius
         multiplier = max(multiplier + change, multiplier / 10)
     return step
-
-
-def lower_factor(curvature: FloatArray) -> FloatArray:
-    """The lower factor (P, P) of a curvature, with the ridge of the steps, so that parameters without data get one, too."""
-    factor = np.zeros_like(curvature)
-    _cholesky(curvature, _RIDGE * float(curvature.diagonal().max()), factor)
-    return factor
-
-
-def solve_upper(factor: FloatArray, vector: FloatArray) -> FloatArray:
-    """Solve for a vector (P,) with the transpose of a lower factor (P, P)."""
-    solution = vector.copy()
-    _solve_upper(factor, solution)
-    return solution
 
 
 def minimise(p: FitProblem, x: FloatArray, n_frames: int, evaluations: int) -> tuple[FloatArray, float]:
