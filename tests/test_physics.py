@@ -139,7 +139,7 @@ def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> 
     hit = int(motion.contact[0, 1])
     states = seen(motion, three.shape)
     candidates = [(Event("collision", hit, (0, 1)), 0.3), (Event("collision", hit + 20, (1, 2)), 0.7)]
-    found, fit = search_collisions(states, candidates)
+    found, fit, _ = search_collisions(states, candidates)
     assert [e.objects for e in found] == [(0, 1)]
     assert fit.cost < 0.2
 
@@ -185,7 +185,7 @@ def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
         collision_search, "fit_trajectories", lambda *args: calls.append(args[1]) or fit_trajectories(*args)
     )
     candidates = [(Event("collision", int(motion.contact[0, 1]), (0, 1)), 1.0), (Event("collision", 60, (1, 2)), 0.0)]
-    found, _ = search_collisions(states, candidates)
+    found, _, _ = search_collisions(states, candidates)
     assert [e.objects for e in found] == [(0, 1)]
     assert len(calls) == 1
 
@@ -205,7 +205,7 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
     weights = EvidenceWeights(bias=-1.0, network=1.0, gap=-10.0, fit=1.0)
-    found, fit = search_collisions(
+    found, fit, _ = search_collisions(
         states, [(Event("collision", 40, (0, 1)), 0.3)], CollisionSearchConfig(weights=weights)
     )
     assert found == []
