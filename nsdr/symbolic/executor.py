@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, lru_cache, partial
 from operator import attrgetter
 from string import ascii_uppercase
 from typing import Any
@@ -10,13 +10,15 @@ from typing import Any
 from nsdr.clevrer.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
+from nsdr.symbolic.joint import Draws, either_probability, most_probable, probabilities, without_none_correct
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
+from nsdr.symbolic.possible_worlds import N_DRAWS, possible_scenes
 from nsdr.symbolic.postfix import NotQuick, PhraseTable, PostfixRunner
 from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Program, ProgramSource, program_tokens
 from nsdr.symbolic.world import world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
-from nsdr.types.answers import with_trace_of
+from nsdr.types.answers import with_lazy
 
 __all__ = ["Executor"]
 
@@ -130,8 +132,32 @@ class Executor:
             raise ProgramError(
                 f"the program gives {kind}; the program of a question ends in a count, exist, query or frame"
             )
-        answer = Answer(question, tokens, self._answer_text(kind, value))
-        return with_trace_of(answer, partial(self._trace, tokens))
+        answer = with_lazy(Answer(question, tokens, self._answer_text(kind, value)), trace=partial(self._trace, tokens))
+        if self.scene.doubts is None:
+            return answer
+        return with_lazy(answer, probability=partial(self._probability, tokens))
+
+    @cached_property
+    def _possible(self) -> "list[tuple[int, Executor]]":
+        """Executors of the scenes that the doubts leave possible, with their numbers of draws."""
+        return [(n, Executor(scene)) for n, scene in possible_scenes(self.scene)]
+
+    def _outcome(self, program: tuple[str, ...]) -> Any:
+        """The program's value; None where it fails."""
+        try:
+            return self.run(program)
+        except ExecutionError:
+            return None
+
+    def _probability(self, program: tuple[str, ...]) -> float:
+        """Share of the possible scenes in which the program has the same value."""
+        value = self.run(program)
+        return sum(n for n, other in self._possible if other._outcome(program) == value) / N_DRAWS
+
+    def _draws(self, programs: Sequence[tuple[str, ...]], counterfactual: bool) -> Draws:
+        """Which of some choices of one question are correct in each possible scene."""
+        draws = [(n, tuple(other._outcome(p) is True for p in programs)) for n, other in self._possible]
+        return without_none_correct(draws) if counterfactual else draws
 
     def _answer_text(self, kind: Kind, value: Any) -> str:
         if kind == Kind.EVENTS:
@@ -174,10 +200,7 @@ class Executor:
             except NotQuick:
                 name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
                 answers.append(self._judged_by_steps(parsed, question, text, tokens, name))
-        judged = [a.answer for a in answers if a.answer is not None]
-        if parsed.tokens == PREDICTIVE and len(judged) == len(answers) == 2 and judged[0] == judged[1]:
-            answers = self._likelier(answers, [choice for _, choice in choices])
-        return Answer(question, parsed.tokens, None, (), tuple(answers))
+        return Answer(question, parsed.tokens, None, (), tuple(self._judged_together(parsed, answers, choices)))
 
     def _judged(self, question: Program, text: str, choice: tuple[str, ...]) -> ChoiceAnswer:
         """The judgement of a choice; raises `NotQuick` where `_judged_by_steps` is needed."""
@@ -189,7 +212,7 @@ class Executor:
         except ExecutionError:
             raise NotQuick from None
         answer = ChoiceAnswer(text, "correct" if correct else "wrong", tokens, ())
-        return with_trace_of(answer, partial(self._trace, tokens))
+        return with_lazy(answer, trace=partial(self._trace, tokens))
 
     def _judged_by_steps(
         self, question: Program, question_text: str, text: str, choice: tuple[str, ...], choice_name: str
@@ -202,24 +225,42 @@ class Executor:
             self._check_question(question, question_text)
             return ChoiceAnswer(text, None, whole.tokens, (), str(e))
         answer = ChoiceAnswer(text, "correct" if value else "wrong", whole.tokens, ())
-        return with_trace_of(answer, partial(self._trace, whole.tokens))
+        return with_lazy(answer, trace=partial(self._trace, whole.tokens))
 
     def _check_question(self, program: Program, question: str) -> None:
         """Raise the error of a multiple-choice question that fails whatever the choice is."""
         takes_choice = next(i for i, step in enumerate(program.steps) if -1 in step.inputs)
         self._values(replace(program, steps=program.steps[:takes_choice]), question)
 
-    def _likelier(self, answers: Sequence[ChoiceAnswer], programs: Sequence[Any]) -> list[ChoiceAnswer]:
-        """The two choices of a predictive question, judged by the scores of their collisions."""
-        scores = self.unseen_scores
-        if scores is None:
-            return list(answers)
+    def _judged_together(
+        self, question: Program, answers: Sequence[ChoiceAnswer], choices: Sequence[tuple[str, Any]]
+    ) -> Sequence[ChoiceAnswer]:
+        """The choices, judged by what is known of their question, with probabilities that are computed when they are read."""
+        judged = [a for a in answers if a.answer is not None]
+        scores = None
+        if question.tokens == PREDICTIVE and len(judged) == len(answers) == 2:
+            scores = self._scores([choice for _, choice in choices])
+        if scores is not None and judged[0].answer == judged[1].answer:
+            words = ("correct", "wrong") if scores[0] >= scores[1] else ("wrong", "correct")
+            answers = judged = [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
+        if self.scene.doubts is None or not judged:
+            return answers
+        draws = lru_cache(1)(partial(self._draws, [a.program for a in judged], "get_counterfact" in question.tokens))
+        if "get_counterfact" in question.tokens and not any(a.answer == "correct" for a in judged):
+            changed = dict(zip(map(id, judged), most_probable(draws()), strict=True))
+            answers = [replace(a, answer="correct") if changed.get(id(a)) else a for a in answers]
+            judged = [a for a in answers if a.answer is not None]
+        for i, answer in enumerate(judged):
+            with_lazy(answer, probability=lambda i=i: (either_probability(*scores) if scores else probabilities(draws()))[i])
+        return answers
+
+    def _scores(self, programs: Sequence[Any]) -> tuple[float, float] | None:
+        """Scores of two collisions after the video; None where there are none."""
         chosen = [self.run(program) for program in programs]
-        if not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
-            return list(answers)
-        first, second = (scores[e.objects] for e in chosen)
-        words = ("correct", "wrong") if first >= second else ("wrong", "correct")
-        return [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
+        if self.unseen_scores is None or not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
+            return None
+        first, second = (float(self.unseen_scores[e.objects]) for e in chosen)
+        return first, second
 
     def _values(
         self, program: Program, question: str = "", choice: str = "", choice_name: str = "", n_choice_steps: int = 0
