@@ -37,10 +37,11 @@ def evaluate(
 
     Returns:
         The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; of
-        counterfactual options also for each of `TAGS`; `calibration` where answers have probabilities. Under `results` every question with its answers. What fails carries its
-        `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number of
-        questions with either. Questions without answers in their file are answered, not scored: their results have no
-        `correct`, and `unlabelled` is their number.
+        counterfactual options also for each of `TAGS`; and where answers have probabilities, `calibration` as of
+        `nsdr.evaluation.calibration`. Under `results` every question with its answers. What fails carries its `error`: a
+        whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number of questions
+        with either. Questions without answers in their file are answered, not scored: their results have no `correct`, and
+        `unlabelled` is their number.
     """
     results = []
     for questions, executor in scenes:

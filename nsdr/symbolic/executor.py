@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache, partial
+from functools import partial
 from operator import attrgetter
 from string import ascii_uppercase
 from typing import Any
@@ -10,10 +10,10 @@ from typing import Any
 from nsdr.clevrer.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
-from nsdr.symbolic.joint import Draws, either_probability, most_probable, probabilities, without_none_correct
+from nsdr.symbolic.joint import exactly_one, with_probabilities
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
-from nsdr.symbolic.possible_worlds import N_DRAWS, possible_scenes
+from nsdr.symbolic.possible_worlds import PossibleWorlds
 from nsdr.symbolic.postfix import NotQuick, PhraseTable, PostfixRunner
 from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Program, ProgramSource, program_tokens
 from nsdr.symbolic.world import world_of
@@ -61,6 +61,7 @@ class Executor:
         self._runner = PostfixRunner(PHRASES, self.world)
         self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
         self.unseen_scores = scene.unseen_scores
+        self._worlds = None if scene.doubts is None else PossibleWorlds(scene, lambda drawn: Executor(drawn).run)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -133,31 +134,11 @@ class Executor:
                 f"the program gives {kind}; the program of a question ends in a count, exist, query or frame"
             )
         answer = with_lazy(Answer(question, tokens, self._answer_text(kind, value)), trace=partial(self._trace, tokens))
-        if self.scene.doubts is None:
-            return answer
-        return with_lazy(answer, probability=partial(self._probability, tokens))
-
-    @cached_property
-    def _possible(self) -> "list[tuple[int, Executor]]":
-        """Executors of the scenes that the doubts leave possible, with their numbers of draws."""
-        return [(n, Executor(scene)) for n, scene in possible_scenes(self.scene)]
-
-    def _outcome(self, program: tuple[str, ...]) -> Any:
-        """The program's value; None where it fails."""
-        try:
-            return self.run(program)
-        except ExecutionError:
-            return None
+        return answer if self._worlds is None else with_lazy(answer, probability=partial(self._probability, tokens))
 
     def _probability(self, program: tuple[str, ...]) -> float:
-        """Share of the possible scenes in which the program has the same value."""
-        value = self.run(program)
-        return sum(n for n, other in self._possible if other._outcome(program) == value) / N_DRAWS
-
-    def _draws(self, programs: Sequence[tuple[str, ...]], counterfactual: bool) -> Draws:
-        """Which of some choices of one question are correct in each possible scene."""
-        draws = [(n, tuple(other._outcome(p) is True for p in programs)) for n, other in self._possible]
-        return without_none_correct(draws) if counterfactual else draws
+        assert self._worlds is not None
+        return self._worlds.probability(program, self.run(program))
 
     def _answer_text(self, kind: Kind, value: Any) -> str:
         if kind == Kind.EVENTS:
@@ -235,24 +216,15 @@ class Executor:
     def _judged_together(
         self, question: Program, answers: Sequence[ChoiceAnswer], choices: Sequence[tuple[str, Any]]
     ) -> Sequence[ChoiceAnswer]:
-        """The choices, judged by what is known of their question, with probabilities that are computed when they are read."""
-        judged = [a for a in answers if a.answer is not None]
-        scores = None
-        if question.tokens == PREDICTIVE and len(judged) == len(answers) == 2:
-            scores = self._scores([choice for _, choice in choices])
-        if scores is not None and judged[0].answer == judged[1].answer:
-            words = ("correct", "wrong") if scores[0] >= scores[1] else ("wrong", "correct")
-            answers = judged = [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
-        if self.scene.doubts is None or not judged:
+        """The choices, judged by what is known of their question, with probabilities where the scene has doubts."""
+        if question.tokens == PREDICTIVE and len(answers) == 2 and not any(a.error for a in answers):
+            unsettled = self._worlds is not None or answers[0].answer == answers[1].answer
+            scores = self._scores([choice for _, choice in choices]) if unsettled else None
+            if scores is not None:
+                return exactly_one(answers, scores, self._worlds is not None)
+        if self._worlds is None:
             return answers
-        draws = lru_cache(1)(partial(self._draws, [a.program for a in judged], "get_counterfact" in question.tokens))
-        if "get_counterfact" in question.tokens and not any(a.answer == "correct" for a in judged):
-            changed = dict(zip(map(id, judged), most_probable(draws()), strict=True))
-            answers = [replace(a, answer="correct") if changed.get(id(a)) else a for a in answers]
-            judged = [a for a in answers if a.answer is not None]
-        for i, answer in enumerate(judged):
-            with_lazy(answer, probability=lambda i=i: (either_probability(*scores) if scores else probabilities(draws()))[i])
-        return answers
+        return with_probabilities(answers, self._worlds.draws, "get_counterfact" in question.tokens)
 
     def _scores(self, programs: Sequence[Any]) -> tuple[float, float] | None:
         """Scores of two collisions after the video; None where there are none."""
