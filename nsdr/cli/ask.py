@@ -37,14 +37,16 @@ def answer(options: Any) -> int:
 
 
 def _print_answer(found: Answer, trace: bool) -> None:
-    from nsdr.symbolic import format_trace
+    from nsdr.symbolic import format_probability, format_trace
 
+    width = len("correct (>99 %)") if any(c.probability is not None for c in found.choices) else len("correct ")
     if found.answer is not None:
         if trace:
             print(format_trace(found.trace))
-        print(found.answer)
+        print(found.answer + format_probability(found))
     for choice in found.choices:
-        print(f"{choice.answer or 'error':<8} {choice.choice}{': ' + choice.error if choice.error else ''}")
+        judgement = (choice.answer or "error") + format_probability(choice)
+        print(f"{judgement:<{width}} {choice.choice}{': ' + choice.error if choice.error else ''}")
         if trace:
             print(format_trace(choice.trace))
 

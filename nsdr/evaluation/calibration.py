@@ -1,11 +1,13 @@
 """How well probabilities fit the truth: of statements given p, a share p should be true."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-__all__ = ["BINS", "calibration"]
+from nsdr.clevrer.questions import QUESTION_TYPES
+
+__all__ = ["BINS", "calibration", "calibration_text"]
 
 BINS = 15
 """Bins of equal width of the expected calibration error (Guo et al., On Calibration of Modern Neural Networks, ICML 2017)."""
@@ -31,3 +33,9 @@ def calibration(probability: Sequence[float], true: Sequence[bool]) -> dict[str,
     bins = list(zip(mean.tolist(), share.tolist(), n[used].tolist(), strict=True))
     ece = float(np.sum(n[used] * np.abs(mean - share)) / len(p))
     return {"ece": ece, "brier": float(np.mean((p - y) ** 2)), "n": len(p), "bins": [list(row) for row in bins]}
+
+
+def calibration_text(table: Mapping[str, Any]) -> str:
+    """Error and Brier score of each question type of a table that has them: "descriptive 0.4 % (0.008), …"."""
+    found = ((kind, table[kind]["calibration"]) for kind in QUESTION_TYPES if "calibration" in table[kind])
+    return ", ".join(f"{kind} {100 * c['ece']:.1f} % ({c['brier']:.3f})" for kind, c in found)

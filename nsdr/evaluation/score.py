@@ -7,7 +7,7 @@ from typing import Any
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
-from nsdr.evaluation.calibration import calibration
+from nsdr.evaluation.calibration import calibration, calibration_text
 from nsdr.evaluation.intervals import accuracy_interval
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.failures import general
@@ -211,16 +211,9 @@ def format_table(report: dict[str, Any]) -> str:
             option, question = cell(row, "per_option"), cell(row, "per_question")
             lines.append(f"{kind:<22}{option:>22}{question:>22}{row['n_questions']:>11}")
             lines += [f"  {tag:<20}{cell(part, 'per_option'):>22}" for tag, part in row.get("tags", {}).items()]
-    return "\n".join([*lines, *_calibrations(report), *([missing] if unlabelled else []), *_failures(report)])
-
-
-def _calibrations(report: Mapping[str, Any]) -> list[str]:
-    """A line on the calibration of each type that has probabilities."""
-    found = [(kind, report[kind]["calibration"]) for kind in QUESTION_TYPES if "calibration" in report[kind]]
-    if not found:
-        return []
-    each = (f"{kind} {100 * c['ece']:.1f} % ({c['brier']:.3f})" for kind, c in found)
-    return [f"calibration error (Brier score): {', '.join(each)}"]
+    if found := calibration_text(report):
+        lines.append(f"expected calibration error (Brier score): {found}")
+    return "\n".join([*lines, *([missing] if unlabelled else []), *_failures(report)])
 
 
 def _failures(report: dict[str, Any]) -> list[str]:
