@@ -11,6 +11,8 @@ divides.
 """
 
 import argparse
+import shlex
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -39,6 +41,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=Path, help="folder of scene_N*.json")
     parser.add_argument("--truth", type=Path, help="truth.json.gz, or a folder of truth_N.json")
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--title", default="Calibration")
     parser.add_argument("-o", "--output", type=Path, required=True, help="without an extension")
     options = parser.parse_args()
     found: dict[str, dict[str, Any]] = {}
@@ -51,9 +54,10 @@ def main() -> None:
             for kind, p, is_true in statements(scene, truth):
                 stated[kind].append((p, is_true))
         found |= {kind: calibration(*zip(*rows, strict=True)) for kind, rows in stated.items() if rows}
-    options.output.with_suffix(".md").write_text(table(found))
+    text = table(options.title, found)
+    options.output.with_suffix(".md").write_text(text)
     draw(found).savefig(options.output.with_suffix(".png"), dpi=100)
-    print(table(found))
+    print(text)
 
 
 def read_scenes(scenes: Path, truth: Path, every: int) -> Iterator[tuple[Scene, Scene]]:
@@ -104,15 +108,16 @@ def named(scene: Scene, events: Iterable[Event]) -> set[Names]:
     return {tuple(sorted(scene.objects[i].name for i in e.objects)) for e in events}
 
 
-def table(found: dict[str, dict[str, Any]]) -> str:
+def table(title: str, found: dict[str, dict[str, Any]]) -> str:
     """Markdown."""
-    lines = ["# Calibration", "", "| statements | number | calibration error | Brier score |", "|---|---|---|---|"]
+    lines = [f"# {title}", "", "| statements | number | calibration error | Brier score |", "|---" * 4 + "|"]
     lines += [f"| {name} | {c['n']} | {100 * c['ece']:.1f} % | {c['brier']:.4f} |" for name, c in found.items()]
     lines += ["", "Stated probability, share that is true, and number of statements of each bin:", ""]
     for name, c in found.items():
         bins = "; ".join(f"{100 * p:.0f} %: {100 * share:.0f} % of {n}" for p, share, n in c["bins"])
         lines.append(f"- {name}: {bins}")
-    return "\n".join([*lines, "", f"Made by `python benchmarks/calibration.py`, revision {code_revision()}."]) + "\n"
+    command = shlex.join(["python", *sys.argv])
+    return "\n".join([*lines, "", f"Made by `{command}`, revision {code_revision()}."]) + "\n"
 
 
 def draw(found: dict[str, dict[str, Any]]) -> Figure:

