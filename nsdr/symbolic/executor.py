@@ -156,8 +156,9 @@ class Executor:
         A choice that fails has an `error` in place of an answer, and the others are judged.
 
         Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
-        the scene has scores of unseen collisions, the choice with the higher score is the correct one. Hardly any counterfactual
-        question has no correct choice; where the scene has doubts, they say which it may be (`nsdr.symbolic.joint`).
+        the scene has scores of unseen collisions, the choice with the higher score is the correct one. Hardly any
+        counterfactual question has no correct choice: if all come out wrong, the scene's doubts may say which one is correct
+        (`nsdr.symbolic.joint`).
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
