@@ -165,7 +165,7 @@ class _FittedScene:
         shortcut: bool,
         total_frames: int,
     ) -> None:
-        self.states, self.smoothed, self.found = states, smoothed, found
+        self.states, self.smoothed = states, smoothed
         fitted, observed = self.fitted, self.observed = found.fit, found.collisions
         self.config, self.shortcut, self.total = config, shortcut, total_frames
         n, self.frames = states.present.shape
@@ -176,7 +176,7 @@ class _FittedScene:
         met = {i for e in observed for i in e.objects}
         self.mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
         self.perturbations = self._perturbations(np.random.default_rng(config.seed))
-        self.candidates = {event.objects: event for event, _ in found.candidates}
+        self.doubts = [Doubt(event, p) for event, p in found.candidates if DOUBT <= p <= 1 - DOUBT]
         self.collisions = np.array([(*e.objects, e.frame) for e in observed], np.int64).reshape(-1, 3)
 
     def rollout(self, removed: int | None) -> Rollout:
@@ -189,12 +189,15 @@ class _FittedScene:
         pairs = {e.objects for e in self.observed}
         scores = hit.mean(0)
         collisions = list(self.observed) if removed is None else []
-        doubts = self._observed_doubts() if removed is None else []
+        doubts = list(self.doubts) if removed is None else []
         probability = scores if removed is None else self._with_observed_doubts(scores, exists)
         for i, j in np.argwhere(np.triu(probability >= DOUBT, 1)).tolist():
             if removed is None and (i, j) in pairs:
                 continue
-            frame = int(np.median(frames[hit[:, i, j], i, j])) if hit[:, i, j].any() else self.candidates[i, j].frame
+            at = frames[hit[:, i, j], i, j]
+            frame = (
+                int(np.median(at)) if len(at) else next(d.event.frame for d in self.doubts if d.event.objects == (i, j))
+            )
             event = Event("collision", max(frame, self.frames) if removed is None else frame, (i, j))
             if probability[i, j] > self.config.collision_threshold:
                 collisions.append(event)
@@ -211,9 +214,6 @@ class _FittedScene:
             doubts=tuple(doubts),
         )
 
-    def _observed_doubts(self) -> list[Doubt]:
-        return [Doubt(event, p) for event, p in self.found.candidates if DOUBT <= p <= 1 - DOUBT]
-
     def _with_observed_doubts(self, share: FloatArray, exists: NDArray[np.bool_]) -> FloatArray:
         """(n, n) probabilities of collisions without an object, given the shares of runs with them.
 
@@ -221,10 +221,10 @@ class _FittedScene:
         one that was probably none happens in the runs, or else as probably as in the video.
         """
         result, chosen = share.copy(), {e.objects for e in self.observed}
-        for event, p in self.found.candidates:
-            i, j = event.objects
+        for doubt in self.doubts:
+            (i, j), p = doubt.event.objects, doubt.probability
             if exists[[i, j]].all():
-                result[i, j] = share[i, j] * p if event.objects in chosen else 1 - (1 - share[i, j]) * (1 - p)
+                result[i, j] = share[i, j] * p if (i, j) in chosen else 1 - (1 - share[i, j]) * (1 - p)
         return result
 
     def _runs(self, exists: NDArray[np.bool_]) -> tuple[SimulatedMotion, NDArray[np.integer[Any]]]:
