@@ -25,6 +25,7 @@ from nsdr.clevrer.questions import QUESTION_TYPES
 from nsdr.clevrer.scenes import scene_from_ground_truth, scene_from_truth
 from nsdr.clevrer.truth_blocks import read_truth
 from nsdr.evaluation.calibration import calibration
+from nsdr.evaluation.intervals import wilson_interval
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.listing import find_files
 from nsdr.io.reading import read_json
@@ -121,19 +122,19 @@ def table(title: str, found: dict[str, dict[str, Any]]) -> str:
 
 
 def draw(found: dict[str, dict[str, Any]]) -> Figure:
-    """Reliability diagrams; the areas of the dots grow with the numbers of statements."""
+    """Reliability diagrams: the share that is true with its 95 % interval; the areas of the dots grow with the numbers."""
     columns = min(len(found), 4)
     rows = -(-len(found) // columns)
-    figure = Figure(figsize=(3.2 * columns, 3.4 * rows), layout="constrained")
+    figure = Figure(figsize=(3.2 * columns, 3.9 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis, (name, c) in zip(axes, found.items(), strict=False):
-        p, share, n = zip(*c["bins"], strict=True)
         axis.plot([0, 1], [0, 1], color="0.7", linewidth=1)
+        for p, share, n in c["bins"]:
+            axis.plot([p, p], wilson_interval(share, n), color="C0", linewidth=1)
+        p, share, n = zip(*c["bins"], strict=True)
         axis.scatter(p, share, [20 + 180 * k / max(n) for k in n], alpha=0.8)
-        axis.set(
-            title=f"{name}\nerror {100 * c['ece']:.1f} %, n = {c['n']}", xlabel="stated", ylabel="true", aspect="equal"
-        )
-        axis.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05))
+        axis.set(title=f"{name}\nerror {100 * c['ece']:.1f} %, n = {c['n']}", xlabel="stated", ylabel="true")
+        axis.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), box_aspect=1)
     for axis in axes[len(found) :]:
         axis.remove()
     return figure
