@@ -11,6 +11,7 @@ from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.evaluation import calibration, evaluate, format_table
+from nsdr.evaluation.experiments import markdown_table
 from nsdr.symbolic import format_probability
 from nsdr.symbolic.joint import hardly_none, most_probable, probabilities
 from nsdr.symbolic.possible_worlds import N_DRAWS, possible_scenes
@@ -221,3 +222,14 @@ def test_reports_have_the_calibration_of_answers_and_options(doubtful: Scene) ->
     assert "calibration" not in report["explanatory"]
     text = f"expected calibration error (Brier score): descriptive {100 * (1 - p):.1f} %"
     assert text in format_table(report)
+
+
+def test_tables_of_experiments_say_how_calibrated_their_rows_are() -> None:
+    table = {"descriptive": {"accuracy": 0.9, "n": 7, "calibration": {"ece": 0.0123, "brier": 0.05}}}
+    for kind in ("explanatory", "predictive", "counterfactual"):
+        table[kind] = {"per_option": None, "per_question": None, "n_questions": 0}
+    row = {"settings": {"name": "ours"}, "table": table}
+    plain = {"settings": {"name": "published"}, "table": table | {"descriptive": {"accuracy": 0.9, "n": 7}}}
+    text = markdown_table("title", "command", [row, plain])
+    assert text.endswith("(Brier score):\n\n- ours: descriptive 1.2 % (0.050)\n")
+    assert "calibration" not in markdown_table("title", "command", [plain])
