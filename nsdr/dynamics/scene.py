@@ -1,6 +1,5 @@
 """Rollouts -> the symbolic scene."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,14 +53,14 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
 def _doubts(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[Doubt, ...] | None:
     """Doubts of all rollouts, those of the video as they are seen; None where a rollout has none."""
     found: list[Doubt] = []
-    for doubts in (prediction.observed.doubts, *(r.doubts for r in prediction.counterfactual.values())):
-        if doubts is None:
+    for removed, rollout in ((None, prediction.observed), *prediction.counterfactual.items()):
+        if rollout.doubts is None:
             return None
-        for doubt in doubts:
+        for doubt in rollout.doubts:
             events = [doubt.event]
-            if doubt.removed is None and doubt.event.frame < prediction.n_frames:
+            if removed is None and doubt.event.frame < prediction.n_frames:
                 events = collisions_in_view(events, visible)
-            found += [replace(doubt, event=event) for event in events]
+            found += [Doubt(event, doubt.probability, removed) for event in events]
     return tuple(found)
 
 

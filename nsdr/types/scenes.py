@@ -74,7 +74,7 @@ class Rollout(ArrayHolder):
         collisions: collision events in order of time.
         unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
         speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
-        doubts: collisions that are uncertain; None where nothing is known about that.
+        doubts: collisions of this rollout that are uncertain; None where nothing is known about that.
     """
 
     location_world: FloatArray
