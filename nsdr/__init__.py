@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from nsdr.types import (
         Answer,
         ChoiceAnswer,
+        Doubt,
         DynamicsPrediction,
         Event,
         Rollout,
@@ -95,6 +96,7 @@ _HOME = {
     "nsdr.types": [
         "Answer",
         "ChoiceAnswer",
+        "Doubt",
         "DynamicsPrediction",
         "Event",
         "Rollout",
@@ -114,6 +116,7 @@ __all__ = [
     "CheckpointError",
     "ChoiceAnswer",
     "DataError",
+    "Doubt",
     "DynamicsPrediction",
     "EvaluationConfig",
     "Event",

@@ -1,10 +1,11 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
-from nsdr import Scene, load, save
+from nsdr import Doubt, Scene, load, save
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
 
@@ -27,6 +28,15 @@ def test_answer_from_a_saved_npz(capsys, tmp_path) -> None:
     assert run(capsys, "answer", tmp_path / "scene.npz", "-q", "How many collisions happen?")[:2] == (0, "4\n")
     execute = ("execute", "--scene", tmp_path / "scene.npz", "--program", "objects count")
     assert run(capsys, *execute)[:2] == (0, "6\n")
+
+
+def test_answers_come_with_their_probabilities(capsys, tmp_path) -> None:
+    scene = load(Scene, TRUTH)
+    hit = next(e for e in scene.events if e.kind == "collision")
+    save(replace(scene, doubts=(Doubt(hit, 0.75),)), tmp_path / "scene.json")
+    assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[1] == "4 (75 %)\n"
+    question = ("-q", "What will happen next?", "-c", "The brown cylinder collides with the brown metal sphere")
+    assert run(capsys, "answer", tmp_path / "scene.json", *question)[1].startswith("correct (>99 %) The brown")
 
 
 def test_answer_of_a_choice_question_as_json(capsys) -> None:

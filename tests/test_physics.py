@@ -139,9 +139,13 @@ def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> 
     hit = int(motion.contact[0, 1])
     states = seen(motion, three.shape)
     candidates = [(Event("collision", hit, (0, 1)), 0.3), (Event("collision", hit + 20, (1, 2)), 0.7)]
-    found, fit = search_collisions(states, candidates)
+    found, fit, judged = search_collisions(states, candidates)
     assert [e.objects for e in found] == [(0, 1)]
     assert fit.cost < 0.2
+    assert [event for event, _ in judged] == [event for event, _ in candidates]
+    assert judged[0][1] > 0.9 > 0.3 > judged[1][1]  # by all evidence
+    untried = search_collisions(states, candidates, CollisionSearchConfig(trials=0))
+    assert untried.candidates == candidates  # the detector's
 
 
 def test_gaps_are_those_of_outlines_at_the_closest_approach() -> None:
@@ -174,7 +178,9 @@ def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
 
 def test_evidence_adds_up() -> None:
     weights = EvidenceWeights(bias=0.5, network=2.0, gap=10.0, fit=3.0)
-    assert weights.log_odds(Evidence(1.0, 0.2, 1.5)) == pytest.approx(0.5 + 2.0 - 2.0 + 4.5)
+    evidence = Evidence(1.0, 0.2, 1.5)
+    assert weights.log_odds(evidence) == pytest.approx(0.5 + 2.0 - 2.0 + 4.5)
+    assert weights.probability(evidence) == pytest.approx(1 / (1 + np.exp(-5.0)))
 
 
 def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
@@ -185,7 +191,7 @@ def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
         collision_search, "fit_trajectories", lambda *args: calls.append(args[1]) or fit_trajectories(*args)
     )
     candidates = [(Event("collision", int(motion.contact[0, 1]), (0, 1)), 1.0), (Event("collision", 60, (1, 2)), 0.0)]
-    found, _ = search_collisions(states, candidates)
+    found, _, _ = search_collisions(states, candidates)
     assert [e.objects for e in found] == [(0, 1)]
     assert len(calls) == 1
 
@@ -205,7 +211,7 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
     weights = EvidenceWeights(bias=-1.0, network=1.0, gap=10.0, fit=1.0)
-    found, fit = search_collisions(
+    found, fit, _ = search_collisions(
         states, [(Event("collision", 40, (0, 1)), 0.3)], CollisionSearchConfig(weights=weights)
     )
     assert found == []
@@ -257,6 +263,48 @@ def test_physics_predicts_a_meeting_after_the_video(observer: StatePredictor) ->
     assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contact[0, 1], abs=2)
     assert rollout.unseen_scores is not None
     assert rollout.unseen_scores[0, 1] > 0.8 > 0.1 > rollout.unseen_scores[0, 2] > 0
+
+
+class Detector:
+    """Finds what it was told."""
+
+    def __init__(self, *candidates: tuple[Event, float]) -> None:
+        self.candidates = list(candidates)
+
+    def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
+        return self.candidates
+
+
+def test_doubts_about_observed_collisions_hold_without_other_objects_too() -> None:
+    start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
+    motion = run(start)
+    hit, graze = Event("collision", int(motion.contact[0, 1]), (0, 1)), Event("collision", 70, (1, 2))
+    # No trials: the detector's probabilities stay.
+    config = PhysicsConfig(runs=5, search=CollisionSearchConfig(trials=0))
+    predictor = PhysicsPredictor(Detector((hit, 0.9), (graze, 0.2)), config)
+    scene = predictor._fitted(seen(motion, start.shape), None)
+    observed = scene.rollout(None)
+    assert observed.collisions == (hit,)
+    assert [(d.event, d.probability, d.removed) for d in observed.doubts] == [(hit, 0.9, None), (graze, 0.2, None)]
+    without = scene.rollout(2)
+    assert [e.objects for e in without.collisions] == [(0, 1)]
+    assert [(d.event.objects, d.probability, d.removed) for d in without.doubts] == [((0, 1), 0.9, 2)]
+    assert [(d.event, d.removed) for d in scene.rollout(0).doubts] == [(graze, 0)]
+    sure = PhysicsPredictor(Detector((hit, 0.9999)), config)._fitted(seen(motion, start.shape), None)
+    assert sure.rollout(None).doubts == ()
+    assert sure.rollout(2).doubts == ()
+
+
+def test_doubts_about_predicted_collisions_are_shares_of_runs() -> None:
+    start = bodies(("sphere", -1.5, 0.33, 1.0, 0.0), ("sphere", 0.3, 0.0, 0.0, 0.0))  # a near miss or a graze
+    config = PhysicsConfig(runs=40, position_noise_world=0.05, velocity_noise_world_per_s=0.1)
+    states = seen(run(start, 40), start.shape)
+    rollout = PhysicsPredictor(Detector(), config, horizon_frame=150).continue_motion(states)
+    [doubt] = rollout.doubts
+    assert 0.05 < doubt.probability < 0.95
+    assert doubt.probability * 40 == pytest.approx(round(doubt.probability * 40))
+    assert doubt.event.frame >= 40
+    assert (doubt.event in rollout.collisions) == (doubt.probability > 0.5)
 
 
 def test_collisions_from_velocity_alone() -> None:

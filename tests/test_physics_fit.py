@@ -189,7 +189,7 @@ def test_a_probable_collision_that_the_fitted_objects_make_is_kept(monkeypatch: 
         )
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
-    found, chosen = search_collisions(states, [(collision, 0.9)])
+    found, chosen, _ = search_collisions(states, [(collision, 0.9)])
     assert [e.objects for e in found] == [(0, 1)]
     assert chosen.cost == 0.12
     assert calls == [(1, False), (0, False), (1, True)]

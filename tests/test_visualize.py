@@ -98,6 +98,7 @@ def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_step
     assert "<video controls loop muted src='data:video/mp4;base64," in page
     assert "background-color: rgb(129,38,192)'></span> purple metal cube" in page
     assert "prefers-color-scheme: dark" in page
+    assert re.search(r"Answer: <b>frame \d+</b> \((&gt;99|\d+) %\)", page)
     assert "'the sphere' in choice B fits two objects" in html.unescape(page)
     tables = re.findall(r"<details><summary>(\d+) steps</summary><table>(.*?)</table>", page)
     assert len(tables) == 3

@@ -36,15 +36,18 @@ def answer(options: Any) -> int:
     return failures_line(len(errors), len(found.choices), "choices", "".join(errors[:1]), options.keep_going)
 
 
-def _print_answer(found: Answer, trace: bool) -> None:
-    from nsdr.symbolic import format_trace
+def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
+    from nsdr.symbolic import format_probability, format_trace
 
+    say = format_probability if probable else lambda _: ""
+    width = len("correct (>99 %)") if any(map(say, found.choices)) else len("correct ")
     if found.answer is not None:
         if trace:
             print(format_trace(found.trace))
-        print(found.answer)
+        print(found.answer + say(found))
     for choice in found.choices:
-        print(f"{choice.answer or 'error':<8} {choice.choice}{': ' + choice.error if choice.error else ''}")
+        judgement = (choice.answer or "error") + say(choice)
+        print(f"{judgement:<{width}} {choice.choice}{': ' + choice.error if choice.error else ''}")
         if trace:
             print(format_trace(choice.trace))
 
@@ -87,7 +90,7 @@ def execute(options: Any) -> int:
         raise DataError("--scene is empty; expected a file")
     scene: Any = read_predictions(options.scene) if options.semantics == "official" else load_scene(options.scene)
     executor = Executor(scene, options.semantics, options.collisions)
-    _print_answer(executor.answer(options.program), options.trace)
+    _print_answer(executor.answer(options.program), options.trace, probable=False)
     return 0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events
-from nsdr.types import DynamicsPrediction, Scene
+from nsdr.types import Doubt, DynamicsPrediction, Scene
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
 __all__ = ["scene_from_prediction"]
@@ -36,7 +36,32 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
     unseen = tuple(e for e in collisions if n_frames <= e.frame)
     counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
     scores = prediction.observed.unseen_scores
-    return Scene(prediction.objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, scores)
+    doubts = _doubts(prediction, visible)
+    return Scene(
+        prediction.objects,
+        n_frames,
+        visible,
+        moving,
+        tuple(events),
+        unseen,
+        counterfactual,
+        scores,
+        doubts=doubts,
+    )
+
+
+def _doubts(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[Doubt, ...] | None:
+    """Doubts of all rollouts, those of the video as they are seen; None where a rollout has none."""
+    found: list[Doubt] = []
+    for removed, rollout in ((None, prediction.observed), *prediction.counterfactual.items()):
+        if rollout.doubts is None:
+            return None
+        for doubt in rollout.doubts:
+            events = [doubt.event]
+            if removed is None and doubt.event.frame < prediction.n_frames:
+                events = collisions_in_view(events, visible)
+            found += [Doubt(event, doubt.probability, removed) for event in events]
+    return tuple(found)
 
 
 def _speed(location_world: NDArray[np.floating[Any]], window: int = SPEED_WINDOW_FRAMES) -> NDArray[np.floating[Any]]:

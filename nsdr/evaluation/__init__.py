@@ -1,6 +1,7 @@
 """Runs the pipeline over many videos, scores its answers, and makes the tables of `results/`."""
 
 from nsdr.evaluation.batch import parse_videos, predict_dynamics
+from nsdr.evaluation.calibration import calibration
 from nsdr.evaluation.experiments import run_experiment
 from nsdr.evaluation.intervals import accuracy_interval, wilson_interval
 from nsdr.evaluation.runner import EvaluationConfig, run_evaluation
@@ -13,6 +14,7 @@ __all__ = [
     "PerceptionInput",
     "SceneSource",
     "accuracy_interval",
+    "calibration",
     "evaluate",
     "format_table",
     "parse_videos",

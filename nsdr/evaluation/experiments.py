@@ -18,6 +18,7 @@ import nsdr
 from nsdr.baselines.q_type import q_type_baselines
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.errors import DataError
+from nsdr.evaluation.calibration import calibration_text
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
 from nsdr.evaluation.score import TAGS, first_failure
 from nsdr.io.configuration import config_of
@@ -252,6 +253,15 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
         f"Per option / per question, with 95 % intervals. Questions by type: {'; '.join(sorted(counts))}. Made by `{command}`",
     ]
     lines += [f"in {total} s ({'; '.join(sorted(runs))})."]
+    errors = [f"{row['settings']['name']}: {calibration_text(row['table'])}" for row in rows]
+    errors = [line for line in errors if not line.endswith(": ")]
+    if errors:
+        lines += [
+            "",
+            "Expected calibration error of the probabilities in % (Brier score):",
+            "",
+            *(f"- {e}" for e in errors),
+        ]
     return "\n".join(lines) + "\n"
 
 

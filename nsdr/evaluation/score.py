@@ -7,11 +7,12 @@ from typing import Any
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
+from nsdr.evaluation.calibration import calibration, calibration_text
 from nsdr.evaluation.intervals import accuracy_interval
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
-from nsdr.types import ChoiceAnswer
+from nsdr.types import Answer, ChoiceAnswer
 
 __all__ = ["TAGS", "Parse", "evaluate", "first_failure", "format_table"]
 
@@ -36,10 +37,11 @@ def evaluate(
 
     Returns:
         The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; of
-        counterfactual options also for each of `TAGS`. Under `results` every question with its answers. What fails carries its
-        `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number of
-        questions with either. Questions without answers in their file are answered, not scored: their results have no
-        `correct`, and `unlabelled` is their number.
+        counterfactual options also for each of `TAGS`; and where answers have probabilities, `calibration` as of
+        `nsdr.evaluation.calibration`. Under `results` every question with its answers. What fails carries its `error`: a
+        whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number of questions
+        with either. Questions without answers in their file are answered, not scored: their results have no `correct`, and
+        `unlabelled` is their number.
     """
     results = []
     for questions, executor in scenes:
@@ -110,8 +112,8 @@ def first_failure(report: Mapping[str, Any]) -> str:
 def _answered(executor: Executor, question: Question, parse: Parse | None) -> dict[str, Any]:
     if question.type == "descriptive":
         program: ProgramSource = parse(question.text, "descriptive") if parse else _gold(executor, question.program)
-        answer = executor.answer(program).answer
-        return {"answer": answer, "correct": answer == question.answer}
+        found = executor.answer(program)
+        return {"answer": found.answer, "correct": found.answer == question.answer} | _probability(found)
     program = parse(question.text, "multiple_choice") if parse else _gold(executor, question.program)
     programs = [(c.text, _choice_program(executor, c, parse)) for c in question.choices]
     try:
@@ -119,14 +121,18 @@ def _answered(executor: Executor, question: Question, parse: Parse | None) -> di
     except ExecutionError as e:  # of the question
         judged = tuple(ChoiceAnswer(c.text, None, (), (), str(e)) for c in question.choices)
     choices = []
-    for choice, found in zip(question.choices, judged, strict=True):
+    for choice, of_choice in zip(question.choices, judged, strict=True):
         row: dict[str, Any] = {"choice_id": choice.id}
-        if found.error:
-            row["error"] = found.error
+        if of_choice.error:
+            row["error"] = of_choice.error
         # A choice that fails names something that is not in the scene: it cannot be right.
-        answer = "wrong" if found.error else found.answer
-        choices.append(row | {"answer": answer, "correct": answer == choice.answer})
+        answer = "wrong" if of_choice.error else of_choice.answer
+        choices.append(row | {"answer": answer, "correct": answer == choice.answer} | _probability(of_choice))
     return {"choices": choices, "correct": all(c["correct"] for c in choices)}
+
+
+def _probability(answer: Answer | ChoiceAnswer) -> dict[str, float]:
+    return {} if answer.probability is None else {"probability": answer.probability}
 
 
 def _choice_program(executor: Executor, choice: Choice, parse: Parse | None) -> ProgramSource | NsdrError:
@@ -149,14 +155,27 @@ def _table(results: list[dict[str, Any]]) -> dict[str, Any]:
         if kind == "descriptive":
             names = sorted({str(r["question_subtype"]) for r in rows})
             subtypes = {n: _accuracy([r for r in rows if str(r["question_subtype"]) == n]) for n in names}
-            table[kind] = _accuracy(rows) | {"subtypes": subtypes}
+            table[kind] = _accuracy(rows) | {"subtypes": subtypes} | _calibration(rows)
         else:
             options = [{**c, "scene_index": r["scene_index"]} for r in rows for c in r["choices"]]
             table[kind] = _accuracy(options, "per_option", "options") | _accuracy(rows, "per_question", "questions")
+            table[kind] |= _calibration(options)
             if any("tag" in c for c in options):
                 tagged = {tag: [c for c in options if c.get("tag") == tag] for tag in TAGS}
                 table[kind]["tags"] = {tag: _accuracy(c, "per_option", "options") for tag, c in tagged.items()}
     return table
+
+
+def _calibration(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """How well the probabilities fit the truth, by `nsdr.evaluation.calibration`; nothing where rows have none.
+
+    That of an answer is to be right; that of an option, to be correct.
+    """
+    stated = [r for r in rows if "probability" in r]
+    if not stated:
+        return {}
+    true = [r["correct"] == (r.get("choice_id") is None or r["answer"] == "correct") for r in stated]
+    return {"calibration": calibration([r["probability"] for r in stated], true)}
 
 
 def _accuracy(rows: Sequence[Mapping[str, Any]], name: str = "accuracy", what: str = "") -> dict[str, Any]:
@@ -192,6 +211,8 @@ def format_table(report: dict[str, Any]) -> str:
             option, question = cell(row, "per_option"), cell(row, "per_question")
             lines.append(f"{kind:<22}{option:>22}{question:>22}{row['n_questions']:>11}")
             lines += [f"  {tag:<20}{cell(part, 'per_option'):>22}" for tag, part in row.get("tags", {}).items()]
+    if found := calibration_text(report):
+        lines.append(f"expected calibration error (Brier score): {found}")
     return "\n".join([*lines, *([missing] if unlabelled else []), *_failures(report)])
 
 

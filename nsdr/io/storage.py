@@ -123,8 +123,11 @@ def _check_sizes(value: Any) -> None:
     """Check what is read against `nsdr.io.limits`."""
     if isinstance(value, Scene):
         later = [*(value.unseen or ()), *(e for events in (value.counterfactual or {}).values() for e in events)]
+        later += [doubt.event for doubt in value.doubts or ()]
         check_limit(len(value.events) + len(later), "events", "events")
-        check_limit(max((e.frame for e in later), default=0), "frames", "unseen and counterfactual events: frame")
+        check_limit(
+            max((e.frame for e in later), default=0), "frames", "unseen, counterfactual and doubtful events: frame"
+        )
     if isinstance(value, Scene | DynamicsPrediction):
         check_limit(len(value.objects), "scene_objects", "objects")
 

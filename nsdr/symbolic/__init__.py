@@ -3,7 +3,7 @@
 from nsdr.symbolic.executor import Executor
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
 from nsdr.symbolic.program import Program, Step
-from nsdr.symbolic.traces import explain, format_trace, format_tree
+from nsdr.symbolic.traces import explain, format_probability, format_trace, format_tree
 
 __all__ = [
     "MODULES",
@@ -14,6 +14,7 @@ __all__ = [
     "Program",
     "Step",
     "explain",
+    "format_probability",
     "format_trace",
     "format_tree",
 ]

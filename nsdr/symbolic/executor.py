@@ -10,13 +10,15 @@ from typing import Any
 from nsdr.clevrer.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
+from nsdr.symbolic.joint import exactly_one, with_probabilities
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.official import OfficialExecutor
+from nsdr.symbolic.possible_worlds import PossibleWorlds
 from nsdr.symbolic.postfix import NotQuick, PhraseTable, PostfixRunner
 from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Program, ProgramSource, program_tokens
 from nsdr.symbolic.world import world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
-from nsdr.types.answers import with_trace_of
+from nsdr.types.answers import with_lazy
 
 __all__ = ["Executor"]
 
@@ -59,6 +61,7 @@ class Executor:
         self._runner = PostfixRunner(PHRASES, self.world)
         self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
         self.unseen_scores = scene.unseen_scores
+        self._worlds = None if scene.doubts is None else PossibleWorlds(scene, lambda drawn: Executor(drawn).run)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -130,8 +133,12 @@ class Executor:
             raise ProgramError(
                 f"the program gives {kind}; the program of a question ends in a count, exist, query or frame"
             )
-        answer = Answer(question, tokens, self._answer_text(kind, value))
-        return with_trace_of(answer, partial(self._trace, tokens))
+        answer = with_lazy(Answer(question, tokens, self._answer_text(kind, value)), trace=partial(self._trace, tokens))
+        return answer if self._worlds is None else with_lazy(answer, probability=partial(self._probability, tokens))
+
+    def _probability(self, program: tuple[str, ...]) -> float:
+        assert self._worlds is not None
+        return self._worlds.probability(program, self.run(program))
 
     def _answer_text(self, kind: Kind, value: Any) -> str:
         if kind == Kind.EVENTS:
@@ -149,7 +156,9 @@ class Executor:
         A choice that fails has an `error` in place of an answer, and the others are judged.
 
         Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
-        the scene has scores of unseen collisions, the choice with the higher score is the correct one.
+        the scene has scores of unseen collisions, the choice with the higher score is the correct one. Hardly any
+        counterfactual question has no correct choice: if all come out wrong, the scene's doubts may say which one is correct
+        (`nsdr.symbolic.joint`).
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
@@ -174,10 +183,7 @@ class Executor:
             except NotQuick:
                 name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
                 answers.append(self._judged_by_steps(parsed, question, text, tokens, name))
-        judged = [a.answer for a in answers if a.answer is not None]
-        if parsed.tokens == PREDICTIVE and len(judged) == len(answers) == 2 and judged[0] == judged[1]:
-            answers = self._likelier(answers, [choice for _, choice in choices])
-        return Answer(question, parsed.tokens, None, (), tuple(answers))
+        return Answer(question, parsed.tokens, None, (), tuple(self._judged_together(parsed, answers, choices)))
 
     def _judged(self, question: Program, text: str, choice: tuple[str, ...]) -> ChoiceAnswer:
         """The judgement of a choice; raises `NotQuick` where `_judged_by_steps` is needed."""
@@ -189,7 +195,7 @@ class Executor:
         except ExecutionError:
             raise NotQuick from None
         answer = ChoiceAnswer(text, "correct" if correct else "wrong", tokens, ())
-        return with_trace_of(answer, partial(self._trace, tokens))
+        return with_lazy(answer, trace=partial(self._trace, tokens))
 
     def _judged_by_steps(
         self, question: Program, question_text: str, text: str, choice: tuple[str, ...], choice_name: str
@@ -202,24 +208,33 @@ class Executor:
             self._check_question(question, question_text)
             return ChoiceAnswer(text, None, whole.tokens, (), str(e))
         answer = ChoiceAnswer(text, "correct" if value else "wrong", whole.tokens, ())
-        return with_trace_of(answer, partial(self._trace, whole.tokens))
+        return with_lazy(answer, trace=partial(self._trace, whole.tokens))
 
     def _check_question(self, program: Program, question: str) -> None:
         """Raise the error of a multiple-choice question that fails whatever the choice is."""
         takes_choice = next(i for i, step in enumerate(program.steps) if -1 in step.inputs)
         self._values(replace(program, steps=program.steps[:takes_choice]), question)
 
-    def _likelier(self, answers: Sequence[ChoiceAnswer], programs: Sequence[Any]) -> list[ChoiceAnswer]:
-        """The two choices of a predictive question, judged by the scores of their collisions."""
-        scores = self.unseen_scores
-        if scores is None:
-            return list(answers)
+    def _judged_together(
+        self, question: Program, answers: Sequence[ChoiceAnswer], choices: Sequence[tuple[str, Any]]
+    ) -> Sequence[ChoiceAnswer]:
+        """The choices, judged by what is known of their question, with probabilities where the scene has doubts."""
+        if question.tokens == PREDICTIVE and len(answers) == 2 and not any(a.error for a in answers):
+            unsettled = self._worlds is not None or answers[0].answer == answers[1].answer
+            scores = self._scores([choice for _, choice in choices]) if unsettled else None
+            if scores is not None:
+                return exactly_one(answers, scores, self._worlds is not None)
+        if self._worlds is None:
+            return answers
+        return with_probabilities(answers, self._worlds.draws, "get_counterfact" in question.tokens)
+
+    def _scores(self, programs: Sequence[Any]) -> tuple[float, float] | None:
+        """Scores of two collisions after the video; None where there are none."""
         chosen = [self.run(program) for program in programs]
-        if not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
-            return list(answers)
-        first, second = (scores[e.objects] for e in chosen)
-        words = ("correct", "wrong") if first >= second else ("wrong", "correct")
-        return [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
+        if self.unseen_scores is None or not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
+            return None
+        first, second = (float(self.unseen_scores[e.objects]) for e in chosen)
+        return first, second
 
     def _values(
         self, program: Program, question: str = "", choice: str = "", choice_name: str = "", n_choice_steps: int = 0

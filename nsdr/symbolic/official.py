@@ -22,7 +22,7 @@ from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
 from nsdr.symbolic.postfix import NotQuick, PhraseTable, PostfixRunner
 from nsdr.symbolic.program import ProgramSource, program_tokens
 from nsdr.types import Answer, ChoiceAnswer, TraceStep
-from nsdr.types.answers import with_trace_of
+from nsdr.types.answers import with_lazy
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["OfficialExecutor"]
@@ -80,7 +80,7 @@ class OfficialExecutor:
         answer = Answer(
             question, tokens, str(value) if type(value) is int else self._text(_kind(tokens[-1], value), value)
         )
-        return with_trace_of(answer, partial(self._trace, tokens))
+        return with_lazy(answer, trace=partial(self._trace, tokens))
 
     def _trace(self, tokens: tuple[str, ...]) -> tuple[TraceStep, ...]:
         values = self._values(tokens)

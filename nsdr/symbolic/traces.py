@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
-__all__ = ["explain", "format_trace", "format_tree"]
+__all__ = ["explain", "format_probability", "format_trace", "format_tree"]
 
 
 def format_trace(trace: Sequence[TraceStep]) -> str:
@@ -16,6 +16,15 @@ def format_trace(trace: Sequence[TraceStep]) -> str:
         call = f"{step.module}({inputs})" if inputs else step.module
         lines.append(f"{number:>3}  {call:<26} {step.text}")
     return "\n".join(lines)
+
+
+def format_probability(answer: Answer | ChoiceAnswer) -> str:
+    """How probable it is that an answer or judgement is right, as " (98 %)"; "" where that is not known."""
+    if answer.probability is None or answer.answer is None:
+        return ""
+    right = 1 - answer.probability if answer.answer == "wrong" else answer.probability
+    percent = round(100 * right)
+    return f" ({'>99' if percent == 100 else '<1' if percent == 0 else percent} %)"
 
 
 def format_tree(trace: Sequence[TraceStep]) -> str:

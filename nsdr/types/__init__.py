@@ -9,12 +9,13 @@ Arrays are stored as read-only views of the arrays passed in.
 """
 
 from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
-from nsdr.types.scenes import DynamicsPrediction, Event, Rollout, Scene
+from nsdr.types.scenes import Doubt, DynamicsPrediction, Event, Rollout, Scene
 from nsdr.types.tracks import SceneObject, Track, VideoProposals, VideoTracks
 
 __all__ = [
     "Answer",
     "ChoiceAnswer",
+    "Doubt",
     "DynamicsPrediction",
     "Event",
     "Rollout",

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import NoneType
 from typing import Any, TypeVar
 
 from nsdr.types.scenes import Event
 
-__all__ = ["Answer", "ChoiceAnswer", "TraceStep", "with_trace_of"]
+__all__ = ["Answer", "ChoiceAnswer", "TraceStep", "with_lazy"]
 
 
 @dataclass(frozen=True)
@@ -32,24 +33,26 @@ class TraceStep:
     events: tuple[Event, ...] = ()
 
 
-class _LazyTrace:
-    """Makes `trace` when it is first read, if `with_trace_of` was told how."""
+class _Lazy:
+    """Makes the fields that `with_lazy` was told about when they are first read."""
 
     def __getattr__(self, name: str) -> Any:
-        if name != "trace" or "_make_trace" not in self.__dict__:
+        make = self.__dict__.get("_makers", {}).get(name)
+        if make is None:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        self.__dict__["trace"] = trace = self.__dict__["_make_trace"]()
-        del self.__dict__["_make_trace"]
-        return trace
+        self.__dict__[name] = value = make()
+        del self.__dict__["_makers"][name]
+        return value
 
     def __getstate__(self) -> dict[str, Any]:
-        """What pickled and copied answers keep: the steps, not the scene."""
-        getattr(self, "trace", ())
-        return self.__dict__
+        """What pickled and copied answers keep: the steps and the probability, not the scene."""
+        for name in tuple(self.__dict__.get("_makers", ())):
+            getattr(self, name)
+        return {k: v for k, v in self.__dict__.items() if k != "_makers"}
 
 
 @dataclass(frozen=True)
-class ChoiceAnswer(_LazyTrace):
+class ChoiceAnswer(_Lazy):
     """The judgement of one choice of a multiple-choice question.
 
     Attributes:
@@ -58,6 +61,7 @@ class ChoiceAnswer(_LazyTrace):
         program: postfix tokens of the choice's program followed by the question's; empty if the text has no program.
         trace: executed steps; empty if it failed.
         error: why it failed; "" if it did not.
+        probability: that the choice is correct, in 0-1; None if it failed, or where the scene knows no doubts (`Scene.doubts`).
     """
 
     choice: str
@@ -65,10 +69,11 @@ class ChoiceAnswer(_LazyTrace):
     program: tuple[str, ...]
     trace: tuple[TraceStep, ...]
     error: str = ""
+    probability: float | None = field(default_factory=NoneType)  # a plain default would be found in place of `_Lazy`'s
 
 
 @dataclass(frozen=True)
-class Answer(_LazyTrace):
+class Answer(_Lazy):
     """The answer to a question.
 
     Attributes:
@@ -77,6 +82,8 @@ class Answer(_LazyTrace):
         answer: the answer word, "frame 43" for a frame, or one line per event; None for a multiple-choice question.
         trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
         choices: the judged choices; empty for a descriptive question.
+        probability: that the answer is right as far as the scene's doubts go, in 0-1; None where the scene knows none
+            (`Scene.doubts`), and for a multiple-choice question, whose choices have their own.
     """
 
     question: str
@@ -84,18 +91,20 @@ class Answer(_LazyTrace):
     answer: str | None
     trace: tuple[TraceStep, ...] = field(default_factory=tuple)
     choices: tuple[ChoiceAnswer, ...] = ()
+    probability: float | None = field(default_factory=NoneType)  # a plain default would be found in place of `_Lazy`'s
 
 
 T = TypeVar("T", Answer, ChoiceAnswer)
 
 
-def with_trace_of(answer: T, make: Callable[[], tuple[TraceStep, ...]]) -> T:
-    """The same answer, whose trace is made when it is first read.
+def with_lazy(answer: T, **makers: Callable[[], Any]) -> T:
+    """The same answer, whose `trace` or `probability` is made when it is first read.
 
     Args:
         answer: a new answer, which is changed.
-        make: called at most once; it must give the same trace at any time.
+        makers: by the field's name; each is called at most once, and must give the same value at any time.
     """
-    answer.__dict__["_make_trace"] = make
-    del answer.__dict__["trace"]
+    answer.__dict__.setdefault("_makers", {}).update(makers)
+    for name in makers:
+        answer.__dict__.pop(name, None)
     return answer

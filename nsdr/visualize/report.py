@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
-from nsdr.symbolic import format_tree
+from nsdr.symbolic import format_probability, format_tree
 from nsdr.symbolic.traces import explain
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, TraceStep
 from nsdr.visualize.annotate import annotated_image
@@ -189,10 +189,11 @@ def _summary(answer: Answer, named: bool) -> str:
     """The answer, or a table of the choices; after the question, if it is to be named."""
     question = f"<p>{html.escape(answer.question)}</p>" if named else ""
     if answer.answer is not None:
-        return f"{question}<p class=answer>Answer: <b>{html.escape(answer.answer).replace(chr(10), '<br>')}</b></p>"
+        said = html.escape(answer.answer).replace("\n", "<br>")
+        return f"{question}<p class=answer>Answer: <b>{said}</b>{html.escape(format_probability(answer))}</p>"
     rows = (
-        f"<tr class={c.answer or 'error'}><td>{c.answer or 'error'}<td>{html.escape(c.choice)}"
-        + (f"<br>{html.escape(c.error)}" if c.error else "")
+        f"<tr class={c.answer or 'error'}><td>{c.answer or 'error'}{html.escape(format_probability(c))}"
+        f"<td>{html.escape(c.choice)}" + (f"<br>{html.escape(c.error)}" if c.error else "")
         for c in answer.choices
     )
     return f"{question}<table>{''.join(rows)}</table>"

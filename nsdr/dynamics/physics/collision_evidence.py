@@ -85,6 +85,10 @@ class EvidenceWeights:
         """Of the collision, by all evidence."""
         return self.bias + self.network * evidence.network - self.gap * evidence.gap + self.fit * evidence.fit
 
+    def probability(self, evidence: Evidence) -> float:
+        """Of the collision, by all evidence."""
+        return (1 + math.tanh(self.log_odds(evidence) / 2)) / 2
+
 
 def log_odds(probability: float) -> float:
     """Of a probability, within `MAX_LOG_ODDS`."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
 from nsdr.dynamics.physics.collision_evidence import Evidence, EvidenceWeights
@@ -10,7 +11,7 @@ from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitCon
 from nsdr.io.validation import COUNT, check_ranges
 from nsdr.types import Event
 
-__all__ = ["CollisionSearch", "CollisionSearchConfig", "search_collisions"]
+__all__ = ["CollisionSearch", "CollisionSearchConfig", "FoundCollisions", "search_collisions"]
 
 Pair = tuple[int, ...]
 
@@ -33,6 +34,21 @@ class CollisionSearchConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self, doubt=(0.0, 0.5), trials=COUNT)
+
+
+class FoundCollisions(NamedTuple):
+    """Result of `search_collisions`.
+
+    Attributes:
+        collisions: those of the video, in order of time.
+        fit: the simulation fitted with them.
+        candidates: all candidates with their probabilities: by all evidence for those that were tried both ways, given the
+            others; the detector's for the rest.
+    """
+
+    collisions: list[Event]
+    fit: TrajectoryFit
+    candidates: list[tuple[Event, float]]
 
 
 class CollisionSearch:
@@ -114,7 +130,7 @@ def search_collisions(
     candidates: Sequence[tuple[Event, float]],
     config: CollisionSearchConfig | None = None,
     measurement: MeasurementConfig | None = None,
-) -> tuple[list[Event], TrajectoryFit]:
+) -> FoundCollisions:
     """Collisions during the video, and the simulation fitted with them.
 
     Starting from those that are more probable than not, doubtful collisions are added and dropped one by one as long as the
@@ -127,6 +143,7 @@ def search_collisions(
         measurement: how far measured positions are trusted.
     """
     search = CollisionSearch(states, candidates, config, measurement)
+    probability = dict(search.probability)
     chosen, seen, changed = search.probable, {search.probable}, True
     while changed:
         changed = False
@@ -134,8 +151,10 @@ def search_collisions(
             other = chosen ^ {pair}
             if other in seen or not search.can_try(other):
                 continue
-            collides = search.config.weights.log_odds(search.evidence(pair, chosen)) > 0
+            probability[pair] = search.config.weights.probability(search.evidence(pair, chosen))
+            collides = probability[pair] > 0.5
             if collides != (pair in chosen):
                 chosen, changed = other, True
                 seen.add(chosen)
-    return search.collisions(chosen), search.fitted(chosen)
+    candidates = [(event, probability[event.objects]) for event, _ in candidates]
+    return FoundCollisions(search.collisions(chosen), search.fitted(chosen), candidates)

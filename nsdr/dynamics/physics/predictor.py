@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
-from nsdr.dynamics.physics.collision_search import CollisionSearchConfig, search_collisions
+from nsdr.dynamics.physics.collision_search import CollisionSearchConfig, FoundCollisions, search_collisions
 from nsdr.dynamics.physics.simulator import (
     NO_CONTACT,
     Perturbations,
@@ -22,7 +22,6 @@ from nsdr.dynamics.physics.simulator import (
     SimulatedMotion,
     simulate_perturbed,
 )
-from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit
 from nsdr.dynamics.track_smoothing import (
     SmoothedTracks,
     SmoothingConfig,
@@ -32,7 +31,7 @@ from nsdr.dynamics.track_smoothing import (
 )
 from nsdr.io.threads import limit_threads
 from nsdr.io.validation import COUNT, NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
-from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.types import Doubt, DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.physics_constants import LOG_MASS_STD, OBJECT_RADIUS_WORLD
 
 __all__ = ["CollisionDetector", "PhysicsConfig", "PhysicsPredictor"]
@@ -40,15 +39,17 @@ __all__ = ["CollisionDetector", "PhysicsConfig", "PhysicsPredictor"]
 FloatArray = NDArray[np.floating[Any]]
 MAX_RUNS = 10_000
 """Largest `PhysicsConfig.runs`."""
+DOUBT = 0.005
+"""Collisions that are less probable count as ruled out, and those that are more probable than 1 minus this as certain."""
 
 
 @dataclass(frozen=True)
 class PhysicsConfig:
     """How the fitted scene is simulated on.
 
-    Noise levels were set on left-out scenes of `train`; `python benchmarks/continued.py` compares them. Perturbations drawn from
-    the posterior of the fit were tried in place of fixed ones: on cut videos they are better calibrated, but they decide fewer
-    counterfactuals of simulated scenes rightly.
+    Noise levels were set on left-out scenes of `train`; `python benchmarks/continued.py` compares them. Perturbations drawn
+    from the posterior of the fit were tried in place of fixed ones: on cut videos they are better calibrated, but they decide
+    fewer counterfactuals of simulated scenes rightly.
 
     Attributes:
         runs: simulations of each rollout; the first is not perturbed.
@@ -146,10 +147,10 @@ class PhysicsPredictor:
     def _fitted(self, states: MotionStates, observed: Sequence[Event] | None) -> "_FittedScene":
         given = None if observed is None else [(event, 1.0) for event in observed]
         candidates = self.detector.collision_candidates(states) if given is None else given
-        collisions, fitted = search_collisions(states, candidates, self.config.search, self.smoothing.measurement)
-        smoothed = smooth_tracks(states, collisions, self.smoothing)
+        found = search_collisions(states, candidates, self.config.search, self.smoothing.measurement)
+        smoothed = smooth_tracks(states, found.collisions, self.smoothing)
         frames = rollout_frames(states.present.shape[1], self.horizon_frame)
-        return _FittedScene(states, smoothed, fitted, collisions, self.config, self.shortcut, frames)
+        return _FittedScene(states, smoothed, found, self.config, self.shortcut, frames)
 
     def _empty(self, n_frames: int) -> Rollout:
         frames = rollout_frames(n_frames, self.horizon_frame)
@@ -163,13 +164,13 @@ class _FittedScene:
         self,
         states: MotionStates,
         smoothed: SmoothedTracks,
-        fitted: TrajectoryFit,
-        observed: Sequence[Event],
+        found: FoundCollisions,
         config: PhysicsConfig,
         shortcut: bool,
         total_frames: int,
     ) -> None:
-        self.states, self.smoothed, self.fitted, self.observed = states, smoothed, fitted, observed
+        self.states, self.smoothed = states, smoothed
+        fitted, observed = self.fitted, self.observed = found.fit, found.collisions
         self.config, self.shortcut, self.total = config, shortcut, total_frames
         n, self.frames = states.present.shape
         # Smoothed stretches follow the tracks most closely; where there is none, the fitted run steps in.
@@ -179,6 +180,7 @@ class _FittedScene:
         met = {i for e in observed for i in e.objects}
         self.mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
         self.perturbations = self._perturbations(np.random.default_rng(config.seed))
+        self.doubts = [Doubt(event, p) for event, p in found.candidates if DOUBT <= p <= 1 - DOUBT]
         self.collisions = np.array([(*e.objects, e.frame) for e in observed], np.int64).reshape(-1, 3)
 
     def rollout(self, removed: int | None) -> Rollout:
@@ -191,11 +193,20 @@ class _FittedScene:
         pairs = {e.objects for e in self.observed}
         scores = hit.mean(0)
         collisions = list(self.observed) if removed is None else []
-        for i, j in np.argwhere(np.triu(scores > self.config.collision_threshold, 1)).tolist():
+        doubts = list(self.doubts) if removed is None else []
+        probability = scores if removed is None else self._with_observed_doubts(scores, exists)
+        for i, j in np.argwhere(np.triu(probability >= DOUBT, 1)).tolist():
             if removed is None and (i, j) in pairs:
                 continue
-            frame = int(np.median(frames[hit[:, i, j], i, j]))
-            collisions.append(Event("collision", max(frame, self.frames) if removed is None else frame, (i, j)))
+            at = frames[hit[:, i, j], i, j]
+            frame = (
+                int(np.median(at)) if len(at) else next(d.event.frame for d in self.doubts if d.event.objects == (i, j))
+            )
+            event = Event("collision", max(frame, self.frames) if removed is None else frame, (i, j))
+            if probability[i, j] > self.config.collision_threshold:
+                collisions.append(event)
+            if probability[i, j] <= 1 - DOUBT:
+                doubts.append(Doubt(event, float(probability[i, j]), removed))
         scores = (len(frames) * scores + self._closeness(first)) / (len(frames) + 1)
         for pair in pairs:  # a pair collides once
             scores[pair] = scores[pair[::-1]] = 0.0
@@ -204,7 +215,21 @@ class _FittedScene:
             self._visible(first, exists),
             tuple(sorted(collisions, key=lambda e: e.frame)),
             scores if removed is None else None,
+            doubts=tuple(doubts),
         )
+
+    def _with_observed_doubts(self, share: FloatArray, exists: NDArray[np.bool_]) -> FloatArray:
+        """(n, n) probabilities of collisions without an object, given the shares of runs with them.
+
+        The runs take the collisions of the video as they were found. One that is in doubt is as doubtful without the object;
+        one that was probably none happens in the runs, or else as probably as in the video.
+        """
+        result, chosen = share.copy(), {e.objects for e in self.observed}
+        for doubt in self.doubts:
+            (i, j), p = doubt.event.objects, doubt.probability
+            if exists[[i, j]].all():
+                result[i, j] = share[i, j] * p if (i, j) in chosen else 1 - (1 - share[i, j]) * (1 - p)
+        return result
 
     def _runs(self, exists: NDArray[np.bool_]) -> tuple[SimulatedMotion, NDArray[np.integer[Any]]]:
         """The first run, and the frames (runs, n, n) of first contacts of all."""
