@@ -1,8 +1,9 @@
 """In which frames objects are in the image, to the frame: fitted motions meet the image's border.
 
-An object enters when the first bit of its outline crosses the border, some frames before it is detected. At the left, right and
-bottom borders the leading side of its box is measured; the fitted outline is shifted to it, because a cube's yaw is not known and
-fits are off by some pixels where objects are near. At the top border objects are far away: fits are better there than masks.
+An object enters when the first bit of its outline crosses the border, some frames before it is detected. At the left, right
+and bottom borders the leading side of its box is measured; the fitted outline is shifted to it, because a cube's yaw is not
+known and fits are off by some pixels where objects are near. At the top border objects are far away: fits are better there than
+masks.
 """
 
 from typing import Any
@@ -31,7 +32,7 @@ SAMPLES, MAX_SAMPLE_FRAMES = 2, 30
 CUBE_YAW = 0.4
 """Yaw (radians) of cubes relative to the line of sight, which gives about their mean width."""
 MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
-"""Objects whose centre is further outside the image, or less deep in front of the camera, are not in the image (world units)."""
+"""Objects whose centre is further outside the image, or nearer to the camera, are not in the image (world units)."""
 
 
 def frames_in_image(
@@ -66,7 +67,7 @@ def frames_in_image(
 
 def _leading(true: BoolArray) -> int:
     """Number of True before the first False."""
-    return len(true) if true.all() else int(true.argmin())
+    return len(true) if bool(true.all()) else int(true.argmin())
 
 
 def _inside(
@@ -87,7 +88,7 @@ def _inside(
         if len(lack):
             depth_px += inward * lack[:SAMPLES].mean() + SIDE_SHIFT_PX[border - (border > 1)]
         inside &= depth_px > 0
-    return inside
+    return np.asarray(inside)
 
 
 def _outline_sides(shape: str, location_world: FloatArray) -> FloatArray:
