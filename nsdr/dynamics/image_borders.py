@@ -15,16 +15,16 @@ from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, on_ground
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
-__all__ = ["frames_in_image"]
+__all__ = ["border_depths", "frames_in_image"]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 
-LEADING_SIDE = (2, 3, 0, 1)
-"""Index into (left, top, right, bottom) of the side of a box that is the first one inside each border, in the same order."""
+LEFT, TOP, RIGHT, BOTTOM = range(4)
+"""Sides of a box."""
 SIDE_SHIFT_PX = (0.4, -0.25, -0.5)
 """Added to how far a measured side is inside the left, right and bottom border (pixels): what the side of a mask lacks to the
-true outline's. `python benchmarks/objects.py --shifts` prints it; set on scenes 1 and 3 of every 10 of `train`."""
+true outline's. `python benchmarks/objects.py --shifts --every 5 --first 1` prints it, for `train`."""
 TOP_SHIFT_PX = {"cube": 0.65, "cylinder": 1.4, "sphere": 0.4}
 """The same for the fitted outline at the top border (pixels)."""
 SAMPLES, MAX_SAMPLE_FRAMES = 2, 30
@@ -56,39 +56,47 @@ def frames_in_image(
         return visible
     first, last = int(seen[0]), int(seen[-1])
     visible[first : last + 1] = True
+    shift = np.array([SIDE_SHIFT_PX[0], TOP_SHIFT_PX[shape], *SIDE_SHIFT_PX[1:]])
     for end, outside in ((first, np.arange(first)[::-1]), (last, np.arange(last + 1, len(detected)))):
         if len(outside):
-            near = seen[np.argsort(np.abs(seen - end), kind="stable")]
-            near = near[np.abs(near - end) <= MAX_SAMPLE_FRAMES]
-            inside = _inside(shape, location_world, outside, near, box_xyxy_px, hidden)
-            visible[outside[: _leading(inside)]] = True
+            depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px, hidden)
+            inside = (depths + shift > 0).all(1)
+            visible[outside[: len(inside) if inside.all() else int(inside.argmin())]] = True
     return visible
 
 
-def _leading(true: BoolArray) -> int:
-    """Number of True before the first False."""
-    return len(true) if bool(true.all()) else int(true.argmin())
+def border_depths(
+    shape: str,
+    location_world: FloatArray,
+    wanted: NDArray[np.integer[Any]],
+    detected: BoolArray,
+    end: int,
+    box_xyxy_px: FloatArray,
+    hidden: BoolArray,
+) -> FloatArray:
+    """How far the outline's leading side is inside each border, before `SIDE_SHIFT_PX` and `TOP_SHIFT_PX` are added.
 
+    Args:
+        shape: as in `frames_in_image`, like the other arrays.
+        location_world: (F, 2).
+        wanted: (W,) frames.
+        detected: (F,).
+        end: first or last detected frame; the leading sides are measured in the detections next to it.
+        box_xyxy_px: (F, 4).
+        hidden: (F, 4).
 
-def _inside(
-    shape: str, location: FloatArray, wanted: NDArray[Any], near: NDArray[Any], box: FloatArray, hidden: BoolArray
-) -> BoolArray:
-    """Whether the outline is in the image at the wanted frames; `near` are the detections next to them, nearest first."""
-    sides = _outline_sides(shape, location[wanted])
-    seen = _outline_sides(shape, location[near])
-    borders = np.array([0.0, 0.0, WIDTH_PX, HEIGHT_PX])
-    inside = np.isfinite(sides).all(1)
-    for border, side in enumerate(LEADING_SIDE):
-        inward = 1.0 if side >= 2 else -1.0
-        depth_px = inward * (sides[:, side] - borders[border])
-        if border == 1:
-            inside &= depth_px + TOP_SHIFT_PX[shape] > 0
-            continue
-        lack = (box[near, side] - seen[:, side])[~hidden[near, side] & np.isfinite(seen[:, side])]
+    Returns:
+        (W, 4) for the left, top, right and bottom border (pixels); NaN where a position is not known or far from the image.
+    """
+    near = np.flatnonzero(detected)
+    near = near[np.argsort(np.abs(near - end), kind="stable")]
+    near = near[np.abs(near - end) <= MAX_SAMPLE_FRAMES]
+    sides, seen = _outline_sides(shape, location_world[wanted]), _outline_sides(shape, location_world[near])
+    for side in (LEFT, TOP, RIGHT):  # the bottom side leads at the top border, where masks are worse than fits
+        lack = (box_xyxy_px[near, side] - seen[:, side])[~hidden[near, side] & np.isfinite(seen[:, side])]
         if len(lack):
-            depth_px += inward * lack[:SAMPLES].mean() + SIDE_SHIFT_PX[border - (border > 1)]
-        inside &= depth_px > 0
-    return np.asarray(inside)
+            sides[:, side] += lack[:SAMPLES].mean()
+    return np.stack([sides[:, RIGHT], sides[:, BOTTOM], WIDTH_PX - sides[:, LEFT], HEIGHT_PX - sides[:, TOP]], 1)
 
 
 def _outline_sides(shape: str, location_world: FloatArray) -> FloatArray:
