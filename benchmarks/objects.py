@@ -26,7 +26,6 @@ from nsdr.dynamics.registry import load_backend
 from nsdr.dynamics.track_smoothing import SmoothedTracks, smooth_tracks
 from nsdr.evaluation.intervals import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import Scene
 
 LISTED_FRAMES = 2
@@ -143,8 +142,6 @@ def print_shifts(videos: Iterator[Video]) -> None:
     needed: dict[tuple[str, str], list[float]] = defaultdict(list)
     for video in videos:
         states, numbers = video.states, {o.name: o.id for o in video.states.objects}
-        box = np.where(states.detected[..., None], states.box_xyxy_px, np.nan)
-        hidden = hidden_sides(box.transpose(1, 0, 2)).transpose(1, 0, 2)
         for event in video.truth.events:
             i = numbers.get(video.truth.objects[event.objects[0]].name)
             if event.kind == "collision" or i is None or not states.detected[i].any():
@@ -152,7 +149,7 @@ def print_shifts(videos: Iterator[Video]) -> None:
             seen, shape = np.flatnonzero(states.detected[i]), states.objects[i].shape
             end, around = int(seen[0 if event.kind == "in" else -1]), np.array([event.frame - 1, event.frame])
             location = video.smoothed.location_world[i]
-            middle = border_depths(shape, location, around, states.detected[i], end, box[i], hidden[i]).mean(0)
+            middle = border_depths(shape, location, around, states.detected[i], end, states.box_xyxy_px[i]).mean(0)
             if np.isfinite(middle).all():
                 nearest = int(np.abs(middle).argmin())
                 needed[BORDERS[nearest], shape].append(-float(middle[nearest]))

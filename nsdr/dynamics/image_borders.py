@@ -22,22 +22,22 @@ BoolArray = NDArray[np.bool_]
 
 LEFT, TOP, RIGHT, BOTTOM = range(4)
 """Sides of a box."""
-SIDE_SHIFT_PX = (0.4, -0.25, -0.5)
+SIDE_SHIFT_PX = (0.45, -0.4, -0.47)
 """Added to how far a measured side is inside the left, right and bottom border (pixels): what the side of a mask lacks to the
-true outline's. `python benchmarks/objects.py --shifts --every 5 --first 1` prints it, for `train`."""
-TOP_SHIFT_PX = {"cube": 0.65, "cylinder": 1.4, "sphere": 0.4}
+true outline's. `python benchmarks/objects.py --shifts --every 5 --first 1 --scenes 800` prints it, for `train`."""
+TOP_SHIFT_PX = {"cube": 0.64, "cylinder": 1.47, "sphere": 0.42}
 """The same for the fitted outline at the top border (pixels)."""
-SAMPLES, MAX_SAMPLE_FRAMES = 2, 30
-"""Detections that the shift is measured on, and the largest number of frames between them and the track's end."""
+LEVEL_SAMPLES, TREND_SAMPLES, MAX_SAMPLE_FRAMES = 2, 10, 30
+"""Detections that what a fitted side lacks, and its trend, are measured on; the largest number of frames to the track's end."""
+TREND_RIDGE_FRAMES2 = 50.0
+"""Added to the frames' sum of squares in the trend's regression (frames²): the trend of few detections counts little."""
 CUBE_YAW = 0.4
 """Yaw (radians) of cubes relative to the line of sight, which gives about their mean width."""
 MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
 """Objects whose centre is further outside the image, or nearer to the camera, are not in the image (world units)."""
 
 
-def frames_in_image(
-    shape: str, location_world: FloatArray, detected: BoolArray, box_xyxy_px: FloatArray, hidden: BoolArray
-) -> BoolArray:
+def frames_in_image(shape: str, location_world: FloatArray, detected: BoolArray, box_xyxy_px: FloatArray) -> BoolArray:
     """Frames of a track, and those before and after it in which the fitted outline is in the image.
 
     Args:
@@ -45,7 +45,6 @@ def frames_in_image(
         location_world: (F, 2) fitted positions; NaN where nothing fits.
         detected: (F,) bool.
         box_xyxy_px: (F, 4) boxes of the detections.
-        hidden: (F, 4) bool, sides of the boxes that are not the object's own, see `hidden_sides`.
 
     Returns:
         (F,) bool.
@@ -59,7 +58,7 @@ def frames_in_image(
     shift = np.array([SIDE_SHIFT_PX[0], TOP_SHIFT_PX[shape], *SIDE_SHIFT_PX[1:]])
     for end, outside in ((first, np.arange(first)[::-1]), (last, np.arange(last + 1, len(detected)))):
         if len(outside):
-            depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px, hidden)
+            depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px)
             inside = (depths + shift > 0).all(1)
             visible[outside[: len(inside) if inside.all() else int(inside.argmin())]] = True
     return visible
@@ -72,7 +71,6 @@ def border_depths(
     detected: BoolArray,
     end: int,
     box_xyxy_px: FloatArray,
-    hidden: BoolArray,
 ) -> FloatArray:
     """How far the outline's leading side is inside each border, before `SIDE_SHIFT_PX` and `TOP_SHIFT_PX` are added.
 
@@ -83,20 +81,30 @@ def border_depths(
         detected: (F,).
         end: first or last detected frame; the leading sides are measured in the detections next to it.
         box_xyxy_px: (F, 4).
-        hidden: (F, 4).
 
     Returns:
         (W, 4) for the left, top, right and bottom border (pixels); NaN where a position is not known or far from the image.
     """
     near = np.flatnonzero(detected)
-    near = near[np.argsort(np.abs(near - end), kind="stable")]
     near = near[np.abs(near - end) <= MAX_SAMPLE_FRAMES]
+    near = near[np.argsort(np.abs(near - end), kind="stable")][:TREND_SAMPLES]
+    after = near - end
     sides, seen = _outline_sides(shape, location_world[wanted]), _outline_sides(shape, location_world[near])
+    # Sides that another object may hide count, too: without them, fits of objects that are cut all the time go far astray.
     for side in (LEFT, TOP, RIGHT):  # the bottom side leads at the top border, where masks are worse than fits
-        lack = (box_xyxy_px[near, side] - seen[:, side])[~hidden[near, side] & np.isfinite(seen[:, side])]
-        if len(lack):
-            sides[:, side] += lack[:SAMPLES].mean()
+        lack = box_xyxy_px[near, side] - seen[:, side]
+        usable = np.isfinite(lack)
+        sides[:, side] += _continued(after[usable], lack[usable], wanted - end)
     return np.stack([sides[:, RIGHT], sides[:, BOTTOM], WIDTH_PX - sides[:, LEFT], HEIGHT_PX - sides[:, TOP]], 1)
+
+
+def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: NDArray[np.integer[Any]]) -> FloatArray:
+    """What a fitted side lacks (W,) at other frames, from the detections (N,), nearest first; frames count from the end."""
+    if not len(lack):
+        return np.zeros(len(wanted_after))
+    centred = after - after.mean()
+    trend = (centred * lack).sum() / ((centred**2).sum() + TREND_RIDGE_FRAMES2)
+    return np.asarray(lack[:LEVEL_SAMPLES].mean() + trend * (wanted_after - after[:LEVEL_SAMPLES].mean()))
 
 
 def _outline_sides(shape: str, location_world: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.io.validation import MANY, NOT_NEGATIVE, check_ranges
-from nsdr.tracking.visibility import hidden_sides, in_image
+from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -80,8 +80,7 @@ def smooth_tracks(
     n, frames = states.present.shape
     location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
-    box = np.where(states.detected[..., None], states.box_xyxy_px, np.nan)
-    hidden = hidden_sides(box.transpose(1, 0, 2), c.measurement.visibility).transpose(1, 0, 2)
+    box = states.box_xyxy_px
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
         for k, (start, end) in enumerate(pairwise([0, *hits, frames])):
@@ -89,7 +88,7 @@ def smooth_tracks(
             fitted = _stretch(states, i, after_collision, end, c, before_first_collision=k == 0)
             if fitted is not None:
                 location[i, start:end], velocity[i, start:end] = fitted(start, end)
-        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], hidden[i])
+        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i])
     return SmoothedTracks(location, velocity, visible)
 
 
