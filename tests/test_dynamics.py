@@ -6,6 +6,7 @@ import torch
 
 from nsdr import DataError, Event, StatePredictor
 from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
 from nsdr.dynamics.propnet.data import read_motion_dataset
@@ -271,6 +272,18 @@ def test_objects_enter_and_exit_with_the_first_and_last_bit_of_their_outline(sha
     motion = smooth_tracks(boxed_states(shape, positions, seen, box), [])
     assert first > 0
     assert np.flatnonzero(motion.visible[0]).tolist() == np.arange(first, last + 1).tolist()
+
+
+def test_an_object_whose_box_shrinks_at_the_border_leaves_although_the_fit_rests() -> None:
+    location = np.tile(ground_from_pixels([5.0, 150.0]), (60, 1))
+    detected = np.arange(60) < 40
+    box = np.tile([0.0, 130.0, 20.0, 170.0], (60, 1))
+    box[30:40, 2] = np.arange(12, 2, -1)
+    visible = frames_in_image("sphere", location, detected, box)
+    assert visible[:42].all()
+    assert not visible[48:].any()
+    box[30:40, 2] = 3.0
+    assert frames_in_image("sphere", location, detected, box).all()
 
 
 def test_masks_that_are_cut_at_the_top_do_not_delay_an_entrance() -> None:
