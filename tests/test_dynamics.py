@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from nsdr import DataError, Event, StatePredictor
 from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
 from nsdr.dynamics.propnet.data import read_motion_dataset
@@ -11,10 +14,11 @@ from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.dynamics.track_smoothing import smooth_tracks
+from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject, Track, VideoTracks
-from nsdr.world.camera import ground_from_pixels, pixels_from_world
+from nsdr.world.camera import ground_from_pixels, on_ground, pixels_from_world
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.timeline import horizon_frame
 
@@ -241,18 +245,57 @@ def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
     assert motion.visible.all()
 
 
-def test_entrances_and_exits_come_from_the_fitted_motion() -> None:
-    distance, _ = slide("sphere", np.array(2.8), np.arange(128) * FRAME_SECONDS)
-    positions = np.stack([0 * distance, -3.2 + distance], 1)  # from the left to the right
-    shown = in_image("sphere", np.concatenate([positions, np.full((128, 1), 0.2)], 1), np.zeros(128))
+def boxes_in_image(shape: str, positions: np.ndarray, yaw: float) -> np.ndarray:
+    """(F, 4) left, top, right and bottom of the parts of outlines at positions (F, 2) that are in the image."""
+    outlines = [outline(shape, x, y, yaw) for x, y in positions]
+    sides = np.array([[*np.round(o.min(0)), *np.round(o.max(0))] for o in outlines])
+    return np.clip(sides, 0, [480, 320, 480, 320])
+
+
+def boxed_states(shape: str, positions: np.ndarray, seen: np.ndarray, box_xyxy_px: np.ndarray) -> MotionStates:
+    centre, size = (box_xyxy_px[:, :2] + box_xyxy_px[:, 2:]) / 2, box_xyxy_px[:, 2:] - box_xyxy_px[:, :2]
+    return replace(states_of(shape, positions, seen), box_px=np.concatenate([centre, size], 1)[None])
+
+
+@pytest.mark.parametrize(
+    ("shape", "yaw", "x"),
+    [("sphere", 0.0, 0.0), ("cylinder", 0.0, 1.0), *(("cube", yaw, 0.6) for yaw in (0.0, 0.5, 0.8, 1.2))],
+)
+def test_objects_enter_and_exit_with_the_first_and_last_bit_of_their_outline(shape: str, yaw: float, x: float) -> None:
+    distance, _ = slide(shape, np.array(2.8), np.arange(128) * FRAME_SECONDS)
+    positions = np.stack([x + 0 * distance, -3.2 + distance], 1)  # from the left to the right
+    shown = in_image(shape, on_ground(positions), np.full(128, yaw))
     first, last = np.flatnonzero(shown)[[0, -1]]
     seen = shown.copy()
-    seen[: first + 4] = seen[last - 3 :] = False  # detected late, lost early
-    motion = smooth_tracks(states_of("sphere", positions, seen), [])
-    found = np.flatnonzero(motion.visible[0])
-    assert abs(int(found[0]) - int(first)) <= 1
-    assert abs(int(found[-1]) - int(last)) <= 1
+    seen[: first + 2] = seen[last - 1 :] = False  # detected late, lost early
+    box = boxes_in_image(shape, positions, yaw)
+    motion = smooth_tracks(boxed_states(shape, positions, seen, box), [])
     assert first > 0
+    assert np.flatnonzero(motion.visible[0]).tolist() == np.arange(first, last + 1).tolist()
+
+
+def test_an_object_whose_box_shrinks_at_the_border_leaves_although_the_fit_rests() -> None:
+    location = np.tile(ground_from_pixels([5.0, 150.0]), (60, 1))
+    detected = np.arange(60) < 40
+    box = np.tile([0.0, 130.0, 20.0, 170.0], (60, 1))
+    box[30:40, 2] = np.arange(12, 2, -1)
+    visible = frames_in_image("sphere", location, detected, box)
+    assert visible[:42].all()
+    assert not visible[48:].any()
+    box[30:40, 2] = 3.0
+    assert frames_in_image("sphere", location, detected, box).all()
+
+
+def test_masks_that_are_cut_at_the_top_do_not_delay_an_entrance() -> None:
+    distance, _ = slide("sphere", np.array(2.8), np.arange(128) * FRAME_SECONDS)
+    positions = np.stack([distance - 8, 0 * distance], 1)
+    shown = in_image("sphere", on_ground(positions), np.zeros(128))
+    first = int(shown.argmax())
+    seen = np.arange(128) >= first + 8
+    box = boxes_in_image("sphere", positions, 0.0) - [0, 0, 0, 4]
+    motion = smooth_tracks(boxed_states("sphere", positions, seen, box), [])
+    assert first > 0
+    assert abs(int(motion.visible[0].argmax()) - first) <= 1
 
 
 def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: StatePredictor) -> None:

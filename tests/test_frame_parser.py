@@ -398,15 +398,16 @@ def test_an_object_that_enters_in_the_last_frames_is_kept() -> None:
     (late,) = track(at(range(122, 128), 16)).tracks
     assert late.frame_index.tolist() == list(range(122, 128))
     assert len(track(at(range(127, 128), 16)).tracks) == 1
+    assert len(track(at(range(125, 127), 16)).tracks) == 1  # in two of the last three frames
     assert track(at(range(126, 128), 16), TrackerConfig(min_late_frames=3)).tracks == ()  # seen in too few frames
     assert track(at(range(100, 106), 16)).tracks == ()  # not until the end
     assert track(at(range(122, 128), 200)).tracks == ()  # not from the border
 
 
 def test_rare_and_uncertain_identities_are_dropped() -> None:
-    rows = moving(range(40), RED, 50, 4) + moving(range(10), BLUE, 300, 0) + moving(range(40), GREEN, 200, 0, score=0.8)
+    rows = moving(range(40), RED, 50, 4) + moving(range(12), BLUE, 300, 0) + moving(range(40), GREEN, 200, 0, score=0.8)
     assert [t.object.color for t in track(as_proposals(rows)).tracks] == ["red"]
-    rows += moving(range(10, 11), BLUE, 300, 0)
+    rows += moving(range(12, 13), BLUE, 300, 0)
     assert len(track(as_proposals(rows)).tracks) == 2
     assert len(track(as_proposals(rows), TrackerConfig(score=0.7)).tracks) == 3
 

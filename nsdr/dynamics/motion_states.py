@@ -78,6 +78,12 @@ class MotionStates:
         """Frames from one processed frame of the video to the next, as its detections show (median)."""
         return _spacing_frames(self.detected)
 
+    @property
+    def box_xyxy_px(self) -> FloatArray:
+        """(n, F, 4) left, top, right and bottom of the boxes."""
+        centre, half = self.box_px[..., :2], self.box_px[..., 2:] / 2
+        return np.concatenate([centre - half, centre + half], -1)
+
 
 def detections_in(frames: int, spacing_frames: float) -> int:
     """Number of detections that reach over as many frames, 2 or more: `frames` itself where every frame was processed."""

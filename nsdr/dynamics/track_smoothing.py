@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.io.validation import MANY, NOT_NEGATIVE, check_ranges
@@ -79,6 +80,7 @@ def smooth_tracks(
     n, frames = states.present.shape
     location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
+    box = states.box_xyxy_px
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
         for k, (start, end) in enumerate(pairwise([0, *hits, frames])):
@@ -86,7 +88,7 @@ def smooth_tracks(
             fitted = _stretch(states, i, after_collision, end, c, before_first_collision=k == 0)
             if fitted is not None:
                 location[i, start:end], velocity[i, start:end] = fitted(start, end)
-        visible[i] = _visible(o.shape, np.flatnonzero(states.present[i]), location[i])
+        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i])
     return SmoothedTracks(location, velocity, visible)
 
 
@@ -135,24 +137,3 @@ def _stretch(
         return position + distance[:, None] * direction, speeds[:, None] * direction
 
     return sliding
-
-
-def _visible(shape: str, seen: NDArray[Any], location: FloatArray) -> BoolArray:
-    """Frames (F,) in the image: those of the track, and those before and after in which the fitted outline is in it."""
-    visible = np.zeros(len(location), bool)
-    if not len(seen):
-        return visible
-    first, last = int(seen[0]), int(seen[-1])
-    visible[first : last + 1] = True
-    outside = np.r_[0:first, last + 1 : len(location)]
-    shown = np.zeros(len(location), bool)
-    shown[outside] = rollout_in_image([shape], location[None, outside])[0]
-    for f in range(first - 1, -1, -1):
-        if not shown[f]:
-            break
-        visible[f] = True
-    for f in range(last + 1, len(location)):
-        if not shown[f]:
-            break
-        visible[f] = True
-    return visible

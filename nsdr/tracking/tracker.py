@@ -40,7 +40,9 @@ class TrackerConfig:
 
     Attributes:
         score: proposals with a score up to this are ignored (0-1; paper: 0.9).
-        min_frames: an identity must be seen in more frames than this (paper: 10).
+        min_frames: an identity must be seen in more frames than this (paper: 10, with which wrong labels of other objects
+            make more spurious ones). Set on scenes 0, 1, 3 and 5 of every 10 of `train`, like `late_share`, with the objects
+            that `python benchmarks/objects.py` counts.
         min_late_frames: frames in which an identity must be seen if it enters late, at the image border.
         late_share: share of the frames from its first one to the video's end in which a late identity must be seen (0-1).
         late_end_frames: a late identity must be seen in one of this many last frames of the video.
@@ -61,9 +63,9 @@ class TrackerConfig:
     """
 
     score: float = 0.9
-    min_frames: int = 10
+    min_frames: int = 12
     min_late_frames: int = 1
-    late_share: float = 0.7
+    late_share: float = 0.6
     late_end_frames: int = 2
     max_gap_frames: int = 8
     gate_world: float = 0.25
