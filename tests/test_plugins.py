@@ -54,7 +54,7 @@ def test_an_installed_backend_is_used_by_name(package, capsys, tmp_path) -> None
     assert (
         main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--config", str(tmp_path / "mine.yaml")]) == 2
     )
-    assert "no objects found in more than 10 frames" in capsys.readouterr().err
+    assert "no objects found in more than 12 frames" in capsys.readouterr().err
     settings = ["--config", str(tmp_path / "mine.yaml"), "--set", "tracker.score=0.9"]
     assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", *settings]) == 0
     assert capsys.readouterr().out == "0\n"
