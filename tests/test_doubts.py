@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import DataError, Doubt, Event, Executor, Scene, load, save
+from nsdr import DataError, Doubt, Event, ExecutionError, Executor, Scene, load, save
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions
 from nsdr.dynamics.scene import scene_from_prediction
@@ -109,6 +109,23 @@ def test_a_world_in_which_the_program_fails_gives_another_answer(doubtful: Scene
     answer = Executor(doubtful).answer(partner)
     assert answer.answer == "blue"
     assert answer.probability == pytest.approx(0.75 * 0.75, abs=0.03)  # with both or none, nothing is unique
+
+
+def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) -> None:
+    """Red cube and green cylinder: the collision is not in the scene, but possible."""
+    partner = f"events {GREEN} filter_collision {RED_CUBE} filter_collision unique {GREEN} get_col_partner query_color"
+    why = f"events events {GREEN} filter_collision {RED_CUBE} filter_collision unique filter_ancestor belong_to"
+    choices = [("the blue sphere", BLUE), ("the red cube", RED_CUBE)]
+    likely = Executor(replace(small_scene, doubts=(Doubt(MAYBE, 0.3),)))
+    answer = likely.answer(partner)
+    assert (answer.answer, answer.probability) == ("red", pytest.approx(0.3, abs=0.01))
+    assert [c.answer for c in likely.judge(why, choices).choices] == ["correct", "correct"]
+    for doubts in (None, (), (Doubt(MAYBE, 0.03),), (Doubt(Event("collision", 80, (0, 3)), 0.3),)):
+        executor = Executor(replace(small_scene, doubts=doubts))
+        with pytest.raises(ExecutionError, match="there is no collision"):
+            executor.answer(partner)
+        with pytest.raises(ExecutionError):
+            executor.judge(why, choices)
 
 
 def test_probabilities_are_computed_when_they_are_read(doubtful: Scene, monkeypatch) -> None:

@@ -61,7 +61,7 @@ class Executor:
         self._runner = PostfixRunner(PHRASES, self.world)
         self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
         self.unseen_scores = scene.unseen_scores
-        self._worlds = None if scene.doubts is None else PossibleWorlds(scene, lambda drawn: Executor(drawn).run)
+        self._worlds = None if scene.doubts is None else PossibleWorlds(scene, Executor)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -113,6 +113,9 @@ class Executor:
     def answer(self, program: ProgramSource, question: str = "") -> Answer:
         """Answer a descriptive question.
 
+        A question supposes that what it names happened: where that fails in the most probable world, it is answered in the
+        most probable one where it does not, unless that is too improbable (`nsdr.symbolic.possible_worlds.MIN_SUPPOSED`).
+
         Returns:
             The answer (yes, no, a number, an attribute word, a frame, or a list of events) with its trace.
 
@@ -122,6 +125,19 @@ class Executor:
         """
         if self._official is not None:
             return self._official.answer(program, question)
+        try:
+            return self._answered(program, question)
+        except ExecutionError:
+            worlds = self._worlds
+            if worlds is None:
+                raise
+            found = worlds.supposed(lambda e: (e.answer(program, question), e.run(program)))
+            if found is None:
+                raise
+        answer, value = found
+        return with_lazy(answer, probability=partial(worlds.probability, answer.program, value))
+
+    def _answered(self, program: ProgramSource, question: str) -> Answer:
         try:
             value, kind, _ = self._runner.run(program)
             tokens = program_tokens(program)
@@ -158,7 +174,7 @@ class Executor:
         Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
         the scene has scores of unseen collisions, the choice with the higher score is the correct one. Hardly any
         counterfactual question has no correct choice: if all come out wrong, the scene's doubts may say which one is correct
-        (`nsdr.symbolic.joint`).
+        (`nsdr.symbolic.joint`). What the question supposes is taken as by `answer`.
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
@@ -172,6 +188,21 @@ class Executor:
         if self._official is not None:
             return self._official.judge(question_program, choices, question)
         parsed = Program.parse(question_program)
+        try:
+            answers = self._all_judged(parsed, choices, question)
+        except ExecutionError:
+            if self._worlds is None:
+                raise
+            found = self._worlds.supposed(lambda e: e._all_judged(parsed, choices, question))
+            if found is None:
+                raise
+            answers = found
+        return Answer(question, parsed.tokens, None, (), tuple(self._judged_together(parsed, answers, choices)))
+
+    def _all_judged(
+        self, parsed: Program, choices: Sequence[tuple[str, ProgramSource | NsdrError]], question: str
+    ) -> list[ChoiceAnswer]:
+        """The choices, one by one."""
         answers = []
         for number, (text, choice) in enumerate(choices):
             if isinstance(choice, NsdrError):
@@ -183,7 +214,7 @@ class Executor:
             except NotQuick:
                 name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
                 answers.append(self._judged_by_steps(parsed, question, text, tokens, name))
-        return Answer(question, parsed.tokens, None, (), tuple(self._judged_together(parsed, answers, choices)))
+        return answers
 
     def _judged(self, question: Program, text: str, choice: tuple[str, ...]) -> ChoiceAnswer:
         """The judgement of a choice; raises `NotQuick` where `_judged_by_steps` is needed."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,8 +16,12 @@ N_DRAWS = 512
 """Draws of possible scenes. Probabilities that depend on several collisions are off by 0.006 on average. CLEVRER's scenes have
 few doubts, so that few draws are different."""
 SEED = 0
+MIN_SUPPOSED = 0.05
+"""What a question supposes is refused where it is less probable. Of 49 collisions of left-out `train` scenes to which the
+network gives 0.01-0.05 none was true, and 12 of 32 with 0.05-0.2 (`python benchmarks/collisions.py --every 5`)."""
 
 Program = tuple[str, ...]
+Found = TypeVar("Found")
 
 
 def possible_scenes(scene: Scene) -> list[tuple[int, Scene]]:
@@ -60,11 +64,11 @@ class PossibleWorlds:
 
     Args:
         scene: with doubts.
-        runner: gives what runs programs on a scene without doubts, raising `ExecutionError` where they fail.
+        executor: makes the `Executor` of a scene without doubts.
     """
 
-    def __init__(self, scene: Scene, runner: Callable[[Scene], Callable[[Program], Any]]) -> None:
-        self._scene, self._runner = scene, runner
+    def __init__(self, scene: Scene, executor: Callable[[Scene], Any]) -> None:
+        self._scene, self._executor = scene, executor
 
     def probability(self, program: Program, value: Any) -> float:
         """Share of the worlds in which a program has a value; where it fails, it has another one."""
@@ -75,16 +79,32 @@ class PossibleWorlds:
         columns = [self._values(program) for program in programs]
         return [(row[0][0], tuple(value is True for _, value in row)) for row in zip(*columns, strict=True)]
 
+    def supposed(self, find: Callable[[Any], Found]) -> Found | None:
+        """What is found by the executor of the most probable world where it raises no `ExecutionError`.
+
+        None where all such worlds together are less probable than `MIN_SUPPOSED`.
+        """
+        most, total, result = 0, 0, None
+        for n, executor in self._executors:
+            try:
+                found = find(executor)
+            except ExecutionError:
+                continue
+            total += n
+            if n > most:
+                most, result = n, found
+        return result if total >= MIN_SUPPOSED * N_DRAWS else None
+
     @cached_property
-    def _runs(self) -> list[tuple[int, Callable[[Program], Any]]]:
-        return [(n, self._runner(scene)) for n, scene in possible_scenes(self._scene)]
+    def _executors(self) -> list[tuple[int, Any]]:
+        return [(n, self._executor(scene)) for n, scene in possible_scenes(self._scene)]
 
     def _values(self, program: Program) -> list[tuple[int, Any]]:
         """The program's value in each world, None where it fails, and the number of draws that gave the world."""
         values = []
-        for n, run in self._runs:
+        for n, executor in self._executors:
             try:
-                values.append((n, run(program)))
+                values.append((n, executor.run(program)))
             except ExecutionError:
                 values.append((n, None))
         return values
