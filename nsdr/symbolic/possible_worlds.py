@@ -17,7 +17,7 @@ N_DRAWS = 512
 few doubts, so that few draws are different."""
 SEED = 0
 MIN_SUPPOSED = 0.05
-"""What a question supposes is refused where it is less probable. Of 49 collisions of left-out `train` scenes to which the
+"""A question whose suppositions are less probable is refused. Of 49 collisions of left-out `train` scenes to which the
 network gives 0.01-0.05 none was true, and 12 of 32 with 0.05-0.2 (`python benchmarks/collisions.py --every 5`)."""
 
 Program = tuple[str, ...]
