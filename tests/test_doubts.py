@@ -173,6 +173,16 @@ def test_one_of_the_choices_of_a_counterfactual_question_is_correct(small_scene:
     assert [c.answer for c in judged(0.4, 0.1, question="events belong_to")] == ["wrong", "wrong"]
 
 
+def test_nothing_is_stated_of_events_that_are_not_simulated(doubtful: Scene) -> None:
+    exits = f"all_events {RED_CUBE} filter_out unique"
+    executor = Executor(doubtful)
+    for question in (WITHOUT_BLUE, "unseen_events belong_to"):
+        [exit_, collision] = executor.judge(question, [("a", exits), ("b", possible(RED_CUBE, GREEN))]).choices
+        assert exit_.answer == "wrong"
+        assert exit_.probability is None
+        assert collision.probability is not None
+
+
 def test_one_of_two_predictions_is_correct(small_scene: Scene) -> None:
     scores = np.zeros((4, 4))
     scores[0, 2] = scores[2, 0] = 0.1

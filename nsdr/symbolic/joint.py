@@ -14,6 +14,8 @@ Draws = Sequence[tuple[float, tuple[bool, ...]]]
 """(weight, whether each choice is correct) of possible worlds; the weights are positive."""
 NONE_CORRECT = 169 / 18_642
 """Share of counterfactual questions without a correct choice, counted in CLEVRER's training questions."""
+SIMULATED = frozenset({"unseen_events", "get_counterfact"})
+BORDER_EVENTS = frozenset({"filter_in", "filter_out"})
 MIN_PROBABILITY = 0.2
 """Where every choice is less probable, nothing is concluded from the others: the question may be none of CLEVRER's.
 `python benchmarks/joint_choices.py` on 150 simulated scenes: 26 of 28 changed questions become right."""
@@ -68,6 +70,11 @@ def exactly_one(answers: Sequence[ChoiceAnswer], scores: tuple[float, float], st
     return [with_lazy(a, probability=make) for a, make in zip(answers, makers, strict=True)]
 
 
+def _beyond_simulation(program: Sequence[str]) -> bool:
+    """Whether a choice is an entrance or exit after the video or without an object."""
+    return not SIMULATED.isdisjoint(program) and not BORDER_EVENTS.isdisjoint(program)
+
+
 def with_probabilities(
     answers: Sequence[ChoiceAnswer], draws: Callable[[Sequence[tuple[str, ...]]], Draws], counterfactual: bool
 ) -> list[ChoiceAnswer]:
@@ -77,11 +84,12 @@ def with_probabilities(
     `hardly_none` are.
 
     Args:
-        answers: the choices, judged one by one; those with an error get no probability.
+        answers: the choices, judged one by one; those with an error get no probability, nor do entrances and exits that would
+            have to be simulated: only collisions are.
         draws: of some choices' programs.
         counterfactual: whether the question is.
     """
-    judged = [i for i, a in enumerate(answers) if not a.error]
+    judged = [i for i, a in enumerate(answers) if not a.error and not _beyond_simulation(a.program)]
     found = list(answers)
     if not judged:
         return found
