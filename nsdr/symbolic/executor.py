@@ -174,7 +174,7 @@ class Executor:
         Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
         the scene has scores of unseen collisions, the choice with the higher score is the correct one. Hardly any
         counterfactual question has no correct choice: if all come out wrong, the scene's doubts may say which one is correct
-        (`nsdr.symbolic.joint`). What the question supposes is taken as by `answer`.
+        (`nsdr.symbolic.joint`). What the question and each choice suppose is taken as by `answer`.
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
@@ -237,9 +237,14 @@ class Executor:
             value = self._values(whole, question_text, text, choice_name, n_choice_steps)[-1]
         except ExecutionError as e:
             self._check_question(question, question_text)
-            return ChoiceAnswer(text, None, whole.tokens, (), str(e))
+            found = None if self._worlds is None else self._worlds.supposed(lambda w: (w.run(whole.tokens), w._trace))
+            if found is None:
+                return ChoiceAnswer(text, None, whole.tokens, (), str(e))
+            value, trace = found
+        else:
+            trace = self._trace
         answer = ChoiceAnswer(text, "correct" if value else "wrong", whole.tokens, ())
-        return with_lazy(answer, trace=partial(self._trace, whole.tokens))
+        return with_lazy(answer, trace=partial(trace, whole.tokens))
 
     def _check_question(self, program: Program, question: str) -> None:
         """Raise the error of a multiple-choice question that fails whatever the choice is."""

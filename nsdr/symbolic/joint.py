@@ -10,8 +10,9 @@ from nsdr.types.answers import with_lazy
 
 __all__ = ["Draws", "exactly_one", "hardly_none", "most_probable", "probabilities", "with_probabilities"]
 
-Draws = Sequence[tuple[float, tuple[bool, ...]]]
-"""(weight, whether each choice is correct) of possible worlds; the weights are positive."""
+Draws = Sequence[tuple[float, tuple[bool | None, ...]]]
+"""(weight, whether each choice is correct) of possible worlds; the weights are positive. None: what the choice supposes does
+not happen there."""
 NONE_CORRECT = 169 / 18_642
 """Share of counterfactual questions without a correct choice, counted in CLEVRER's training questions."""
 SIMULATED = frozenset({"unseen_events", "get_counterfact"})
@@ -22,18 +23,20 @@ MIN_PROBABILITY = 0.2
 
 
 def probabilities(draws: Draws) -> tuple[float, ...]:
-    """Of each choice to be correct."""
-    total = sum(weight for weight, _ in draws)
-    columns = zip(*(row for _, row in draws), strict=True)
-    weights = [weight for weight, _ in draws]
-    return tuple(sum(w * correct for w, correct in zip(weights, column, strict=True)) / total for column in columns)
+    """Of each choice to be correct, given that what it supposes happens; 0 where it happens nowhere."""
+    columns = zip(*([(weight, correct) for correct in row] for weight, row in draws), strict=True)
+    shares = []
+    for column in columns:
+        total = sum(weight for weight, correct in column if correct is not None)
+        shares.append(sum(weight for weight, correct in column if correct) / total if total else 0.0)
+    return tuple(shares)
 
 
 def most_probable(draws: Draws) -> tuple[bool, ...]:
     """The most probable judgement of all choices; of equally probable ones the first."""
     weights: Counter[tuple[bool, ...]] = Counter()
     for weight, row in draws:
-        weights[row] += weight  # type: ignore[assignment]
+        weights[tuple(map(bool, row))] += weight  # type: ignore[assignment]
     return max(weights, key=lambda row: weights[row])
 
 

@@ -71,13 +71,15 @@ class PossibleWorlds:
         self._scene, self._executor = scene, executor
 
     def probability(self, program: Program, value: Any) -> float:
-        """Share of the worlds in which a program has a value; where it fails, it has another one."""
-        return sum(n for n, found in self._values(program) if found == value) / N_DRAWS
+        """Share of the worlds in which a program has a value, of those in which it does not fail: what it supposes is given."""
+        runs = [(n, found) for n, found in self._values(program) if found is not None]
+        total = sum(n for n, _ in runs)
+        return sum(n for n, found in runs if found == value) / total if total else 0.0
 
     def draws(self, programs: Sequence[Program]) -> Draws:
-        """Which of some programs give `True`, with the number of draws, in each world."""
+        """The values of programs that judge choices, None where they fail, with the number of draws, in each world."""
         columns = [self._values(program) for program in programs]
-        return [(row[0][0], tuple(value is True for _, value in row)) for row in zip(*columns, strict=True)]
+        return [(row[0][0], tuple(value for _, value in row)) for row in zip(*columns, strict=True)]
 
     def supposed(self, find: Callable[[Any], Found]) -> Found | None:
         """What is found by the executor of the most probable world where it raises no `ExecutionError`.
