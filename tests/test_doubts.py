@@ -131,7 +131,10 @@ def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) 
 def test_what_a_choice_supposes_is_taken_to_have_happened(small_scene: Scene) -> None:
     """The blue sphere's collision with the red cube may have come from a collision that is not in the scene, but possible."""
     why = f"events events {RED_CUBE} filter_collision {BLUE} filter_collision unique filter_ancestor belong_to"
-    choices = [("the collision", f"events {RED_CUBE} filter_collision {RED_SPHERE} filter_collision unique"), ("green", GREEN)]
+    choices = [
+        ("the collision", f"events {RED_CUBE} filter_collision {RED_SPHERE} filter_collision unique"),
+        ("green", GREEN),
+    ]
     before = Event("collision", 10, (0, 3))
 
     def first(*doubts: Doubt) -> ChoiceAnswer:
