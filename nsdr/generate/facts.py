@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nsdr.clevrer.annotations import read_truth_file
 from nsdr.clevrer.dataset import SPLITS
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, by_type, read_questions
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
@@ -138,11 +138,6 @@ def _split_row(folder: Path, split: str, questions: Sequence[SceneQuestions]) ->
 
 def _types(generated: Mapping[str, float]) -> list[str]:
     """Question types: the train split, all splits as the paper states them, and the generated questions."""
-
-    def by_type(kinds: Mapping[str, float]) -> dict[str, float]:
-        others = {name: kinds.get(name, 0) for name in QUESTION_TYPES[1:]}
-        return {QUESTION_TYPES[0]: sum(kinds.values()) - sum(others.values()), **others}
-
     columns = {
         "train": by_type(RELEASED_QUESTIONS["questions by kind"]),
         "all splits (paper)": PAPER_QUESTIONS,

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nsdr.clevrer.questions import QUESTION_TYPES
+from nsdr.clevrer.questions import QUESTION_TYPES, by_type
 from nsdr.visualize.figures import pyplot
 
 __all__ = ["program_curve", "question_figure"]
@@ -43,7 +43,7 @@ def question_figure(series: Mapping[str, Counts]) -> Any:
     figure = pyplot().figure(figsize=FIGURE_INCHES, layout="constrained")
     panels = figure.subplot_mosaic([["types", "subtypes", "choices"], ["answers"] * 3], width_ratios=WIDTH_RATIOS)
     kinds = {name: counts["questions by kind"] for name, counts in series.items()}
-    types = {name: _by_type(values) for name, values in kinds.items()}
+    types = {name: by_type(values) for name, values in kinds.items()}
     _bars(panels["types"], "Question types", [(t, t, "") for t in QUESTION_TYPES], _shares(types))
     subtypes = {name: {t: values.get(t, 0) for t in SUBTYPES} for name, values in kinds.items()}
     _bars(
@@ -59,11 +59,6 @@ def question_figure(series: Mapping[str, Counts]) -> Any:
     handles, names = panels["types"].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=len(names), fontsize=LABEL_PT, frameon=False)
     return figure
-
-
-def _by_type(kinds: Mapping[str, float]) -> dict[str, float]:
-    others = {name: kinds.get(name, 0) for name in QUESTION_TYPES[1:]}
-    return {QUESTION_TYPES[0]: sum(kinds.values()) - sum(others.values()), **others}
 
 
 def _answers(axes: Any, series: Mapping[str, Counts]) -> None:
