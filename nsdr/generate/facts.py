@@ -138,7 +138,7 @@ def _split_row(folder: Path, split: str, questions: Sequence[SceneQuestions]) ->
 
 def _types(generated: Mapping[str, float]) -> list[str]:
     """Question types: the train split, all splits as the paper states them, and the generated questions."""
-    columns = {
+    columns: dict[str, Mapping[str, float]] = {
         "train": by_type(RELEASED_QUESTIONS["questions by kind"]),
         "all splits (paper)": PAPER_QUESTIONS,
         "generated": by_type(generated),
