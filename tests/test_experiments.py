@@ -3,12 +3,14 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from nsdr import DataError
 from nsdr.clevrer.example import QUESTIONS, TRUTH
+from nsdr.clevrer.questions import read_questions, write_questions
 from nsdr.evaluation.experiments import read_experiment, run_experiment
 
 TEXT = """
@@ -58,6 +60,29 @@ def test_broken_experiments_are_named(experiment, tmp_path) -> None:
     experiment.write_text(TEXT.replace("random", "clever"))
     with pytest.raises(DataError):
         run_experiment(experiment, tmp_path)
+    experiment.write_text(TEXT.replace("baseline: random", "baseline: random, training: train.json"))
+    with pytest.raises(
+        DataError, match=r"training is 'train\.json'; expected a question file, beside `baseline: frequent`"
+    ):
+        run_experiment(experiment, tmp_path)
+
+
+def test_the_most_frequent_answers_are_those_of_the_training_questions(experiment, tmp_path) -> None:
+    experiment.write_text(experiment.read_text().replace("baseline: random", "baseline: frequent"))
+    table = run_experiment(experiment, tmp_path / "results").read_text()
+    assert "guess: the most frequent answers were counted on the questions themselves, not on a training set." in table
+    before = json.loads((tmp_path / "results" / "example.json").read_text())["rows"][1]["table"]
+    training = read_questions(QUESTIONS)
+    flipped = {"yes": "no", "no": "yes"}
+    exist = [q for s in training for q in s.questions if q.subtype == "exist"]
+    more = [replace(q, id=1000 + i, answer=flipped[q.answer]) for i, q in enumerate(exist * 2)]
+    path = tmp_path / "train.json"
+    write_questions(path, [replace(training[0], questions=(*training[0].questions, *more)), *training[1:]])
+    experiment.write_text(experiment.read_text().replace("frequent}", f"frequent, training: {path}}}"))
+    table = run_experiment(experiment, tmp_path / "results").read_text()
+    assert f"guess: the most frequent answers were counted on {path}." in table
+    after = json.loads((tmp_path / "results" / "example.json").read_text())["rows"][1]["table"]
+    assert after["descriptive"]["accuracy"] < before["descriptive"]["accuracy"]
 
 
 def test_the_docs_show_the_tables_as_they_were_measured() -> None:

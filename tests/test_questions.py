@@ -8,8 +8,8 @@ from collections import Counter
 import pytest
 
 from nsdr import DataError, Event, Executor, Scene, SceneObject
-from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, q_type_baselines
-from nsdr.clevrer.questions import read_questions, without_answers
+from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
+from nsdr.clevrer.questions import Choice, Question, SceneQuestions, read_questions, without_answers
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.cli.main import main
 from nsdr.generate.physics.bullet import Simulator
@@ -17,7 +17,7 @@ from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions
-from nsdr.generate.questions.statistics import count_questions
+from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.generate.records import truth_document
 from nsdr.question_parser.grammar.templates import Grammar, described, every
 from nsdr.world.camera import Camera
@@ -177,10 +177,60 @@ def test_answers_are_balanced_within_each_type() -> None:
     assert rows["predictive"] == (0.5, 0.0)
 
 
-def test_baselines_count_frequencies_on_given_training_questions(generated) -> None:
-    rows = q_type_baselines(generated[:4], training=generated[4:])
-    assert set(rows) == {"random", "frequent"}
-    assert 0 <= rows["random"]["descriptive"] <= 1
+def question(kind: str, answer: str | None, options: tuple[str, ...] = ()) -> Question:
+    """A question of a type or, with an answer, a descriptive one of a subtype."""
+    choices = tuple(Choice(i, f"option {i}", None, option) for i, option in enumerate(options))
+    return Question(0, f"A {kind} question?", kind if options else "descriptive", kind, None, answer, choices)
+
+
+def asked(*questions: Question) -> list[SceneQuestions]:
+    return [SceneQuestions(i, "v.mp4", (q,)) for i, q in enumerate(questions)]
+
+
+def test_random_answers_are_uniform_over_the_answers_of_the_question_type() -> None:
+    """However often each answer is right: all of these questions have the same one."""
+    counts = asked(*[question("count", "1")] * 3000)
+    assert q_type_baselines(counts)["random"]["descriptive"] == pytest.approx(1 / 6, abs=0.03)
+    colors = asked(*[question("query_color", "red")] * 3000)
+    assert q_type_baselines(colors)["random"]["descriptive"] == pytest.approx(1 / 8, abs=0.03)
+    options = asked(*[question("predictive", None, ("correct", "correct"))] * 3000)
+    per_option, per_question = q_type_baselines(options)["random"]["predictive"]
+    assert per_option == pytest.approx(1 / 2, abs=0.03)
+    assert per_question == pytest.approx(1 / 4, abs=0.03)
+
+
+def test_uniform_answers_to_the_releases_questions_are_as_often_right_as_published() -> None:
+    kinds = RELEASED_QUESTIONS["questions by kind"]
+    total = sum(kinds[name] for name in ANSWERS)
+    expected = sum(kinds[name] / len(answers) for name, answers in ANSWERS.items()) / total
+    assert 100 * expected == pytest.approx(29.02, abs=0.01)
+    assert 100 * expected == pytest.approx(PUBLISHED_Q_TYPE["random"]["descriptive"], abs=0.3)
+
+
+def test_frequent_answers_are_those_of_the_training_set() -> None:
+    scenes = asked(*[question("exist", "yes")] * 3, question("explanatory", None, ("correct", "correct", "wrong")))
+    training = asked(
+        *[question("exist", "no")] * 2,
+        question("exist", "yes"),
+        question("explanatory", None, ("correct", "correct")),
+        question("explanatory", None, ("wrong", "wrong", "wrong")),
+        question("predictive", None, ("correct", "wrong")),
+    )
+    assert q_type_baselines(scenes)["frequent"] == {"descriptive": 1.0, "explanatory": (2 / 3, 0.0)}
+    assert q_type_baselines(scenes, training=training)["frequent"] == {"descriptive": 0.0, "explanatory": (1 / 3, 0.0)}
+
+
+def test_q_type_baselines_refuse_what_they_cannot_answer() -> None:
+    scenes = asked(question("exist", "yes"))
+    with pytest.raises(DataError, match="training questions have no 'exist', which is to be answered"):
+        q_type_baselines(scenes, training=asked(question("count", "1")))
+    with pytest.raises(DataError, match=r"'A exist question\?' has no answer"):
+        q_type_baselines(scenes, training=asked(question("exist", None)))
+    with pytest.raises(DataError, match="has the subtype size; expected one of count, exist"):
+        q_type_baselines(asked(question("size", "1")))
+
+
+def test_questions_without_answers_have_no_programs_either(generated) -> None:
     blank = [without_answers(s) for s in generated]
     assert all(q.program is None and q.answer is None for s in blank for q in s.questions)
 

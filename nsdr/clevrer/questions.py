@@ -1,6 +1,6 @@
 """CLEVRER's question files: `train.json`, `validation.json` and `test.json`."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ __all__ = [
     "Choice",
     "Question",
     "SceneQuestions",
+    "by_type",
     "iterate_questions",
     "read_questions",
     "without_answers",
@@ -127,6 +128,12 @@ def without_answers(scene: SceneQuestions) -> SceneQuestions:
         choices = tuple(replace(c, program=None, answer=None) for c in q.choices)
         questions.append(replace(q, program=None, answer=None, choices=choices))
     return replace(scene, questions=tuple(questions))
+
+
+def by_type(counts: Mapping[str, float]) -> dict[str, float]:
+    """Numbers of questions of each type, from those of each descriptive sub-type and each other type."""
+    others = {name: counts.get(name, 0) for name in QUESTION_TYPES[1:]}
+    return {QUESTION_TYPES[0]: sum(counts.values()) - sum(others.values()), **others}
 
 
 def _scene_row(scene: SceneQuestions) -> dict[str, Any]:

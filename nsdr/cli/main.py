@@ -12,7 +12,7 @@ from typing import Any
 import jsonargparse
 from jsonargparse.typing import NonNegativeInt, PositiveInt
 
-from nsdr.cli import ask, data, evaluate, perceive
+from nsdr.cli import ask, data, evaluate, figures, perceive
 from nsdr.cli.status import ERROR, interruptible, left_out, outcome_of
 from nsdr.cli.train import PARTS, train
 from nsdr.errors import DataError
@@ -35,6 +35,7 @@ COMMANDS: dict[str, Callable[[Any], int]] = {
     "evaluate": evaluate.evaluate,
     "experiment": evaluate.experiment,
     "data": data.data,
+    "figures": figures.figures,
     "demo": ask.demo,
 }
 
@@ -285,6 +286,15 @@ def _perceive_options(commands: _Commands) -> None:
         "-o", "--output", action="append", required=True, help="file ending in .mp4, .png or .html; repeatable"
     )
     visualize.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
+
+    summary = "the paper's figures: distributions of questions and answers, program-count curve, sample results"
+    add = commands.add("figures", summary, pipeline=True, videos=True).add_argument
+    add("--questions", default="", help="question file whose distribution is drawn beside the release's")
+    add("--ablation", default="", help="CSV file of `nsdr train question-parser --ablation`, for the curve")
+    add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
+    add("--videos", default="", help="samples: folder of their videos")
+    add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
+    add("-o", "--output", required=True, help="folder for the pictures")
 
 
 def _evaluate_options(commands: _Commands) -> None:

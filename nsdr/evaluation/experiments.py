@@ -39,14 +39,16 @@ class ExperimentRow:
     Attributes:
         name: as it stands in the table.
         evaluation: what is measured; None for published numbers.
-        baseline: "random" or "frequent" for Q-type baselines, whose frequencies are counted on the questions themselves; "" to
-            run the evaluation.
+        baseline: "random" or "frequent" for Q-type baselines; "" to run the evaluation.
+        training: question file of the training set, whose most frequent answers "frequent" gives; "" counts them on the
+            questions that are scored, and the table says so.
         published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
     """
 
     name: str
     evaluation: EvaluationConfig | None
     baseline: str = ""
+    training: str = ""
     published: tuple[float, ...] = ()
 
     def settings(self) -> dict[str, Any]:
@@ -54,7 +56,12 @@ class ExperimentRow:
         evaluation = {} if self.evaluation is None else asdict(self.evaluation)
         for name in ("cache", "engine", "workers", "device"):
             evaluation.pop(name, None)
-        row = {"name": self.name, "baseline": self.baseline, "published": list(self.published)}
+        row = {
+            "name": self.name,
+            "baseline": self.baseline,
+            "training": self.training,
+            "published": list(self.published),
+        }
         return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
 
     def fingerprint(self) -> str:
@@ -62,7 +69,8 @@ class ExperimentRow:
         if self.evaluation is None:
             return fingerprint(config=self.settings())
         if self.baseline:
-            return fingerprint(inputs=[Path(self.evaluation.questions)], config=self.settings())
+            files = [self.evaluation.questions, *([self.training] if self.training else [])]
+            return fingerprint(inputs=[Path(file) for file in files], config=self.settings())
         return evaluation_fingerprint(self.evaluation)
 
 
@@ -98,15 +106,18 @@ def _row(common: dict[str, Any], row: Any) -> ExperimentRow:
         values = {**common, **row}
         values.pop("name")
         baseline, published = values.pop("baseline", ""), values.pop("published", None)
+        training = values.pop("training", "")
+        if training and (not isinstance(training, str) or baseline != "frequent"):
+            raise DataError(f"training is {training!r:.60}; expected a question file, beside `baseline: frequent` only")
         if baseline and baseline not in BASELINES:
             raise DataError(f"baseline is {baseline!r}; expected {' or '.join(BASELINES)}")
         if published is not None:
             if baseline or set(row) - {"name", "published"}:
                 raise DataError("published numbers stand alone; leave out the row's other settings")
-            return ExperimentRow(name, None, "", _published_numbers(published))
+            return ExperimentRow(name, None, published=_published_numbers(published))
         if baseline:  # reads no scenes
             values.setdefault("data", values.get("questions", ""))
-        return ExperimentRow(name, config_of(EvaluationConfig, values), baseline)
+        return ExperimentRow(name, config_of(EvaluationConfig, values), baseline, training)
     except DataError as e:
         raise DataError(f"row {name!r}: {e}") from e
 
@@ -168,11 +179,7 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     if row.evaluation is None:
         return {"table": _published(row.published)}
     start = time.time()
-    report = (
-        _baseline(row.evaluation, row.baseline)
-        if row.baseline
-        else run_evaluation(replace(row.evaluation, device=device))
-    )
+    report = _baseline(row.evaluation, row) if row.baseline else run_evaluation(replace(row.evaluation, device=device))
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},
         "failed_questions": report["errors"],
@@ -185,9 +192,13 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     }
 
 
-def _baseline(config: EvaluationConfig, baseline: str) -> dict[str, Any]:
+def _baseline(config: EvaluationConfig, row: ExperimentRow) -> dict[str, Any]:
     scenes = [s for s in read_questions(config.questions) if s.scene_index not in set(config.exclude)]
-    accuracy = q_type_baselines(scenes)[baseline]
+    training = read_questions(row.training) if row.training else None
+    try:
+        accuracy = q_type_baselines(scenes, training=training)[row.baseline]
+    except DataError as e:
+        raise DataError(f"row {row.name!r}: {e}") from e
     report: dict[str, Any] = {"errors": 0}
     for kind in QUESTION_TYPES:
         n = _count(scenes, kind)
@@ -253,6 +264,10 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
         f"Per option / per question, with 95 % intervals. Questions by type: {'; '.join(sorted(counts))}. Made by `{command}`",
     ]
     lines += [f"in {total} s ({'; '.join(sorted(runs))})."]
+    for row in rows:
+        if row["settings"]["baseline"] == "frequent":
+            counted = row["settings"]["training"] or "the questions themselves, not on a training set"
+            lines += ["", f"{row['settings']['name']}: the most frequent answers were counted on {counted}."]
     errors = [f"{row['settings']['name']}: {calibration_text(row['table'])}" for row in rows]
     errors = [line for line in errors if not line.endswith(": ")]
     if errors:

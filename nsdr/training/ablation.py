@@ -1,6 +1,7 @@
 """Ablation of the number of training programs: accuracy of programs and answers by question type (figure of the paper)."""
 
 import csv
+import importlib.util
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -19,6 +20,8 @@ from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program
 from nsdr.training.question_parser_task import QuestionParserTraining, train_question_parser
+from nsdr.visualize.distributions import program_curve
+from nsdr.visualize.figures import figure_png
 
 __all__ = ["ALL", "parse_sizes", "run_ablation"]
 
@@ -28,12 +31,6 @@ COLUMNS = ("programs", "question_type", "questions", "program_accuracy", "answer
 """Columns of `ablation.csv`; accuracies are fractions 0-1."""
 DECIMALS = 4
 """Decimals of the accuracies in `ablation.csv`."""
-FIGURE_INCHES, FIGURE_DPI = (9, 3.4), 110
-"""Size (inches) and resolution (dots per inch) of `ablation.png`."""
-TITLE_POINTS, LEGEND_POINTS = 10, 8
-"""Font sizes in the figure (points)."""
-GRID_ALPHA = 0.3
-"""Opacity of the figure's grid."""
 
 
 def parse_sizes(text: str) -> list[int]:
@@ -149,25 +146,7 @@ def _write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _write_figure(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """One panel for each accuracy and one line for each question type."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
+    if importlib.util.find_spec("matplotlib") is None:
         return
-    figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
-    sizes = list(dict.fromkeys(row["programs"] for row in rows))
-    panels = {"program_accuracy": "exact programs", "answer_accuracy": "right answers"}
-    for number, (column, title) in enumerate(panels.items(), 1):
-        axes: Any = figure.add_subplot(1, len(panels), number)
-        for question_type in QUESTION_TYPES:
-            percent = {r["programs"]: 100 * r[column] for r in rows if r["question_type"] == question_type}
-            if percent:
-                axes.plot([sizes.index(s) for s in percent], list(percent.values()), marker="o", label=question_type)
-        axes.set_xticks(range(len(sizes)), sizes)
-        axes.set_xlabel("training programs")
-        axes.set_ylabel("%")
-        axes.set_title(title, fontsize=TITLE_POINTS)
-        axes.grid(alpha=GRID_ALPHA)
-    figure.axes[0].legend(fontsize=LEGEND_POINTS)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=FIGURE_DPI)
+        temporary.write_bytes(figure_png(program_curve(rows)))

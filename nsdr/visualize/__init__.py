@@ -6,14 +6,18 @@ from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.visualize.annotate import annotated_image, write_annotated_image
+    from nsdr.visualize.distributions import program_curve, question_figure
     from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
     from nsdr.visualize.report import write_report
+    from nsdr.visualize.samples import sample_image
     from nsdr.visualize.strobe import stroboscopic_image
     from nsdr.visualize.video import write_annotated_video
 
 _HOME = {
     "nsdr.visualize.annotate": ["annotated_image", "write_annotated_image"],
+    "nsdr.visualize.distributions": ["program_curve", "question_figure"],
     "nsdr.visualize.figures": ["causal_figure", "figure_png", "plan_figure"],
+    "nsdr.visualize.samples": ["sample_image"],
     "nsdr.visualize.strobe": ["stroboscopic_image"],
     "nsdr.visualize.video": ["write_annotated_video"],
     "nsdr.visualize.report": ["write_report"],
@@ -24,6 +28,9 @@ __all__ = [
     "causal_figure",
     "figure_png",
     "plan_figure",
+    "program_curve",
+    "question_figure",
+    "sample_image",
     "stroboscopic_image",
     "write_annotated_image",
     "write_annotated_video",

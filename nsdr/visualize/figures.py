@@ -57,7 +57,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
     Raises:
         DataError: matplotlib is missing.
     """
-    plt = _pyplot()
+    plt = pyplot()
     rollout = prediction.observed if removed is None else prediction.counterfactual[removed]
     low, high = _extent(prediction, rollout)
     height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
@@ -145,7 +145,7 @@ def causal_figure(scene: Scene) -> Any:
     Raises:
         DataError: matplotlib is missing.
     """
-    plt = _pyplot()
+    plt = pyplot()
     n = len(scene.objects)
     figure, axes = plt.subplots(figsize=(8, 0.55 * n + 1.3), constrained_layout=True)
     for o in scene.objects:
@@ -178,11 +178,12 @@ def figure_png(figure: Any) -> bytes:
     """A matplotlib figure as the bytes of a PNG file; closes the figure."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
-    _pyplot().close(figure)
+    pyplot().close(figure)
     return buffer.getvalue()
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
+    """Matplotlib's pyplot without a window; raises `DataError` where matplotlib is missing."""
     try:
         import matplotlib
 

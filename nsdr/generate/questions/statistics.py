@@ -81,7 +81,8 @@ def _markdown(counts: Mapping[str, Mapping[str, float]], scenes: Sequence[SceneQ
     lines += [
         "## Accuracy from the question's type alone",
         "",
-        "Accuracies (%) of the Q-type baselines; multiple choice per option / per question.",
+        "Accuracies (%) of the Q-type baselines; multiple choice per option / per question. The most frequent answers",
+        "are those of this set itself; in the paper, those of the training set.",
         "",
         "| baseline | descriptive | explanatory | predictive | counterfactual |",
         "|---|---|---|---|---|",
