@@ -19,8 +19,8 @@ class Batch(NamedTuple):
         video: (B,) int64, each text's row in the tensors of the videos.
         pooled: (V, F, C) float32 feature vectors of the frames; None where `Baseline.needs` has no "pooled".
         maps: (V, F, C, h, w) float32 feature maps of the frames, or None.
-        objects: (V, F, N, C + 4) float32 features of the detected objects and their boxes (left, top, right, bottom as shares of
-            the image), padded with zeros; or None.
+        objects: (V, F, N, C + 4) float32 features of the detected objects and their boxes (left, top, right, bottom as shares
+            of the image), padded with zeros; or None.
         has_object: (V, F, N) bool, which of them are objects, or None.
         program: (B, P) int64 postfix program tokens of the question, and for an option of `SEPARATOR` and the option's; padded
             with `PAD`; or None.
