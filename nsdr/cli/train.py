@@ -1,4 +1,4 @@
-"""`nsdr train frame-parser|dynamics|collisions|question-parser|baseline`."""
+"""`nsdr train frame-parser|dynamics|collisions|question-parser|backbone|baseline`."""
 
 import logging
 import re
@@ -10,7 +10,7 @@ __all__ = ["PARTS", "train"]
 
 PARTS = {
     name: f"nsdr.training.{name.replace('-', '_')}"
-    for name in ("frame-parser", "dynamics", "collisions", "question-parser")
+    for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone")
 } | {"baseline": "nsdr.training.baselines"}
 """Module with the `main(argv)` of each part."""
 

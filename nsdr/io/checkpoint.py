@@ -21,7 +21,7 @@ __all__ = ["find_checkpoint", "load_checkpoint", "load_description", "load_netwo
 Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
 
-PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "baseline")
+PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone", "baseline")
 DTYPES = ("torch.float16", "torch.float32", "torch.int64")
 """Types of stored weights; the integers count batches."""
 
