@@ -1,11 +1,14 @@
 """What all trained baselines have in common, on tiny questions and random features."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
+from nsdr import DataError
 from nsdr.baselines.base import BASELINES
 from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
 from nsdr.baselines.features import FeatureCache
@@ -13,7 +16,10 @@ from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_score
 from nsdr.baselines.vocabulary import Vocabulary
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
+from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
+from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
+from nsdr.training.loop import LoopConfig
 
 FRAMES, CHANNELS, GRID, OBJECTS = 5, 6, (2, 3), 3
 SMALL = {
@@ -160,3 +166,130 @@ def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_pa
     assert (details["videos"], details["held_out_videos"]) == (4, 2)  # 10 and 15 are held out
     assert {"descriptive", "explanatory_per_option", "predictive_per_question"} <= set(details["metrics"])
     assert details["seconds"] > 0
+
+
+def test_an_experiment_trains_a_baseline_once_and_scores_it(scenes, folder, tmp_path, capsys) -> None:
+    write_questions(tmp_path / "questions.json", scenes)
+    training = {
+        "system": "cnn_mlp",
+        "questions": str(tmp_path / "questions.json"),
+        "features": str(folder),
+        "held_out": 5,
+    }
+    training |= {"run_dir": str(tmp_path / "run"), "model": SMALL["cnn_mlp"], "loop": {"steps": 2, "device": "cpu"}}
+    (tmp_path / "training.yaml").write_text(json.dumps(training))
+    experiment = tmp_path / "table.yaml"
+    row = {"name": "CNN+MLP", "train": str(tmp_path / "training.yaml"), "exclude": [11]}
+    common = {"questions": training["questions"], "data": "elsewhere", "source": "scenes", "programs": "gold"}
+
+    def measured(row) -> dict:
+        experiment.write_text(json.dumps({"title": "Table", "common": common, "rows": [row]}))
+        assert main(["experiment", str(experiment), "-o", str(tmp_path / "results"), "--device", "cpu"]) == 0
+        return json.loads((tmp_path / "results" / "table.json").read_text())["rows"][0]
+
+    first = measured(row)
+    assert first["table"]["descriptive"]["n"] == 2 * (len(scenes) - 1)
+    assert first["failed_questions"] == 0
+    assert first["training"] | {"seed": 0, "videos": 4, "system": "cnn_mlp"} == first["training"]
+    table = (tmp_path / "results" / "table.md").read_text()
+    assert re.search(r"- CNN\+MLP: `nsdr train baseline --config .*training\.yaml`, [\d,]+ parameters, seed 0", table)
+    assert measured(row) == first  # kept
+    checkpoint = {"name": "CNN+MLP", "trained": str(tmp_path / "run" / "checkpoint"), "features": str(folder)}
+    assert measured({**checkpoint, "exclude": [11]})["table"] == first["table"]
+    capsys.readouterr()
+    for extra, message in (
+        ({"stride": 2}, "stride would do nothing"),
+        ({"programs": "parsed"}, "programs would do nothing"),
+        ({"features": ""}, "needs features"),
+        ({"train": "a.yaml"}, "not both"),
+    ):
+        experiment.write_text(json.dumps({"title": "Table", "common": common, "rows": [{**checkpoint, **extra}]}))
+        assert main(["experiment", str(experiment), "-o", str(tmp_path / "results"), "--device", "cpu"]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
+    def train(listed) -> None:
+        write_questions(tmp_path / "questions.json", listed)
+        config = BaselineTraining(
+            run_dir=str(tmp_path / "run"),
+            system="lstm",
+            questions=str(tmp_path / "questions.json"),
+            held_out=5,
+            model=SMALL["lstm"],
+            loop=LoopConfig(steps=1, device="cpu"),
+        )
+        train_baseline(config)
+
+    train(scenes)
+    train(scenes)  # is done
+    with pytest.raises(DataError, match=r"another configuration \(data\)"):
+        train(scenes[:-2])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"system": "cnn"}, "system is 'cnn'; expected lstm or"),
+        ({"model": {"hiden": 3}}, "model: .*hiden"),
+        ({"model": {"hidden": 0}}, "model: hidden is 0"),
+        ({"features": "somewhere"}, "would do nothing"),
+        ({"system": "cnn_mlp"}, "needs pooled"),
+        ({"held_out": 1}, "held_out is 1"),
+    ],
+)
+def test_trainings_without_effect_or_sense_are_refused(changes, message: str) -> None:
+    values = {"run_dir": "runs/none", "system": "lstm", "questions": "none.json"}
+    with pytest.raises(DataError, match=message):
+        BaselineTraining(**{**values, **changes})
+
+
+def test_features_must_fit_those_of_the_training(scenes, folder) -> None:
+    baseline, _ = built("cnn_mlp", scenes, folder)
+    with pytest.raises(DataError, match="needs features"):
+        next(baseline.answer_questions(scenes, None))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["shapes"]["pooled"] = [FRAMES, CHANNELS + 1]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(DataError, match="7 channels"):
+        next(baseline.answer_questions(scenes, FeatureCache(folder, ["pooled"])))
+    blind, _ = built("lstm", scenes, folder)
+    with pytest.raises(DataError, match="does not see the video"):
+        next(blind.answer_questions(scenes, FeatureCache(folder, ["pooled"])))
+
+
+def test_what_cannot_be_answered_counts_as_wrong_and_says_why(scenes, folder) -> None:
+    baseline, features = built("cnn_mlp", scenes, folder)
+    strange = replace(scenes[0].questions[0], text="Are there any pyramids?")
+    missing = replace(scenes[1], scene_index=99)
+    asked = [replace(scenes[0], questions=(strange, *scenes[0].questions[1:])), missing]
+    report = score_answers(baseline.answer_questions(asked, features))
+    errors = [r.get("error", "") for r in report["results"]]
+    assert "pyramids" in errors[0]
+    assert errors[1:4] == [""] * 3
+    assert all("00099.npy" in error for error in errors[4:])
+    assert report["errors"] == 5
+
+
+def test_a_damaged_description_is_named(scenes, folder, tmp_path) -> None:
+    baseline, _ = built("lstm", scenes, folder)
+    baseline.save_pretrained(tmp_path)
+    file = tmp_path / "baseline.json"
+    description = json.loads(file.read_text())
+    for change in ({"system": "gru"}, {"words": None}, {"answers": ["yes"]}, {"words": ["one"]}):
+        file.write_text(json.dumps(description | change))
+        with pytest.raises(CheckpointError, match=r"baseline\.json"):
+            TrainedBaseline.from_checkpoint(tmp_path)
+
+
+def test_every_text_of_a_batch_is_one_of_few_videos(scenes, tmp_path) -> None:
+    write_questions(tmp_path / "questions.json", scenes)
+    config = BaselineTraining("run", "lstm", str(tmp_path / "questions.json"), held_out=5, texts_per_video=3)
+    task = BaselineTask(config)
+    drawn = task.draw(12, np.random.default_rng(0))
+    assert len(drawn) == 12
+    for i in range(0, 12, 3):
+        assert len({video for video, _ in drawn[i : i + 3]}) == 1
+        assert len({text for _, text in drawn[i : i + 3]}) == 3
+    batch = task.collate(drawn)
+    assert set(task.trained.vocabulary.possible_answers()[batch.is_choice.long()].sum(1).tolist()) == {2, 4}

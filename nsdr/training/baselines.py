@@ -1,7 +1,7 @@
 """Train a baseline: `nsdr train baseline --config configs/baselines/NAME.yaml`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -18,13 +18,13 @@ from nsdr.baselines.vocabulary import Vocabulary
 from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
-from nsdr.io.configuration import config_of
+from nsdr.io.configuration import config_of, resolved
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 
-__all__ = ["BaselineTask", "BaselineTraining", "main", "train_baseline"]
+__all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
 
 
 @dataclass(frozen=True)
@@ -181,3 +181,33 @@ def train_baseline(config: BaselineTraining) -> str:
 def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     return train_baseline(parse_training(BaselineTraining, argv, "baseline"))
+
+
+class BaselineTrainer:
+    """Trains by YAML files for `nsdr.evaluation.run_experiment`."""
+
+    def fingerprint(self, file: str) -> str:
+        """Of the settings but for the device, the questions and the features' settings."""
+        config = self._config(file)
+        values = resolved(replace(config, loop=replace(config.loop, device="auto")))
+        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()], code=False)
+
+    def features(self, file: str) -> str:
+        """Folder of the features of the training; "" for a system that sees no video."""
+        return self._config(file).features
+
+    def train(self, file: str, device: str) -> str:
+        """Train, go on with a training that was stopped, or find that it is done.
+
+        Args:
+            file: YAML file of `BaselineTraining`.
+            device: where; "auto" for that of the file.
+
+        Returns:
+            The folder of the checkpoint.
+        """
+        config = self._config(file)
+        return train_baseline(config if device == "auto" else replace(config, loop=replace(config.loop, device=device)))
+
+    def _config(self, file: str) -> BaselineTraining:
+        return parse_training(BaselineTraining, ["--config", file], "baseline")
