@@ -8,10 +8,10 @@ Differs from the paper:
     - The temporal attention unit scores the mean of each frame's cells as MAC's read unit scores cells, anew in each step. Its
       weights sum the frames to one map, which the read unit attends to. Yi et al. do not describe their unit further.
     - Sines and cosines of the frame's index are added to the features, so that the network can tell the order of the frames.
-    - MAC (V+) reads detected objects (features and box) of all frames at once instead of feature maps. How Yi et al. give object
-      information to the network is not described in enough detail to be repeated.
-    - One rate of dropout for the words, the features, the memory that is read and the answer, where MAC has one each. The memory's
-      dropout is drawn anew in each step.
+    - MAC (V+) reads detected objects (features and box) of all frames at once instead of feature maps. Yi et al. do not say
+      in enough detail how they give object information to the network.
+    - One rate of dropout for the words, the features, the memory that is read and the answer, where MAC has one each. Dropout
+      of the memory is drawn anew in each step.
     - Word embeddings are learnt with the network; none are trained beforehand.
 """
 
@@ -114,7 +114,8 @@ class MacObjects(Baseline):
 
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""
-        assert batch.objects is not None and batch.has_object is not None
+        assert batch.objects is not None
+        assert batch.has_object is not None
         objects = self.stem(batch.objects)
         objects = objects + time_encoding(objects.shape[1], self.reasoning.width, objects)[:, None]
         of_texts = objects.flatten(1, 2)[batch.video]

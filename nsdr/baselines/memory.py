@@ -1,7 +1,7 @@
 """Memory: memories of the video and of the question, and attention that joins both in several steps.
 
-Source: Fan et al. 2019, "Heterogeneous memory enhanced multimodal attention model for video question answering", which Yi et al.
-2020, "CLEVRER: Collision Events for Video Representation and Reasoning", use as a baseline.
+Source: Fan et al. 2019, "Heterogeneous memory enhanced multimodal attention model for video question answering". Yi et al.
+2020, "CLEVRER: Collision Events for Video Representation and Reasoning", use it as a baseline.
 
 Differs from the paper:
     - The motion stream reads the differences of the frame features of successive frames, instead of features of a network for
@@ -128,7 +128,7 @@ class _Memory(nn.Module):
         self.memory_state = nn.Linear(2 * width, width)
 
     def forward(self, inputs: Tensor, mask: Tensor) -> Tensor:
-        """Inputs (R, T, S, W), mask (R, T) -> the memory's state (R, T, W) after each step; where the mask is False, as before it."""
+        """Inputs (R, T, S, W), mask (R, T) -> the memory's state (R, T, W) after each step; masked steps do not change it."""
         rows, steps, _, width = inputs.shape
         slots = inputs.new_zeros(rows, self.slots, width)
         state = inputs.new_zeros(rows, width)
@@ -150,7 +150,9 @@ class _Memory(nn.Module):
                 torch.tanh(update(torch.cat([x, h, read], 1)))
                 for update, x, h in zip(self.stream_states, now, stream_states, strict=True)
             ]
-            stream_states = [_where(mask[:, step], new, old) for new, old in zip(next_states, stream_states, strict=True)]
+            stream_states = [
+                _where(mask[:, step], new, old) for new, old in zip(next_states, stream_states, strict=True)
+            ]
             state = _where(mask[:, step], torch.tanh(self.memory_state(torch.cat([state, read], 1))), state)
             states.append(state)
         return torch.stack(states, 1)

@@ -1,14 +1,14 @@
 """TVQA+: the detected objects of all frames attend to the words, between two LSTMs over the objects.
 
-Source: Yi et al. 2020, "CLEVRER: Collision Events for Video Representation and Reasoning", whose TVQA+ is the network of Lei et al.
-2018, "TVQA: Localized, compositional video question answering", with object features of a video frame parser.
+Source: Yi et al. 2020, "CLEVRER: Collision Events for Video Representation and Reasoning", whose TVQA+ is the network of Lei et
+al. 2018, "TVQA: Localized, compositional video question answering", with object features of a video frame parser.
 
 Differs from the paper:
     - There are no subtitles, so the only stream is that of the objects, in the order of the frames.
     - A question and its option are one text, which is scored over all answers. Lei et al. encode them separately and give each
       option one number.
     - The LSTM over the words and the first one over the objects do not share weights.
-    - Sines and cosines of the frame's index are added to the objects' features, because their number varies from frame to frame.
+    - Sines and cosines of the frame's index are added to the objects' features, because frames have different numbers of them.
     - Word embeddings are learnt with the network; none are trained beforehand.
     - Yi et al. do not state the sizes; those here are those of Lei et al. as far as they are known to us.
 """
@@ -57,7 +57,9 @@ class TvqaPlus(Baseline):
         self.config = config
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
-        self.embed = nn.Sequential(nn.Dropout(config.dropout), nn.Linear(sizes.channels + 4, config.embedding), nn.Tanh())
+        self.embed = nn.Sequential(
+            nn.Dropout(config.dropout), nn.Linear(sizes.channels + 4, config.embedding), nn.Tanh()
+        )
         self.encode = _BidirectionalLstm(config.embedding, width)
         self.dropout = nn.Dropout(config.dropout)
         self.fuse = _BidirectionalLstm(3 * width, width)
@@ -65,7 +67,8 @@ class TvqaPlus(Baseline):
 
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax. A video without any object is read as one object of zeros."""
-        assert batch.objects is not None and batch.has_object is not None
+        assert batch.objects is not None
+        assert batch.has_object is not None
         embedded = self.embed(batch.objects)
         embedded = embedded + time_encoding(embedded.shape[1], self.config.embedding, embedded)[:, None]
         sequences, lengths = _compact(embedded.flatten(1, 2), batch.has_object.flatten(1))
@@ -82,7 +85,7 @@ class TvqaPlus(Baseline):
 
 
 def _compact(items: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-    """The items (V, K, W) where the mask (V, K) is True, first and in their order, then zeros; and their numbers (V,), at least 1."""
+    """The items (V, K, W) where the mask (V, K) is True in their order, then zeros; and their numbers (V,), at least 1."""
     order = mask.to(torch.uint8).argsort(dim=1, descending=True, stable=True)
     kept = items.masked_fill(~mask[..., None], 0.0)
     lengths = mask.sum(1).clamp(min=1)
@@ -103,7 +106,7 @@ class _BidirectionalLstm(nn.Module):
         self.back = nn.LSTM(inputs, width // 2, batch_first=True)
 
     def forward(self, items: Tensor, lengths: Tensor) -> Tensor:
-        """Items (R, K, I), of which the first `lengths` (R,) of each row count -> states (R, K, W), of no meaning behind them."""
+        """Items (R, K, I), of which the first `lengths` (R,) of each row count -> states (R, K, W), undefined behind them."""
         index = torch.arange(items.shape[1], device=items.device)
         from_end = lengths[:, None] - 1 - index
         order = torch.where(from_end >= 0, from_end, index)[..., None]
