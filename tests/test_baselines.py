@@ -2,7 +2,8 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_quest
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
+from nsdr.io.configuration import config_of, parse_config
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
 
@@ -26,6 +28,12 @@ SMALL = {
     "lstm": {"embedding": 16, "hidden": 32, "head": 32, "dropout": 0.0},
     "cnn_mlp": {"embedding": 16, "head": 32, "dropout": 0.0},
     "cnn_lstm": {"embedding": 16, "hidden": 32, "video": 16, "head": 32, "dropout": 0.0},
+    "tvqa": {"embedding": 16, "hidden": 16, "head": 32, "dropout": 0.0},
+    "memory": {"embedding": 16, "hidden": 16, "slots": 4, "steps": 2, "dropout": 0.0},
+    "iep": {"width": 16, "frames": 3, "projection": 16, "hidden": 32},
+    "tbd": {"width": 16, "frames": 3, "projection": 16, "hidden": 32, "dilations": [1, 2]},
+    "mac": {"embedding": 16, "width": 32, "steps": 2, "dropout": 0.0},
+    "mac_objects": {"embedding": 16, "width": 32, "steps": 2, "dropout": 0.0},
 }
 """Small settings of each baseline."""
 TEXTS = (
@@ -92,7 +100,7 @@ def built(name: str, scenes, folder) -> tuple[TrainedBaseline, FeatureCache | No
     kind, features = BASELINES[name], features_of(name, folder)
     vocabulary = Vocabulary.from_questions(scenes)
     sizes = baseline_sizes(vocabulary, *feature_sizes(features, kind.needs))
-    config = kind.Config(**SMALL[name])
+    config = config_of(kind.Config, SMALL[name])
     return TrainedBaseline(name, config, kind(config, sizes), vocabulary, sizes), features
 
 
@@ -293,3 +301,16 @@ def test_every_text_of_a_batch_is_one_of_few_videos(scenes, tmp_path) -> None:
         assert len({text for _, text in drawn[i : i + 3]}) == 3
     batch = task.collate(drawn)
     assert set(task.trained.vocabulary.possible_answers()[batch.is_choice.long()].sum(1).tolist()) == {2, 4}
+
+
+@pytest.mark.parametrize("name", BASELINES.names())
+def test_every_baseline_has_the_papers_settings_and_small_ones(name: str) -> None:
+    folder = Path(__file__).parent.parent / "configs" / "baselines"
+    paper = parse_config(BaselineTraining, ["--config", str(folder / f"{name}.yaml")], "baseline")
+    small = parse_config(BaselineTraining, ["--config", str(folder / "reference" / f"{name}.yaml")], "baseline")
+    kind = BASELINES[name]
+    assert (paper.system, small.system) == (name, name)
+    assert paper.model_config() == kind.Config()
+    assert set(paper.model) == {f.name for f in fields(kind.Config)}
+    assert small.model_config() != kind.Config()
+    assert paper.run_dir != small.run_dir
