@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
+from nsdr.baselines.layers import AnswerHead
 from nsdr.baselines.program_graph import ProgramGraph, execute, program_graph
 from nsdr.errors import DataError
 from nsdr.io.validation import SIZE, check_ranges
@@ -92,14 +93,12 @@ class _Classifier(nn.Module):
         h, w = sizes.grid
         places = -(-h // 2) * -(-w // 2)
         self.project = nn.Linear(config.width, config.projection)
-        self.hidden = nn.Linear(config.projection * places, config.hidden)
-        self.scores = nn.Linear(config.hidden, sizes.answers)
+        self.head = AnswerHead(config.projection * places, config.hidden, sizes.answers)
 
     def forward(self, values: Tensor) -> Tensor:
         """See the class."""
         images = self.project(values).relu().amax(1).permute(0, 3, 1, 2)
-        pooled = functional.max_pool2d(images, 2, ceil_mode=True).flatten(1)
-        scores: Tensor = self.scores(self.hidden(pooled).relu())
+        scores: Tensor = self.head(functional.max_pool2d(images, 2, ceil_mode=True).flatten(1))
         return scores
 
 
@@ -107,8 +106,8 @@ class Assembled(Baseline):
     """A network whose modules are put together as a text's program says; the program's value goes to a classifier.
 
     Args:
-        sizes: sizes of the data set and the features.
         config: settings.
+        sizes: sizes of the data set and the features.
 
     Raises:
         DataError: `sizes.program_tokens` is not the number of `PROGRAM_TOKENS`.
@@ -146,7 +145,9 @@ class Assembled(Baseline):
             DataError: the batch has no maps or no programs.
         """
         if batch.maps is None or batch.program is None:
-            raise DataError(f"the batch has no {'maps' if batch.maps is None else 'program'}; `needs` says what to read")
+            raise DataError(
+                f"the batch has no {'maps' if batch.maps is None else 'program'}; `needs` says what to read"
+            )
         features = self.stem(batch.maps)
         graph = program_graph(batch.program, batch.video)
 

@@ -8,7 +8,7 @@ Differs from the paper:
     - video: values are features of every frame, and the second 3x3 convolution of a residual module runs over 3 frames instead;
       the classifier takes the maximum over time; three channels hold the coordinates in time and space;
     - an option's program and its question's are one tree, joined by `belong_to`;
-    - the modules without arguments (`objects`, `events`, `start` ...) are residual modules on the video's features, for the paper's
+    - the modules without arguments (`objects`, `events`, `start` ...) are residual modules on the video's features; the paper's
       only one, `scene`, is the features themselves;
     - a malformed program runs one module of its own on the features.
 """

@@ -1,12 +1,12 @@
-"""Programs as a graph of network modules, for the baselines whose network is assembled by the program (IEP and TbD-net).
+"""Programs as a graph of network modules, for the baselines that a program assembles (IEP and TbD-net).
 
-A text's program is the question's, or the option's followed by the question's, whose `belong_to` then joins the two values. A step of
-it is an instruction: a module with its attribute or order word, such as "filter_color red". Equal steps about one video are one
-node, so what texts have in common is computed once.
+A text's program is the question's, or the option's followed by the question's, whose `belong_to` then joins the two values. A
+step is an instruction: a module with its attribute or order word, such as "filter_color red". Equal steps about one video are
+one node, so what texts have in common is computed once.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
@@ -14,8 +14,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from nsdr.baselines.vocabulary import PAD, PROGRAM_SEPARATOR
 from nsdr.errors import ProgramError
-from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS
+from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.symbolic.modules import MODULES, WORDS, Kind
 from nsdr.symbolic.program import Program
 
@@ -79,8 +80,8 @@ def program_graph(programs: Tensor, videos: Tensor) -> ProgramGraph:
     """The graph of B programs.
 
     Args:
-        programs: (B, P) int64 token indices: the question's program, and for an option of `END` and the option's; padded with
-            `PAD`.
+        programs: (B, P) int64 token indices: the question's program, and for an option of `PROGRAM_SEPARATOR` and the option's;
+            padded with `PAD`.
         videos: (B,) int64 rows of the texts' videos.
     """
     index: dict[Node, int] = {}
@@ -115,19 +116,21 @@ def execute(graph: ProgramGraph, run: Run, device: torch.device) -> list[Tensor]
     for level, instruction in sorted(groups):
         members = groups[level, instruction]
         nodes = [graph.nodes[i] for i in members]
-        arguments = [torch.stack([values[i] for i in inputs]) for inputs in zip(*[n.inputs for n in nodes], strict=True)]
+        arguments = [
+            torch.stack([values[i] for i in inputs]) for inputs in zip(*[n.inputs for n in nodes], strict=True)
+        ]
         videos = torch.tensor([n.video for n in nodes], device=device)
         values.update(zip(members, run(instruction, videos, arguments).unbind(), strict=True))
     return [values[i] for i in range(len(graph.nodes))]
 
 
 @lru_cache(maxsize=1 << 16)
-def _steps(tokens: tuple[int, ...]) -> list[Step]:
-    """Steps of a text's program, words joined to the modules that take them; one of `MALFORMED` for what is no program."""
+def _steps(tokens: tuple[int, ...]) -> tuple[Step, ...]:
+    """Steps of a text's program, words joined to the modules that take them; one `MALFORMED` for what is no program."""
     try:
         program = _program(tokens)
     except ProgramError:
-        return [(MALFORMED, ())]
+        return ((MALFORMED, ()),)
     steps: list[Step] = []
     place: dict[int, int] = {}
     for index, step in enumerate(program.steps):
@@ -135,20 +138,19 @@ def _steps(tokens: tuple[int, ...]) -> list[Step]:
             words = [program.tokens[i] for i in step.inputs if i not in place]
             place[index] = len(steps)
             steps.append((" ".join((step.token, *words)), tuple([place[i] for i in step.inputs if i in place])))
-    return steps
+    return tuple(steps)
 
 
 def _program(tokens: tuple[int, ...]) -> Program:
     """The program that answers a text; raises `ProgramError` where there is none."""
-    length = len(tokens)
-    while length and tokens[length - 1] == PAD:
-        length -= 1
-    names = [PROGRAM_TOKENS[i] for i in tokens[:length]]
-    if END not in tokens:
-        program = Program.parse(names)
-    else:
-        cut = tokens.index(END)
-        program = Program.parse(names[cut + 1 :]).then(Program.parse(names[:cut]))
+    end = len(tokens)
+    while end and tokens[end - 1] == PAD:
+        end -= 1
+    cut = tokens.index(PROGRAM_SEPARATOR) if PROGRAM_SEPARATOR in tokens else end
+    question, choice = ([PROGRAM_TOKENS[i] for i in part] for part in (tokens[:cut], tokens[cut + 1 : end]))
+    if not (MODULES.keys() | WORDS.keys()).issuperset(question + choice):
+        raise ProgramError("a token is neither a module nor a word")
+    program = Program.parse(question) if cut == end else Program.parse(choice).then(Program.parse(question))
     if program.needs_choice or not program.answers:
         raise ProgramError("the program gives no answer")
     return program

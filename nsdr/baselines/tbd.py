@@ -5,9 +5,9 @@ Reasoning" (2018), adapted to video as in Yi et al.: "CLEVRER: Collision Events 
 
 Sets, objects, events and frames are masks over time and space; answers are encodings. The kinds of module:
     - the whole video: a mask of ones (`objects`, `null`);
-    - attend: a mask from the features within a mask (`events`, `start`, `filter_color red` ...); with two arguments, within both
-      (`filter_moving`, `filter_collision` ...), the minimum of the two masks as the paper's And;
-    - relate: a mask from the features within a mask, by dilated convolutions (`get_object`, and `get_col_partner`, within the event
+    - attend: a mask from the features within a mask (`events`, `start`, `filter_color red` ...); of two arguments, within the
+      minimum of both (`filter_moving`, `filter_collision` ...), which is the paper's And;
+    - relate: a mask from the features within a mask, by dilated convolutions (`get_object`; `get_col_partner`: within the event
       but not the object); of two arguments the second is related, and the minimum with the first taken (`filter_before` ...);
     - query: an encoding of the features within a mask (`query_color`, `count`, `exist`);
     - compare: an encoding of the features within two masks (`belong_to`); `negate` recodes an encoding;
@@ -15,8 +15,9 @@ Sets, objects, events and frames are masks over time and space; answers are enco
 
 Differs from the paper:
     - programs are given, the data set's or those of our question parser;
-    - video: masks and features are those of every frame; of two successive 3x3 convolutions the second runs over 3 frames instead,
-      and `relate` has both at each dilation; the classifier takes the maximum over time; three channels hold the coordinates;
+    - video: masks and features are those of every frame; of two successive 3x3 convolutions the second runs over 3 frames
+      instead, and `relate` has both at each dilation; the classifier takes the maximum over time; three channels hold the
+      coordinates in time and space;
     - no `same` module, which CLEVRER's programs do not need, and no Or; `compare` reads masks, not encodings;
     - an option's program and its question's are one tree, joined by `belong_to`;
     - a malformed program runs a `query` module of its own on the whole video;
@@ -120,7 +121,7 @@ class TbdNet(Assembled):
 
 
 def _module(instruction: str, config: TbdConfig) -> nn.Sequential:
-    """The network of an instruction: of what features (N, F, h, w, width, or twice that for `belong_to`) to a mask or encoding."""
+    """The network of an instruction: features (N, F, h, w, width; of `belong_to` 2 width) within masks -> mask or encoding."""
     width = config.width
     if instruction == "belong_to":
         return nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), *_pair(width))
