@@ -16,7 +16,7 @@ from nsdr.baselines.tbd import TbdConfig, TbdNet
 from nsdr.baselines.vocabulary import PAD, PROGRAM_SEPARATOR
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
-from nsdr.io.files import read_yaml
+from nsdr.io.reading import read_yaml
 from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.training.loop import LoopConfig
 
