@@ -23,7 +23,7 @@ __all__ = ["BOX_NUMBERS", "KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", 
 
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
-MANIFEST = "manifest.json"
+MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
