@@ -12,7 +12,7 @@ import torch
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES
 from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features import FeatureCache
+from nsdr.baselines.features import MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
 from nsdr.baselines.vocabulary import Vocabulary
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
@@ -86,7 +86,7 @@ def folder(tmp_path):
                 values[..., -4:] = (0.1, 0.1, 0.5, 0.5)
                 values[:, 2:] = 0.0  # no third object
             np.save(path / kind / f"{index:05d}.npy", values.astype(np.float16))
-    (path / "manifest.json").write_text(json.dumps({"features": {"frames": FRAMES}, "shapes": shapes}))
+    (path / MANIFEST).write_text(json.dumps({"features": {"frames": FRAMES}, "shapes": shapes}))
     return path
 
 
@@ -256,9 +256,9 @@ def test_features_must_fit_those_of_the_training(scenes, folder) -> None:
     baseline, _ = built("cnn_mlp", scenes, folder)
     with pytest.raises(DataError, match="needs features"):
         next(baseline.answer_questions(scenes, None))
-    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest = json.loads((folder / MANIFEST).read_text())
     manifest["shapes"]["pooled"] = [FRAMES, CHANNELS + 1]
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    (folder / MANIFEST).write_text(json.dumps(manifest))
     with pytest.raises(DataError, match="7 channels"):
         next(baseline.answer_questions(scenes, FeatureCache(folder, ["pooled"])))
     blind, _ = built("lstm", scenes, folder)
