@@ -72,7 +72,9 @@ def _run(arguments: list[str]) -> int:
         import nsdr.world.camera  # noqa: F401  # reads the camera's place from the environment
     except ValueError as e:
         raise DataError(str(e)) from e
-    configured = {"train": train, "generate": _generate}.get(arguments[0] if arguments else "")
+    configured = {"train": train, "generate": _generate, "extract-features": _extract_features}.get(
+        arguments[0] if arguments else ""
+    )
     if configured and arguments[1:2] not in (["--help"], ["-h"]):
         return configured(arguments[1:])
     parser = _parser()
@@ -116,6 +118,13 @@ def _generate(arguments: list[str]) -> int:
 
     written = generate(arguments)
     print(written)
+    return left_out(written)
+
+
+def _extract_features(arguments: list[str]) -> int:
+    from nsdr.cli.features import main as extract
+
+    written = extract(arguments)
     return left_out(written)
 
 
@@ -199,7 +208,8 @@ def _parser() -> jsonargparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=_version())
     train_help = f"train {'|'.join(PARTS)} --config configs/….yaml [--field value]"
     generate_help = "generate dataset|scene|questions [--config configs/generate/….yaml] -o OUTPUT [--field value]"
-    for name, text in (("train", train_help), ("generate", generate_help)):
+    extract_help = "extract-features --config configs/baselines/features.yaml --root DATA -o OUTPUT [--field value]"
+    for name, text in (("train", train_help), ("generate", generate_help), ("extract-features", extract_help)):
         sub = jsonargparse.ArgumentParser(description=f"nsdr {text}; --help after the part shows its fields")
         commands.commands.add_subcommand(name, sub, help=text)
     return parser

@@ -1,4 +1,4 @@
-"""`nsdr train frame-parser|dynamics|collisions|question-parser`."""
+"""`nsdr train frame-parser|dynamics|collisions|question-parser|backbone|baseline`."""
 
 import logging
 import re
@@ -10,8 +10,8 @@ __all__ = ["PARTS", "train"]
 
 PARTS = {
     name: f"nsdr.training.{name.replace('-', '_')}"
-    for name in ("frame-parser", "dynamics", "collisions", "question-parser")
-}
+    for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone")
+} | {"baseline": "nsdr.training.baselines"}
 """Module with the `main(argv)` of each part."""
 
 

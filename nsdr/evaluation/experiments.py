@@ -1,7 +1,8 @@
 """Tables from one command each: `nsdr experiment configs/experiments/NAME.yaml` writes results/NAME.json and .md.
 
-An experiment is a list of rows, each an `EvaluationConfig`, a baseline or published numbers. Rows of the results file whose
-fingerprint is unchanged are kept: a killed experiment goes on. A results file is written by one experiment at a time.
+An experiment is a list of rows, each an `EvaluationConfig`, a baseline (some of which are trained first) or published numbers.
+Rows of the results file whose fingerprint is unchanged are kept: a killed experiment goes on. A results file is written by one
+experiment at a time.
 """
 
 import os
@@ -18,6 +19,7 @@ import nsdr
 from nsdr.baselines.q_type import q_type_baselines
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.errors import DataError
+from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
 from nsdr.evaluation.calibration import calibration_text
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
 from nsdr.evaluation.score import TAGS, first_failure
@@ -42,6 +44,8 @@ class ExperimentRow:
         baseline: "random" or "frequent" for Q-type baselines; "" to run the evaluation.
         training: question file of the training set, whose most frequent answers "frequent" gives; "" counts them on the
             questions that are scored, and the table says so.
+        trained: the trained baseline that answers the questions of `evaluation`; None for others.
+        own: settings of the trained baseline's row that are not common ones.
         published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
     """
 
@@ -49,6 +53,8 @@ class ExperimentRow:
     evaluation: EvaluationConfig | None
     baseline: str = ""
     training: str = ""
+    trained: BaselineRow | None = None
+    own: tuple[str, ...] = ()
     published: tuple[float, ...] = ()
 
     def settings(self) -> dict[str, Any]:
@@ -56,18 +62,16 @@ class ExperimentRow:
         evaluation = {} if self.evaluation is None else asdict(self.evaluation)
         for name in ("cache", "engine", "workers", "device"):
             evaluation.pop(name, None)
-        row = {
-            "name": self.name,
-            "baseline": self.baseline,
-            "training": self.training,
-            "published": list(self.published),
-        }
+        row: dict[str, Any] = {"name": self.name, "baseline": self.baseline, "training": self.training}
+        row |= {"published": list(self.published)} | ({} if self.trained is None else asdict(self.trained))
         return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
 
-    def fingerprint(self) -> str:
+    def fingerprint(self, trainer: Trainer | None = None) -> str:
         """Of everything the row's numbers depend on."""
         if self.evaluation is None:
             return fingerprint(config=self.settings())
+        if self.trained is not None:
+            return self.trained.fingerprint(self.evaluation, trainer)
         if self.baseline:
             files = [self.evaluation.questions, *([self.training] if self.training else [])]
             return fingerprint(inputs=[Path(file) for file in files], config=self.settings())
@@ -115,11 +119,27 @@ def _row(common: dict[str, Any], row: Any) -> ExperimentRow:
             if baseline or set(row) - {"name", "published"}:
                 raise DataError("published numbers stand alone; leave out the row's other settings")
             return ExperimentRow(name, None, published=_published_numbers(published))
+        if {"train", "trained"} & set(row):
+            return _trained_row(name, common, {k: v for k, v in row.items() if k != "name"})
         if baseline:  # reads no scenes
             values.setdefault("data", values.get("questions", ""))
         return ExperimentRow(name, config_of(EvaluationConfig, values), baseline, training)
     except DataError as e:
         raise DataError(f"row {name!r}: {e}") from e
+
+
+def _trained_row(name: str, common: Mapping[str, Any], row: Mapping[str, Any]) -> ExperimentRow:
+    """The row of a trained baseline: of the common settings those that it uses."""
+    which = {k: v for k, v in row.items() if k in ("train", "trained", "features")}
+    own = {k: v for k, v in row.items() if k not in which}
+    unknown = [k for k in own if k not in USED]
+    if unknown:
+        raise DataError(f"{unknown[0]} would do nothing for a trained baseline; expected some of {', '.join(USED)}")
+    values = {**{k: v for k, v in common.items() if k in USED}, **own}
+    if "root" not in values:
+        values["data"] = values.get("questions", "")  # reads no scenes
+    evaluation = config_of(EvaluationConfig, values)
+    return ExperimentRow(name, evaluation, trained=config_of(BaselineRow, which), own=tuple(own))
 
 
 def _published_numbers(numbers: Any) -> tuple[float, ...]:
@@ -130,13 +150,16 @@ def _published_numbers(numbers: Any) -> tuple[float, ...]:
     raise DataError(f"published is {numbers!r:.60}; expected {expected} numbers of 0 to 100")
 
 
-def run_experiment(path: str | Path, output: str | Path = "results", device: str = "auto") -> Path:
+def run_experiment(
+    path: str | Path, output: str | Path = "results", device: str = "auto", trainer: Trainer | None = None
+) -> Path:
     """Measure every row that is not there yet, and write the table.
 
     Args:
         path: experiment file.
         output: folder for NAME.json and NAME.md.
         device: where networks run, as of `Pipeline.from_pretrained`; rows of all devices count as the same.
+        trainer: trains the baselines of rows with `train`; None refuses such rows.
 
     Returns:
         The Markdown file.
@@ -147,7 +170,7 @@ def run_experiment(path: str | Path, output: str | Path = "results", device: str
     title, rows = read_experiment(path)
     file = Path(output) / f"{Path(path).stem}.json"
     table, command = file.with_suffix(".md"), f"nsdr experiment {path}"
-    values = {row.name: row.fingerprint() for row in rows}
+    values = {row.name: row.fingerprint(trainer) for row in rows}
     with locked(output, file.name):
         known = _earlier(file, values)
         for row in rows:
@@ -155,7 +178,7 @@ def run_experiment(path: str | Path, output: str | Path = "results", device: str
                 known[row.name] = {
                     "settings": row.settings(),
                     "fingerprint": values[row.name],
-                    **_measured(row, device),
+                    **_measured(row, device, trainer),
                 }
             done = [known[r.name] for r in rows if r.name in known]  # rows that were kept, and are still to come, too
             write_json(file, {"title": title, "command": command, "rows": done}, indent=1)
@@ -175,14 +198,19 @@ def _earlier(file: Path, fingerprints: Mapping[str, str]) -> dict[str, dict[str,
     return {name: row for name, row in rows.items() if row.get("fingerprint") == fingerprints.get(name)}
 
 
-def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
+def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[str, Any]:
     if row.evaluation is None:
         return {"table": _published(row.published)}
     start = time.time()
-    report = _baseline(row.evaluation, row) if row.baseline else run_evaluation(replace(row.evaluation, device=device))
+    evaluation = replace(row.evaluation, device=device)
+    if row.trained is not None:
+        report = evaluate_baseline(row.trained, evaluation, row.own, device, trainer)
+    else:
+        report = _baseline(row.evaluation, row) if row.baseline else run_evaluation(evaluation)
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},
         "failed_questions": report["errors"],
+        **({"training": report["training"]} if "training" in report else {}),
         **({"first_failure": first_failure(report)} if report["errors"] else {}),
         "seconds": round(time.time() - start),
         "date": time.strftime("%Y-%m-%d"),
@@ -277,6 +305,9 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
             "",
             *(f"- {e}" for e in errors),
         ]
+    trained = [f"- {row['settings']['name']}: {training_text(row['training'])}" for row in rows if "training" in row]
+    if trained:
+        lines += ["", "Trained baselines:", "", *trained]
     return "\n".join(lines) + "\n"
 
 

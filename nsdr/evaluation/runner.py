@@ -35,7 +35,14 @@ from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
-__all__ = ["EvaluationConfig", "evaluation_fingerprint", "run_evaluation"]
+__all__ = [
+    "EvaluationConfig",
+    "evaluation_fingerprint",
+    "programs_of",
+    "run_evaluation",
+    "selected_questions",
+    "true_scene_of",
+]
 
 COUNTERFACTUALS = ("simulated", "recording")
 
@@ -159,12 +166,12 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         EndpointError: the server of `parser` is not there.
         ConnectionError: it fails in the midst of the questions, after the scenes were kept.
     """
-    parse = endpoint_parse(config.parser, config.parser_model) if config.parser else None
+    parse = programs_of(config, ()) if config.parser else None  # a server that is not there is found before the work
     settings, device = config.pipeline(), str(resolve_device(config.device))
-    questions, data = _questions(config)
+    questions, data = selected_questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        parse = parse or _programs(config, questions)
+        parse = parse or programs_of(config, questions)
         return evaluate(_official(questions, Path(config.data), config.collisions), parse, config.types)
     wanted = {s.scene_index for s in questions}
     source = SOURCES[config.source](data, wanted)
@@ -174,7 +181,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     for s in tqdm(questions, desc="reading", unit="scene"):
         try:
             found = source(s)
-            true_scene = None if true_source is None else _true_scene(true_source, s)
+            true_scene = None if true_source is None else true_scene_of(true_source, s)
         except NsdrError as e:
             scenes[s.scene_index] = e
             continue
@@ -195,14 +202,20 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         folder = jobs[0].output.parent
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
-    parse = parse or _programs(config, questions)
+    parse = parse or programs_of(config, questions)
     keeps_recording = config.counterfactuals == "recording"
     made = ((s, _executor(scenes[s.scene_index], keeps_recording)) for s in questions)
     return evaluate(made, parse, config.types)
 
 
-def _programs(config: EvaluationConfig, questions: Sequence[SceneQuestions]) -> Parse | None:
-    """The programs of all texts by the checkpoint's question parser; None where the question file has them."""
+def programs_of(config: EvaluationConfig, questions: Sequence[SceneQuestions]) -> Parse | None:
+    """The programs of all texts by the server or the checkpoint's question parser; None where the questions have them.
+
+    Raises:
+        EndpointError: the server of `parser` is not there.
+    """
+    if config.parser:
+        return endpoint_parse(config.parser, config.parser_model)
     return parse_all(config.checkpoint, config.device, questions, config.types) if config.programs == "parsed" else None
 
 
@@ -236,7 +249,8 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
     return fingerprint(inputs=inputs, config={**values, "pipeline": asdict(settings)}, weights=weights)
 
 
-def _questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
+def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
+    """The questions that are answered, with the programs of `EvaluationConfig.program_files`; and what scenes are made from."""
     data: Data
     if config.root:
         split = CLEVRER(config.root).split(config.split)
@@ -279,7 +293,12 @@ def _perceive(
     storage.save(perception.scene, output)
 
 
-def _true_scene(source: SceneSource, s: SceneQuestions) -> Scene:
+def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
+    """The scene of a source that gives scenes.
+
+    Raises:
+        DataError: it gives something else.
+    """
     scene = source(s)
     if not isinstance(scene, Scene):
         raise DataError("truth_source must give scenes: annotations, ground-truth, truth or scenes")

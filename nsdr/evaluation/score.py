@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from nsdr.baselines.recording import keep_recording
@@ -14,7 +15,7 @@ from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Answer, ChoiceAnswer
 
-__all__ = ["TAGS", "Parse", "evaluate", "first_failure", "format_table"]
+__all__ = ["TAGS", "Parse", "evaluate", "first_failure", "format_table", "score_answers"]
 
 Parse = Callable[[str, str], Program]
 """(text, kind) -> program, as `QuestionParser.parse`."""
@@ -49,21 +50,72 @@ def evaluate(
         for question in questions.questions:
             if question.type not in types:
                 continue
-            result: dict[str, Any] = {"scene_index": questions.scene_index, "question_id": question.id}
-            result |= {"question_type": question.type, "question_subtype": question.subtype}
             try:
                 if isinstance(executor, NsdrError):
                     raise executor
-                result |= _answered(executor, question, parse)
+                result = _answered(executor, question, parse)
                 if recording is not None and question.type == "counterfactual" and _labelled(question):
                     _tag(result["choices"], _answered(recording, question, parse)["choices"])
             except NsdrError as e:
-                result |= {"correct": False, "error": str(e)}
-                if question.choices:
-                    result["choices"] = [
-                        {"choice_id": c.id, "answer": "wrong", "correct": False} for c in question.choices
-                    ]
-            results.append(result if _labelled(question) else _unscored(result))
+                result = _failed(question, e)
+            results.append(_result(questions, question, result))
+    return _report(results)
+
+
+def score_answers(
+    answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]],
+    recordings: Mapping[int, Executor] | None = None,
+) -> dict[str, Any]:
+    """Score answers of a system that has no scenes.
+
+    Args:
+        answered: questions with the answers by question id, or why a question has none; questions that are not among them are
+            left out.
+        recordings: executors on `keep_recording` of the true scenes by scene index, which tag counterfactual options by the
+            programs of the question file; None for no tags.
+
+    Returns:
+        The report, as of `evaluate`.
+    """
+    results = []
+    for scene, answers in answered:
+        recording = (recordings or {}).get(scene.scene_index)
+        for question in (q for q in scene.questions if q.id in answers):
+            found = answers[question.id]
+            result = _failed(question, found) if isinstance(found, NsdrError) else _judged(question, found)
+            if (
+                recording is not None
+                and "error" not in result
+                and question.type == "counterfactual"
+                and _labelled(question)
+            ):
+                with suppress(NsdrError):
+                    _tag(result["choices"], _answered(recording, question, None)["choices"])
+            results.append(_result(scene, question, result))
+    return _report(results)
+
+
+def _judged(question: Question, found: Answer) -> dict[str, Any]:
+    if question.type == "descriptive":
+        return {"answer": found.answer, "correct": found.answer == question.answer} | _probability(found)
+    choices = _judged_choices(question, found.choices)
+    return {"choices": choices, "correct": all(c["correct"] for c in choices)}
+
+
+def _failed(question: Question, error: NsdrError) -> dict[str, Any]:
+    result: dict[str, Any] = {"correct": False, "error": str(error)}
+    if question.choices:
+        result["choices"] = [{"choice_id": c.id, "answer": "wrong", "correct": False} for c in question.choices]
+    return result
+
+
+def _result(scene: SceneQuestions, question: Question, found: Mapping[str, Any]) -> dict[str, Any]:
+    about = {"scene_index": scene.scene_index, "question_id": question.id}
+    result = {**about, "question_type": question.type, "question_subtype": question.subtype, **found}
+    return result if _labelled(question) else _unscored(result)
+
+
+def _report(results: list[dict[str, Any]]) -> dict[str, Any]:
     counts = {"errors": sum(bool(_errors(r)) for r in results), "unlabelled": sum("correct" not in r for r in results)}
     return {**_table(results), **counts, "results": results}
 
@@ -112,14 +164,17 @@ def first_failure(report: Mapping[str, Any]) -> str:
 def _answered(executor: Executor, question: Question, parse: Parse | None) -> dict[str, Any]:
     if question.type == "descriptive":
         program: ProgramSource = parse(question.text, "descriptive") if parse else _gold(executor, question.program)
-        found = executor.answer(program)
-        return {"answer": found.answer, "correct": found.answer == question.answer} | _probability(found)
+        return _judged(question, executor.answer(program))
     program = parse(question.text, "multiple_choice") if parse else _gold(executor, question.program)
     programs = [(c.text, _choice_program(executor, c, parse)) for c in question.choices]
     try:
         judged = executor.judge(program, programs).choices
     except ExecutionError as e:  # of the question
         judged = tuple(ChoiceAnswer(c.text, None, (), (), str(e)) for c in question.choices)
+    return _judged(question, Answer(question.text, (), None, choices=judged))
+
+
+def _judged_choices(question: Question, judged: Sequence[ChoiceAnswer]) -> list[dict[str, Any]]:
     choices = []
     for choice, of_choice in zip(question.choices, judged, strict=True):
         row: dict[str, Any] = {"choice_id": choice.id}
@@ -128,7 +183,7 @@ def _answered(executor: Executor, question: Question, parse: Parse | None) -> di
         # A choice that fails names something that is not in the scene: it cannot be right.
         answer = "wrong" if of_choice.error else of_choice.answer
         choices.append(row | {"answer": answer, "correct": answer == choice.answer} | _probability(of_choice))
-    return {"choices": choices, "correct": all(c["correct"] for c in choices)}
+    return choices
 
 
 def _probability(answer: Answer | ChoiceAnswer) -> dict[str, float]:

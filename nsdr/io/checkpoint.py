@@ -21,7 +21,7 @@ __all__ = ["find_checkpoint", "load_checkpoint", "load_description", "load_netwo
 Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
 
-PARTS = ("frame_parser", "dynamics", "collisions", "question_parser")
+PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone", "baseline")
 DTYPES = ("torch.float16", "torch.float32", "torch.int64")
 """Types of stored weights; the integers count batches."""
 
@@ -168,7 +168,8 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
     types = get_type_hints(kind)
     for name, value in config.items():
         expected = get_origin(types[name]) or types[name]
-        if not isinstance(value, (int, float) if expected is float else expected) or isinstance(value, bool):
+        is_kind = isinstance(value, (int, float) if expected is float else expected)
+        if not is_kind or (isinstance(value, bool) and expected is not bool):
             raise CheckpointError(f"{where}: config.{name}: expected {expected.__name__}, got {value!r:.60}")
     try:
         settings = kind(**config)

@@ -230,6 +230,8 @@ def _fitted(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.uint8]:
     if layout.stretched:
         size = (WIDTH_PX, HEIGHT_PX)
     small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    if size == (WIDTH_PX, HEIGHT_PX):
+        return np.asarray(small, np.uint8)
     canvas = np.full((HEIGHT_PX, WIDTH_PX, 3), small.reshape(-1, 3).mean(0), np.uint8)
     top, left = (HEIGHT_PX - size[1]) // 2, (WIDTH_PX - size[0]) // 2
     canvas[top : top + size[1], left : left + size[0]] = small

@@ -30,7 +30,7 @@ from nsdr.io.configuration import described, resolved
 from nsdr.io.device import resolve_device
 from nsdr.io.lock import locked
 from nsdr.io.validation import check_choices, check_ranges
-from nsdr.training.run_folder import RunFolder, TrainingState
+from nsdr.training.run_folder import RunFolder, TrainingState, training_time
 from nsdr.training.tensorboard import EventFile
 
 __all__ = ["LoopConfig", "LossTerm", "Task", "learning_rate_at", "train", "train_part"]
@@ -266,7 +266,14 @@ def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accel
     return folder.metrics(config.steps) or {}
 
 
-def train_part(part: str, task: Task, config: Any, model_config: Any, details: Mapping[str, Any] | None = None) -> str:
+def train_part(
+    part: str,
+    task: Task,
+    config: Any,
+    model_config: Any,
+    details: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, Any] | None = None,
+) -> str:
     """Train a part of the system and write its checkpoint.
 
     Args:
@@ -275,6 +282,7 @@ def train_part(part: str, task: Task, config: Any, model_config: Any, details: M
         config: the training, with `run_dir`, `output` ("" for `run_dir/checkpoint`) and `loop`.
         model_config: the dataclass that rebuilds the network.
         details: what else the part's JSON file holds.
+        inputs: plain values that stand for the content of the data; a run is resumed only with the same.
 
     Returns:
         The folder of the checkpoint.
@@ -282,12 +290,12 @@ def train_part(part: str, task: Task, config: Any, model_config: Any, details: M
     Raises:
         FloatingPointError, DataError: as of `train`.
     """
-    metrics = train(task, config.loop, config.run_dir, resolved(config))
+    metrics = train(task, config.loop, config.run_dir, resolved(config) | {**(inputs or {})})
     output: str = config.output or f"{config.run_dir}/checkpoint"
     processes = PartialState()
     if processes.is_main_process:
         known = {k: v if math.isfinite(v) else None for k, v in metrics.items()}  # JSON has no NaN
-        more = {**(details or {}), "metrics": known, "training": described(config)}
+        more = {**(details or {}), "metrics": known, "training": described(config), **training_time(config.run_dir)}
         save_checkpoint(output, part, task.model.state_dict(), model_config, more, half=True)
     processes.wait_for_everyone()
     return output

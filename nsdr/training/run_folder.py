@@ -5,6 +5,7 @@ import json
 import logging
 import os
 import shutil
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from nsdr.io.fingerprint import code_revision
 from nsdr.io.outputs import check_output_folder
 from nsdr.io.reading import read_json
 
-__all__ = ["RunFolder", "TrainingState", "parse_training"]
+__all__ = ["RunFolder", "TrainingState", "parse_training", "training_time"]
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -110,6 +111,7 @@ class RunFolder:
 
     def __init__(self, path: str | Path, resolved: Mapping[str, Any], writes: bool = True) -> None:
         self.path, self.writes = Path(path), writes
+        self._clock = _Clock()
         if writes:
             remove_partial_files(self.path)
         resolved = json.loads(json.dumps(resolved))
@@ -130,9 +132,7 @@ class RunFolder:
         return self.path / "metrics.jsonl"
 
     def _checkpoints(self) -> list[Path]:
-        """Complete checkpoints, the newest first."""
-        complete = [p for p in self.path.glob("step_*") if (p / "state.json").exists()]
-        return sorted(complete, key=_step_of, reverse=True)
+        return _complete_checkpoints(self.path)
 
     def save(self, state: TrainingState, step: int, record: Mapping[str, float]) -> None:
         """Write the checkpoint `step_N`, and then delete all but the newest ones.
@@ -155,6 +155,7 @@ class RunFolder:
                 temporary.mkdir()
                 scaler = state.save(temporary)
                 content = {"step": step, "record": record, "scaler": scaler, "sha256": _checksums(temporary)}
+                content |= self._clock.read()
                 write_json(temporary / "state.json", content)
                 sync(*temporary.iterdir(), temporary, *self.path.glob(self._metrics.name))
                 os.replace(temporary, folder)
@@ -191,6 +192,7 @@ class RunFolder:
                     raise DataError("its files do not have the checksums in state.json")
                 state.load(folder, content["scaler"])
                 step, record = int(content["step"]), dict(content["record"])
+                self._clock = _Clock(float(content.get("seconds", 0)), float(content.get("cpu_seconds", 0)))
                 break
             except (SafetensorError, OSError, KeyError, TypeError, RuntimeError, DataError) as e:
                 log.warning("%s: damaged (%s); going back to the checkpoint before it", folder, str(e).splitlines()[0])
@@ -226,6 +228,39 @@ class RunFolder:
                 yield json.loads(line)
             except ValueError:
                 continue
+
+
+class _Clock:
+    """Time of a training: of the steps up to the checkpoint that it went on from, and since then.
+
+    Args:
+        seconds: time before (s).
+        cpu_seconds: CPU time before, of all threads (s).
+    """
+
+    def __init__(self, seconds: float = 0.0, cpu_seconds: float = 0.0) -> None:
+        self._start, self._cpu_start = time.monotonic() - seconds, time.process_time() - cpu_seconds
+
+    def read(self) -> dict[str, float]:
+        """Both times until now."""
+        seconds, cpu_seconds = time.monotonic() - self._start, time.process_time() - self._cpu_start
+        return {"seconds": round(seconds, 1), "cpu_seconds": round(cpu_seconds, 1)}
+
+
+def training_time(path: str | Path) -> dict[str, float]:
+    """Seconds and CPU seconds (of one process, all its threads) up to the newest checkpoint of a run.
+
+    Steps that a kill undid do not count.
+    """
+    for folder in _complete_checkpoints(Path(path))[:1]:
+        content = read_json(folder / "state.json")
+        return {name: content[name] for name in ("seconds", "cpu_seconds") if name in content}
+    return {}
+
+
+def _complete_checkpoints(path: Path) -> list[Path]:
+    """The newest first."""
+    return sorted((p for p in path.glob("step_*") if (p / "state.json").exists()), key=_step_of, reverse=True)
 
 
 def _checksums(folder: Path) -> dict[str, str]:

@@ -1,0 +1,88 @@
+"""What the trained baselines of the paper's Table 2 have in common: their input, their form and their registry."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from torch import Tensor, nn
+
+from nsdr.io.registry import Registry
+
+__all__ = ["BASELINES", "Baseline", "Batch", "Sizes"]
+
+
+class Batch(NamedTuple):
+    """B texts about V videos of F frames. A text is a descriptive question, or a question with one of its options.
+
+    Attributes:
+        words: (B, T) int64 word indices of the question, and for an option of `SEPARATOR` and the option; padded with `PAD`.
+        video: (B,) int64, each text's row in the tensors of the videos.
+        pooled: (V, F, C) float32 feature vectors of the frames; None where `Baseline.needs` has no "pooled".
+        maps: (V, F, C, h, w) float32 feature maps of the frames, or None.
+        objects: (V, F, N, C + 4) float32 features of the detected objects and their boxes (left, top, right, bottom as shares
+            of the image), padded with zeros; or None.
+        has_object: (V, F, N) bool, which of them are objects, or None.
+        program: (B, P) int64 postfix program tokens of the question, and for an option of `SEPARATOR` and the option's; padded
+            with `PAD`; or None.
+    """
+
+    words: Tensor
+    video: Tensor
+    pooled: Tensor | None = None
+    maps: Tensor | None = None
+    objects: Tensor | None = None
+    has_object: Tensor | None = None
+    program: Tensor | None = None
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes that the data set and the feature extractor give a baseline.
+
+    Attributes:
+        words: number of word indices.
+        answers: number of answers.
+        program_tokens: number of program token indices.
+        channels: C of the feature vectors and maps.
+        grid: (h, w) of the feature maps.
+    """
+
+    words: int
+    answers: int
+    program_tokens: int
+    channels: int
+    grid: tuple[int, int]
+
+
+class Baseline(nn.Module):
+    """A baseline: a network that scores every answer to a text about a video.
+
+    Attributes:
+        needs: what it reads of a `Batch` beside the words: some of "pooled", "maps", "objects", "program".
+        Config: frozen dataclass of its settings; the constructor takes one, and the `Sizes`.
+    """
+
+    needs: ClassVar[frozenset[str]] = frozenset()
+    Config: ClassVar[type[Any]]
+
+    @abstractmethod
+    def forward(self, batch: Batch) -> Tensor:
+        """Scores (B, answers) before the softmax; impossible answers are masked outside."""
+
+
+BASELINES: Registry[type[Baseline]] = Registry(
+    "baseline",
+    "nsdr.baselines",
+    {
+        "lstm": "nsdr.baselines.lstm:Lstm",
+        "cnn_mlp": "nsdr.baselines.cnn_mlp:CnnMlp",
+        "cnn_lstm": "nsdr.baselines.cnn_lstm:CnnLstm",
+        "tvqa": "nsdr.baselines.tvqa:TvqaPlus",
+        "memory": "nsdr.baselines.memory:HeterogeneousMemory",
+        "iep": "nsdr.baselines.iep:Iep",
+        "tbd": "nsdr.baselines.tbd:TbdNet",
+        "mac": "nsdr.baselines.mac:Mac",
+        "mac_objects": "nsdr.baselines.mac:MacObjects",
+    },
+)
+"""Trained baselines by name; other packages add theirs by the entry point group `nsdr.baselines`."""

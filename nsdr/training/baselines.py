@@ -1,0 +1,213 @@
+"""Train a baseline: `nsdr train baseline --config configs/baselines/NAME.yaml`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from nsdr.baselines.base import BASELINES, Baseline, Batch
+from nsdr.baselines.data import Example, FeatureSource, feature_sizes, make_batch, training_examples, video_needs
+from nsdr.baselines.features import MANIFEST, FeatureCache
+from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
+from nsdr.baselines.vocabulary import Vocabulary
+from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
+from nsdr.errors import DataError
+from nsdr.evaluation.score import score_answers
+from nsdr.io.configuration import config_of, resolved
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
+from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.training.run_folder import parse_training
+
+__all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
+
+
+@dataclass(frozen=True)
+class BaselineTraining:
+    """Training of a baseline on a question file and the features of its videos.
+
+    Attributes:
+        run_dir: folder of the run; an interrupted run is resumed.
+        system: name of the baseline in `nsdr.baselines.base.BASELINES`.
+        questions: question file in CLEVRER's format, with answers, and with programs where the system needs them.
+        output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
+        features: folder of a `nsdr.baselines.features.FeatureCache`; "" for systems that see no video.
+        held_out: the videos whose index this number divides are left out of training and evaluated on.
+        texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
+            the features of 8 videos.
+        model: settings of the system, as of its `Config`; what is not given has its default.
+        loop: the optimisation.
+    """
+
+    run_dir: str
+    system: str
+    questions: str
+    output: str = ""
+    features: str = ""
+    held_out: int = 20
+    texts_per_video: int = 8
+    model: dict[str, Any] = field(default_factory=dict)
+    loop: LoopConfig = field(default_factory=LoopConfig)
+
+    def __post_init__(self) -> None:
+        check_paths(self, "run_dir", "questions")
+        check_choices(self, system=BASELINES.names())
+        check_ranges(self, held_out=(2, MANY[1]), texts_per_video=MANY)
+        self.model_config()
+        wanted = ", ".join(sorted(video_needs(BASELINES[self.system].needs)))
+        if wanted and not self.features:
+            raise DataError(f"features: {self.system} needs {wanted} of the videos; give the folder of their features")
+        if self.features and not wanted:
+            raise DataError(f"features: {self.system} sees no video, they would do nothing; leave them out")
+
+    def model_config(self) -> Any:
+        """The settings of the system.
+
+        Raises:
+            DataError: an unknown setting, or a value of another type or out of its range; names it.
+        """
+        try:
+            return config_of(BASELINES[self.system].Config, self.model)
+        except DataError as e:
+            raise DataError(f"model: {e}") from e
+
+    def data_fingerprint(self) -> str:
+        """Of the questions, and of the settings that the features were made with; features of other videos may be added."""
+        manifest = [Path(self.features) / MANIFEST] if self.features else []
+        return fingerprint(inputs=[Path(self.questions), *manifest], code=False)
+
+
+class TrainingBatch(NamedTuple):
+    """Examples with their answers.
+
+    Attributes:
+        inputs: what the network reads.
+        is_choice: (B,) bool, which texts are options.
+        answers: (B,) int64 indices of the answers.
+    """
+
+    inputs: Batch
+    is_choice: Tensor
+    answers: Tensor
+
+
+class BaselineTask(Task):
+    """Cross-entropy of the answer among those that are possible; evaluated by the accuracies on the held-out videos."""
+
+    def __init__(self, config: BaselineTraining) -> None:
+        torch.manual_seed(config.loop.seed)
+        self.config = config
+        scenes = read_questions(config.questions)
+        training = [s for s in scenes if s.scene_index % config.held_out]
+        self.held_out = [s for s in scenes if s.scene_index % config.held_out == 0]
+        for listed, what in ((training, "train"), (self.held_out, "evaluate")):
+            if not any(s.questions for s in listed):
+                raise DataError(
+                    f"{config.questions}: of {len(scenes)} videos none is left to {what} on with held_out "
+                    f"{config.held_out}; choose another number, or give more videos"
+                )
+        kind = BASELINES[config.system]
+        vocabulary = Vocabulary.from_questions(training)
+        self.videos = training_examples(training, vocabulary, "program" in kind.needs)
+        self.places = [(v, i) for v, examples in enumerate(self.videos) for i in range(len(examples))]
+        self.features = FeatureCache(config.features, kind.needs) if config.features else None
+        sizes = baseline_sizes(vocabulary, *feature_sizes(self.features, kind.needs))
+        model_config = config.model_config()
+        network = kind(model_config, sizes)
+        self.model: nn.Module = network
+        self.trained = TrainedBaseline(config.system, model_config, network, vocabulary, sizes)
+        self.possible = vocabulary.possible_answers()
+
+    def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int]]:
+        """Video and text of each example: of random videos up to `texts_per_video` texts each; all texts are equally likely."""
+        drawn: list[tuple[int, int]] = []
+        while len(drawn) < count:
+            video, first = self.places[int(rng.integers(len(self.places)))]
+            others = [i for i in range(len(self.videos[video])) if i != first]
+            chosen = [first, *(int(i) for i in rng.permutation(others))][: self.config.texts_per_video]
+            drawn += [(video, i) for i in chosen]
+        return drawn[:count]
+
+    def collate(self, examples: Sequence[tuple[int, int]]) -> TrainingBatch:
+        """The batch of these texts."""
+        return training_batch([self.videos[v][i] for v, i in examples], self.features, self.trained.network)
+
+    def losses(self, model: nn.Module, batch: TrainingBatch) -> dict[str, LossTerm]:
+        """The cross-entropy of the answers."""
+        scores = masked_scores(model(batch.inputs), batch.is_choice, self.possible.to(batch.is_choice.device))
+        total = F.cross_entropy(scores.float(), batch.answers, reduction="sum")
+        return {"answer": LossTerm(total, len(batch.answers))}
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Accuracies on the held-out videos by question type, for options also per option; programs are the file's."""
+        baseline = self.trained.with_network(cast(Baseline, model))
+        return accuracies(score_answers(baseline.answer_questions(self.held_out, self.features)))
+
+
+def training_batch(examples: Sequence[Example], features: FeatureSource | None, network: Baseline) -> TrainingBatch:
+    """The batch of examples with answers."""
+    return TrainingBatch(
+        make_batch(examples, features, network.needs),
+        torch.tensor([e.is_choice for e in examples]),
+        torch.tensor([e.answer for e in examples]),
+    )
+
+
+def accuracies(report: Mapping[str, Any]) -> dict[str, float]:
+    """The accuracies (0-1) of a report by name, without question types that do not occur."""
+    found = {"descriptive": report["descriptive"]["accuracy"]}
+    for kind in QUESTION_TYPES[1:]:
+        found |= {f"{kind}_{name}": report[kind][name] for name in ("per_option", "per_question")}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def train_baseline(config: BaselineTraining) -> str:
+    """Run one training; returns the folder of the finished checkpoint.
+
+    Raises:
+        DataError: unreadable questions or features, or the run was started with other ones.
+    """
+    task = BaselineTask(config)
+    held_out = {"videos": len(task.videos), "texts": len(task.places), "held_out_videos": len(task.held_out)}
+    inputs = {"data": config.data_fingerprint()}
+    return train_part("baseline", task, config, config.model_config(), {**task.trained.details(), **held_out}, inputs)
+
+
+def main(argv: Sequence[str] | None = None) -> str:
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
+    return train_baseline(parse_training(BaselineTraining, argv, "baseline"))
+
+
+class BaselineTrainer:
+    """Trains by YAML files for `nsdr.evaluation.run_experiment`."""
+
+    def fingerprint(self, file: str) -> str:
+        """Of the settings but for the device, the questions and the features' settings."""
+        config = self._config(file)
+        values = resolved(replace(config, loop=replace(config.loop, device="auto")))
+        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()], code=False)
+
+    def features(self, file: str) -> str:
+        """Folder of the features of the training; "" for a system that sees no video."""
+        return self._config(file).features
+
+    def train(self, file: str, device: str) -> str:
+        """Train, go on with a training that was stopped, or find that it is done.
+
+        Args:
+            file: YAML file of `BaselineTraining`.
+            device: where; "auto" for that of the file.
+
+        Returns:
+            The folder of the checkpoint.
+        """
+        config = self._config(file)
+        return train_baseline(config if device == "auto" else replace(config, loop=replace(config.loop, device=device)))
+
+    def _config(self, file: str) -> BaselineTraining:
+        return parse_training(BaselineTraining, ["--config", file], "baseline")

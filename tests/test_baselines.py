@@ -1,0 +1,316 @@
+"""What all trained baselines have in common, on tiny questions and random features."""
+
+import json
+import re
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nsdr import DataError
+from nsdr.baselines.base import BASELINES
+from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
+from nsdr.baselines.features import MANIFEST, FeatureCache
+from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
+from nsdr.baselines.vocabulary import Vocabulary
+from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.cli.main import main
+from nsdr.errors import CheckpointError
+from nsdr.evaluation.score import score_answers
+from nsdr.io.configuration import config_of, parse_config
+from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
+from nsdr.training.loop import LoopConfig
+
+FRAMES, CHANNELS, GRID, OBJECTS = 5, 6, (2, 3), 3
+SMALL = {
+    "lstm": {"embedding": 16, "hidden": 32, "head": 32, "dropout": 0.0},
+    "cnn_mlp": {"embedding": 16, "head": 32, "dropout": 0.0},
+    "cnn_lstm": {"embedding": 16, "hidden": 32, "video": 16, "head": 32, "dropout": 0.0},
+    "tvqa": {"embedding": 16, "hidden": 16, "head": 32, "dropout": 0.0},
+    "memory": {"embedding": 16, "hidden": 16, "slots": 4, "steps": 2, "dropout": 0.0},
+    "iep": {"width": 16, "frames": 3, "projection": 16, "hidden": 32},
+    "tbd": {"width": 16, "frames": 3, "projection": 16, "hidden": 32, "dilations": [1, 2]},
+    "mac": {"embedding": 16, "width": 32, "steps": 2, "dropout": 0.0},
+    "mac_objects": {"embedding": 16, "width": 32, "steps": 2, "dropout": 0.0},
+}
+"""Small settings of each baseline."""
+TEXTS = (
+    ("descriptive", "Are there any moving cubes?", "objects filter_moving cube filter_shape exist"),
+    ("descriptive", "How many spheres are there?", "objects sphere filter_shape count"),
+    ("explanatory", "What is responsible for the exit?", "events events filter_out unique filter_ancestor belong_to"),
+    ("predictive", "What will happen next?", "unseen_events belong_to"),
+)
+"""Type, text and program of each question."""
+CHOICES = (
+    ("the presence of the cube", "objects cube filter_shape unique"),
+    ("the collision of the sphere", "events objects sphere filter_shape unique filter_collision unique"),
+)
+"""Text and program of each option."""
+
+
+def scene_questions(index: int) -> SceneQuestions:
+    """Two descriptive and two multiple-choice questions of two options; the answers depend on the video."""
+    questions = []
+    for k, (kind, text, program) in enumerate(TEXTS):
+        answer, choices = ("yes", "no", "1", "2")[(index + k) % 2 + 2 * k] if kind == "descriptive" else None, ()
+        if kind != "descriptive":
+            choices = tuple(
+                Choice(c, option, tuple(of_option.split()), ("correct", "wrong")[(index + k + c) % 2])
+                for c, (option, of_option) in enumerate(CHOICES)
+            )
+        questions.append(Question(k, text, kind, None, tuple(program.split()), answer, choices))
+    return SceneQuestions(index, f"video_{index:05d}.mp4", tuple(questions))
+
+
+@pytest.fixture
+def scenes() -> list[SceneQuestions]:
+    return [scene_questions(index) for index in range(10, 16)]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Random features of videos 10 to 15, in the form of `nsdr extract-features`."""
+    path, rng = tmp_path / "features", np.random.default_rng(0)
+    shapes = {
+        "pooled": (FRAMES, CHANNELS),
+        "maps": (FRAMES, CHANNELS, *GRID),
+        "objects": (FRAMES, OBJECTS, CHANNELS + 4),
+    }
+    for kind, shape in shapes.items():
+        (path / kind).mkdir(parents=True)
+        for index in range(10, 16):
+            values = rng.standard_normal(shape)
+            if kind == "objects":
+                values[..., -4:] = (0.1, 0.1, 0.5, 0.5)
+                values[:, 2:] = 0.0  # no third object
+            np.save(path / kind / f"{index:05d}.npy", values.astype(np.float16))
+    (path / MANIFEST).write_text(json.dumps({"features": {"frames": FRAMES}, "shapes": shapes}))
+    return path
+
+
+def features_of(name: str, folder):
+    needs = BASELINES[name].needs
+    return FeatureCache(folder, needs) if video_needs(needs) else None
+
+
+def built(name: str, scenes, folder) -> tuple[TrainedBaseline, FeatureCache | None]:
+    torch.manual_seed(0)
+    kind, features = BASELINES[name], features_of(name, folder)
+    vocabulary = Vocabulary.from_questions(scenes)
+    sizes = baseline_sizes(vocabulary, *feature_sizes(features, kind.needs))
+    config = config_of(kind.Config, SMALL[name])
+    return TrainedBaseline(name, config, kind(config, sizes), vocabulary, sizes), features
+
+
+def examples_of(baseline: TrainedBaseline, scenes):
+    videos = training_examples(scenes, baseline.vocabulary, "program" in baseline.network.needs)
+    return [example for video in videos for example in video]
+
+
+@pytest.mark.parametrize("name", BASELINES.names())
+def test_a_baseline_overfits_eight_questions(name: str, scenes, folder) -> None:
+    two = scenes[:1] if name == "lstm" else scenes[:2]  # which sees no video, and cannot tell two apart
+    baseline, features = built(name, two, folder)
+    examples = examples_of(baseline, two)
+    batch = make_batch(examples, features, baseline.network.needs)
+    answers = torch.tensor([e.answer for e in examples])
+    is_choice = torch.tensor([e.is_choice for e in examples])
+    optimizer = torch.optim.Adam(baseline.network.parameters(), 5e-3)
+    baseline.network.train()
+    for _ in range(150):
+        scores = masked_scores(baseline.network(batch), is_choice, baseline.vocabulary.possible_answers())
+        loss = torch.nn.functional.cross_entropy(scores, answers)
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(baseline.network.parameters(), 5.0)
+        optimizer.step()
+        if loss < 0.02:
+            break
+    assert loss < 0.1
+    report = score_answers(baseline.answer_questions(two, features))
+    assert report["errors"] == 0
+    assert all(result["correct"] for result in report["results"])
+    assert report["descriptive"]["n"] == 2 * len(two)
+
+
+@pytest.mark.parametrize("name", BASELINES.names())
+def test_padding_and_order_do_not_matter(name: str, scenes, folder) -> None:
+    baseline, features = built(name, scenes, folder)
+    examples = examples_of(baseline, scenes)
+    order = np.random.default_rng(1).permutation(len(examples))
+    together = baseline.probabilities([examples[i] for i in order], features)
+    for row, i in zip(together, order, strict=True):
+        alone = baseline.probabilities([examples[i]], features)[0]
+        torch.testing.assert_close(row, alone, atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", BASELINES.names())
+def test_saved_weights_give_the_same_answers(name: str, scenes, folder, tmp_path) -> None:
+    baseline, features = built(name, scenes, folder)
+    baseline.save_pretrained(tmp_path / "saved")
+    loaded = TrainedBaseline.from_pretrained(tmp_path / "saved", device="cpu")
+    examples = examples_of(baseline, scenes)
+    expected = baseline.probabilities(examples, features)
+    assert torch.equal(loaded.probabilities(examples, features), expected)
+    assert (loaded.vocabulary, loaded.sizes, loaded.config) == (baseline.vocabulary, baseline.sizes, baseline.config)
+
+
+@pytest.mark.parametrize("name", BASELINES.names())
+def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_path, capsys) -> None:
+    write_questions(tmp_path / "questions.json", scenes)
+    lines = ["system: " + name, f"questions: {tmp_path / 'questions.json'}", f"model: {json.dumps(SMALL[name])}"]
+    if video_needs(BASELINES[name].needs):
+        lines.append(f"features: {folder}")
+    config = tmp_path / "training.yaml"
+    config.write_text("\n".join(lines))
+    run = ["--run_dir", str(tmp_path / "run"), "--held_out", "5", "--loop.steps", "2", "--loop.batch_size", "8"]
+    assert main(["train", "baseline", "--config", str(config), "--device", "cpu", *run]) == 0
+    output = capsys.readouterr().out.strip()
+    trained = TrainedBaseline.from_pretrained(output, device="cpu")
+    details = json.loads((tmp_path / "run" / "checkpoint" / "baseline.json").read_text())
+    assert details["parameters"] == sum(p.numel() for p in trained.network.parameters())
+    assert (details["videos"], details["held_out_videos"]) == (4, 2)  # 10 and 15 are held out
+    assert {"descriptive", "explanatory_per_option", "predictive_per_question"} <= set(details["metrics"])
+    assert details["seconds"] > 0
+
+
+def test_an_experiment_trains_a_baseline_once_and_scores_it(scenes, folder, tmp_path, capsys) -> None:
+    write_questions(tmp_path / "questions.json", scenes)
+    training = {
+        "system": "cnn_mlp",
+        "questions": str(tmp_path / "questions.json"),
+        "features": str(folder),
+        "held_out": 5,
+    }
+    training |= {"run_dir": str(tmp_path / "run"), "model": SMALL["cnn_mlp"], "loop": {"steps": 2, "device": "cpu"}}
+    (tmp_path / "training.yaml").write_text(json.dumps(training))
+    experiment = tmp_path / "table.yaml"
+    row = {"name": "CNN+MLP", "train": str(tmp_path / "training.yaml"), "exclude": [11]}
+    common = {"questions": training["questions"], "data": "elsewhere", "source": "scenes", "programs": "gold"}
+
+    def measured(row) -> dict:
+        experiment.write_text(json.dumps({"title": "Table", "common": common, "rows": [row]}))
+        assert main(["experiment", str(experiment), "-o", str(tmp_path / "results"), "--device", "cpu"]) == 0
+        return json.loads((tmp_path / "results" / "table.json").read_text())["rows"][0]
+
+    first = measured(row)
+    assert first["table"]["descriptive"]["n"] == 2 * (len(scenes) - 1)
+    assert first["failed_questions"] == 0
+    assert first["training"] | {"seed": 0, "videos": 4, "system": "cnn_mlp"} == first["training"]
+    table = (tmp_path / "results" / "table.md").read_text()
+    assert re.search(r"- CNN\+MLP: `nsdr train baseline --config .*training\.yaml`, [\d,]+ parameters, seed 0", table)
+    assert measured(row) == first  # kept
+    checkpoint = {"name": "CNN+MLP", "trained": str(tmp_path / "run" / "checkpoint"), "features": str(folder)}
+    assert measured({**checkpoint, "exclude": [11]})["table"] == first["table"]
+    capsys.readouterr()
+    for extra, message in (
+        ({"stride": 2}, "stride would do nothing"),
+        ({"programs": "parsed"}, "programs would do nothing"),
+        ({"features": ""}, "needs features"),
+        ({"train": "a.yaml"}, "not both"),
+    ):
+        experiment.write_text(json.dumps({"title": "Table", "common": common, "rows": [{**checkpoint, **extra}]}))
+        assert main(["experiment", str(experiment), "-o", str(tmp_path / "results"), "--device", "cpu"]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
+    def train(listed) -> None:
+        write_questions(tmp_path / "questions.json", listed)
+        config = BaselineTraining(
+            run_dir=str(tmp_path / "run"),
+            system="lstm",
+            questions=str(tmp_path / "questions.json"),
+            held_out=5,
+            model=SMALL["lstm"],
+            loop=LoopConfig(steps=1, device="cpu"),
+        )
+        train_baseline(config)
+
+    train(scenes)
+    train(scenes)  # is done
+    with pytest.raises(DataError, match=r"another configuration \(data\)"):
+        train(scenes[:-2])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"system": "cnn"}, "system is 'cnn'; expected lstm or"),
+        ({"model": {"hiden": 3}}, "model: .*hiden"),
+        ({"model": {"hidden": 0}}, "model: hidden is 0"),
+        ({"features": "somewhere"}, "would do nothing"),
+        ({"system": "cnn_mlp"}, "needs pooled"),
+        ({"held_out": 1}, "held_out is 1"),
+    ],
+)
+def test_trainings_without_effect_or_sense_are_refused(changes, message: str) -> None:
+    values = {"run_dir": "runs/none", "system": "lstm", "questions": "none.json"}
+    with pytest.raises(DataError, match=message):
+        BaselineTraining(**{**values, **changes})
+
+
+def test_features_must_fit_those_of_the_training(scenes, folder) -> None:
+    baseline, _ = built("cnn_mlp", scenes, folder)
+    with pytest.raises(DataError, match="needs features"):
+        next(baseline.answer_questions(scenes, None))
+    manifest = json.loads((folder / MANIFEST).read_text())
+    manifest["shapes"]["pooled"] = [FRAMES, CHANNELS + 1]
+    (folder / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(DataError, match="7 channels"):
+        next(baseline.answer_questions(scenes, FeatureCache(folder, ["pooled"])))
+    blind, _ = built("lstm", scenes, folder)
+    with pytest.raises(DataError, match="does not see the video"):
+        next(blind.answer_questions(scenes, FeatureCache(folder, ["pooled"])))
+
+
+def test_what_cannot_be_answered_counts_as_wrong_and_says_why(scenes, folder) -> None:
+    baseline, features = built("cnn_mlp", scenes, folder)
+    strange = replace(scenes[0].questions[0], text="Are there any pyramids?")
+    missing = replace(scenes[1], scene_index=99)
+    asked = [replace(scenes[0], questions=(strange, *scenes[0].questions[1:])), missing]
+    report = score_answers(baseline.answer_questions(asked, features))
+    errors = [r.get("error", "") for r in report["results"]]
+    assert "pyramids" in errors[0]
+    assert errors[1:4] == [""] * 3
+    assert all("00099.npy" in error for error in errors[4:])
+    assert report["errors"] == 5
+
+
+def test_a_damaged_description_is_named(scenes, folder, tmp_path) -> None:
+    baseline, _ = built("lstm", scenes, folder)
+    baseline.save_pretrained(tmp_path)
+    file = tmp_path / "baseline.json"
+    description = json.loads(file.read_text())
+    for change in ({"system": "gru"}, {"words": None}, {"answers": ["yes"]}, {"words": ["one"]}):
+        file.write_text(json.dumps(description | change))
+        with pytest.raises(CheckpointError, match=r"baseline\.json"):
+            TrainedBaseline.from_checkpoint(tmp_path)
+
+
+def test_every_text_of_a_batch_is_one_of_few_videos(scenes, tmp_path) -> None:
+    write_questions(tmp_path / "questions.json", scenes)
+    config = BaselineTraining("run", "lstm", str(tmp_path / "questions.json"), held_out=5, texts_per_video=3)
+    task = BaselineTask(config)
+    drawn = task.draw(12, np.random.default_rng(0))
+    assert len(drawn) == 12
+    for i in range(0, 12, 3):
+        assert len({video for video, _ in drawn[i : i + 3]}) == 1
+        assert len({text for _, text in drawn[i : i + 3]}) == 3
+    batch = task.collate(drawn)
+    assert set(task.trained.vocabulary.possible_answers()[batch.is_choice.long()].sum(1).tolist()) == {2, 4}
+
+
+@pytest.mark.parametrize("name", BASELINES.names())
+def test_every_baseline_has_the_papers_settings_and_small_ones(name: str) -> None:
+    folder = Path(__file__).parent.parent / "configs" / "baselines"
+    paper = parse_config(BaselineTraining, ["--config", str(folder / f"{name}.yaml")], "baseline")
+    small = parse_config(BaselineTraining, ["--config", str(folder / "reference" / f"{name}.yaml")], "baseline")
+    kind = BASELINES[name]
+    assert (paper.system, small.system) == (name, name)
+    assert paper.model_config() == kind.Config()
+    assert set(paper.model) == {f.name for f in fields(kind.Config)}
+    assert small.model_config() != kind.Config()
+    assert paper.run_dir != small.run_dir

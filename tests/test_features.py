@@ -1,0 +1,353 @@
+"""Features of videos for the baselines, and the training of their backbone."""
+
+import json
+import urllib.error
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torchvision import models
+
+from nsdr import DataError
+from nsdr.baselines import extraction
+from nsdr.baselines.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
+from nsdr.baselines.extraction import FeatureExtraction, FeatureExtractor, extract_features, region_features, spaced
+from nsdr.baselines.features import FeatureCache, FeatureConfig, feature_file
+from nsdr.clevrer.example import VIDEO
+from nsdr.cli.main import main
+from nsdr.errors import CheckpointError
+from nsdr.generate.dataset import DatasetConfig, generate_dataset
+from nsdr.generate.physics.scene_config import SceneConfig
+from nsdr.generate.render.view import RenderConfig
+from nsdr.io.checkpoint import save_checkpoint
+from nsdr.io.video import write_video
+from nsdr.training import backbone
+from nsdr.training.backbone import BackboneTask, BackboneTraining, frame_targets
+from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_videos, seen_objects
+from nsdr.types import VideoProposals
+
+from .conftest import draw_frame
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128:UserWarning")
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> str:
+    """A checkpoint of a backbone with random weights."""
+    folder = tmp_path_factory.mktemp("backbone")
+    torch.manual_seed(0)
+    config = BackboneConfig("resnet18")
+    save_checkpoint(folder, "backbone", FrameClassifier(config).state_dict(), config, {}, half=True)
+    return str(folder)
+
+
+@pytest.fixture
+def config(weights) -> FeatureConfig:
+    return FeatureConfig("resnet18", weights, 3, (32, 48), grid=(1, 3), kinds=("pooled", "maps"), precision="float32")
+
+
+def moving(shift: float, count: int = 8) -> list[np.ndarray]:
+    """Frames of a drawn sphere that moves."""
+    return [draw_frame([("red", "metal", "sphere", 0.0, shift + 0.1 * i)])[0] for i in range(count)]
+
+
+@pytest.fixture
+def videos(tmp_path: Path) -> Path:
+    folder = tmp_path / "videos"
+    folder.mkdir()
+    write_video(folder / "video_00003.mp4", moving(-0.5))
+    write_video(folder / "video_00012.mp4", moving(0.5))
+    return folder
+
+
+def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, capsys) -> None:
+    settings = tmp_path / "features.yaml"
+    fields = {"frames": 3, "image_size": [32, 48], "grid": [1, 3], "kinds": ["pooled", "maps"], "precision": "float32"}
+    settings.write_text(json.dumps({"features": {"backbone": "resnet18", "weights": config.weights, **fields}}))
+    arguments = ["extract-features", "--config", str(settings), "--root", str(videos), "-o", str(tmp_path / "out")]
+    assert main([*arguments, "--workers", "1"]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'out'}: features of 2 videos\n"
+    cache = FeatureCache(tmp_path / "out", config=config)
+    made = FeatureExtractor(config, "cpu")(extraction.frames_of(videos / "video_00012.mp4"))
+    found = cache.get(12, {"pooled", "maps", "program"})
+    assert {name: value.shape for name, value in found.items()} == {"pooled": (3, 512), "maps": (3, 256, 1, 3)}
+    for name, value in found.items():
+        assert value.dtype == np.float32
+        np.testing.assert_array_equal(value, made[name].astype(np.float32))
+    assert np.abs(found["maps"][0] - found["maps"][-1]).max() > 0
+    assert cache.grid == (1, 3)
+
+
+def test_channels_are_those_of_what_is_read(videos, config, tmp_path) -> None:
+    extract_features(FeatureExtraction(str(videos), str(tmp_path / "out"), features=config, workers=1))
+    assert FeatureCache(tmp_path / "out", {"pooled"}).channels == 512
+    assert FeatureCache(tmp_path / "out", {"maps", "program"}).channels == 256
+    assert FeatureCache(tmp_path / "out", set()).channels == 0
+    with pytest.raises(DataError, match="as many channels of each kind, got pooled 512, maps 256"):
+        _ = FeatureCache(tmp_path / "out").channels
+    with pytest.raises(DataError, match="has pooled, maps and no objects"):
+        FeatureCache(tmp_path / "out", {"objects"})
+
+
+def test_a_killed_extraction_goes_on_where_it_stopped(videos, config, tmp_path, monkeypatch) -> None:
+    run = FeatureExtraction(str(videos), str(tmp_path / "out"), features=config, workers=1)
+    read = extraction.frames_of
+    looked: list[str] = []
+
+    def killed(video: Path) -> list[np.ndarray]:
+        looked.append(video.name)
+        if len(looked) == 2:
+            raise KeyboardInterrupt
+        return read(video)
+
+    monkeypatch.setattr(extraction, "frames_of", killed)
+    with pytest.raises(KeyboardInterrupt):
+        extract_features(run)
+    missing = {3, 12} - {int(p.stem) for p in (tmp_path / "out" / "maps").glob("*.npy")}
+    assert len(missing) == 1
+    with pytest.raises(DataError, match=f"{missing.copy().pop():05d}.npy: no such file; run `nsdr extract-features`"):
+        FeatureCache(tmp_path / "out").get(missing.pop(), {"maps"})
+    assert extract_features(run) == 2
+    assert len(looked) == 3  # the first video was not looked at again
+    before = FeatureCache(tmp_path / "out").fingerprint
+    assert extract_features(run) == 2
+    assert len(looked) == 3
+    assert FeatureCache(tmp_path / "out").fingerprint == before
+    write_video(videos / "video_00003.mp4", moving(0.0))
+    assert extract_features(run) == 2
+    assert looked[3:] == ["video_00003.mp4"]
+    assert FeatureCache(tmp_path / "out").fingerprint != before
+
+
+def test_features_of_other_settings_are_refused(videos, config, weights, tmp_path) -> None:
+    out = str(tmp_path / "out")
+    extract_features(FeatureExtraction(str(videos), out, features=config, workers=1))
+    other = replace(config, grid=(2, 3))
+    message = (
+        r"its features have other settings \(grid \[1, 3\] in place of \[2, 3\]\); choose another folder, or delete"
+    )
+    with pytest.raises(DataError, match=message):
+        extract_features(FeatureExtraction(str(videos), out, features=other, workers=1))
+    with pytest.raises(DataError, match=message):
+        FeatureCache(out, config=other)
+    FeatureCache(out, config=replace(config, min_score=0.5))  # of objects, which there are none of
+    state = {name: value + 1 for name, value in FrameClassifier(BackboneConfig()).state_dict().items()}
+    save_checkpoint(tmp_path / "trained", "backbone", state, BackboneConfig(), {})
+    with pytest.raises(DataError, match=r"other settings \(weights \w+ in place of \w+\)"):
+        FeatureCache(out, config=replace(config, weights=str(tmp_path / "trained")))
+
+
+def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(DataError, match="holds no features; `nsdr extract-features --root DATA"):
+        FeatureCache(out)
+    extract_features(FeatureExtraction(str(videos), str(out), features=config, workers=1))
+    path = feature_file(out, "maps", 3)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(DataError, match=r"00003.npy: damaged .* delete it"):
+        FeatureCache(out).get(3, {"maps"})
+    np.save(path, np.zeros((3, 256, 2, 2), np.float16))
+    with pytest.raises(DataError, match=r"expected \(3, 256, 1, 3\) of float16, got \(3, 256, 2, 2\)"):
+        FeatureCache(out).get(3, {"maps"})
+    (out / "features.json").write_text("[1]")
+    with pytest.raises(DataError, match="not the manifest of a folder of features"):
+        FeatureCache(out)
+    with pytest.raises(DataError, match=r"holds no video_N.mp4"):
+        extract_features(FeatureExtraction(str(out / "maps"), str(tmp_path / "more"), features=config))
+
+
+def test_the_grid_has_the_means_of_the_maps(config) -> None:
+    frames = moving(0.0)
+    full = FeatureExtractor(replace(config, grid=None), "cpu")(frames)["maps"]
+    pooled = FeatureExtractor(config, "cpu")(frames)["maps"]
+    assert full.shape == (3, 256, 2, 3)
+    np.testing.assert_allclose(pooled, full.astype(np.float32).mean(2, keepdims=True), atol=0.02)
+    with pytest.raises(DataError, match=r"grid is \[3, 3\]; expected at most the maps' 2 and 3"):
+        replace(config, grid=(3, 3))
+
+
+def proposals(rows: list[tuple[int, float, tuple[int, int, int, int]]], n_frames: int, **more) -> VideoProposals:
+    frame, score, box = (list(column) for column in zip(*rows, strict=True))
+    zeros = np.zeros(len(rows))
+    return VideoProposals(
+        n_frames, np.array(frame), zeros.astype(int), np.array(score), np.c_[zeros, zeros], zeros.astype(int) + 50,
+        np.array(box), **more
+    )  # fmt: skip
+
+
+def test_objects_are_the_best_proposals_of_each_frame(config) -> None:
+    c = replace(config, kinds=("objects",), regions="proposals", max_objects=2)
+    extract = FeatureExtractor(c, "cpu")
+    boxes = [(0, 0.95, (0, 0, 240, 160)), (0, 0.99, (240, 0, 480, 160)), (0, 0.92, (0, 160, 480, 320))]
+    found = proposals([*boxes, (7, 0.9, (0, 0, 20, 20))], 8)  # a score of 0.9 is not above it
+    (objects,) = extract(moving(0.0), found).values()
+    assert objects.shape == (3, 2, 260)
+    np.testing.assert_allclose(objects[0, :, -4:], [[0.5, 0, 1, 0.5], [0, 0, 0.5, 0.5]])
+    assert not objects[1:].any()
+    assert np.abs(objects[0, 0, :-4] - objects[0, 1, :-4]).max() > 0
+    with pytest.raises(DataError, match="expected proposals of 8 frames, got those of 9"):
+        extract(moving(0.0), proposals(boxes, 9))
+    with pytest.raises(DataError, match="expected proposals of 8 frames, got none"):
+        extract(moving(0.0))
+    with pytest.raises(DataError, match="the proposals leave out frame 4; make them with a stride of 1"):
+        extract(moving(0.0), proposals(boxes, 8, processed=np.array([0, 7])))
+
+
+def test_the_frame_parser_finds_the_objects(config, tmp_path) -> None:
+    c = replace(config, kinds=("objects",), frames=2)
+    (tmp_path / "clip").mkdir()
+    (tmp_path / "clip" / VIDEO.name).symlink_to(VIDEO)
+    extract_features(FeatureExtraction(str(tmp_path / "clip"), str(tmp_path / "out"), features=c, workers=1))
+    found = FeatureCache(tmp_path / "out").get(500002, {"objects"})
+    assert found["has_object"].shape == (2, 10)
+    assert found["has_object"][-1].sum() > 1
+    boxes = found["objects"][found["has_object"]][:, -4:]
+    assert (boxes >= 0).all()
+    assert (boxes <= 1).all()
+    assert (boxes[:, 2:] > boxes[:, :2]).all()
+    assert not found["objects"][~found["has_object"]].any()
+
+
+def test_a_region_has_the_mean_of_its_part_of_the_map() -> None:
+    maps = torch.zeros(1, 2, 4, 8)
+    maps[0, 0, :, :4], maps[0, 1, :, 4:] = 3, 5
+    left, right = [0, 0, 0.4, 1], [0.6, 0, 1, 1]
+    features = region_features(maps, [np.array([left, right], np.float32)], 3)[0]
+    torch.testing.assert_close(features[:2], torch.tensor([[3, 0, *left], [0, 5, *right]]))
+    assert not features[2].any()
+    assert not region_features(maps, [np.zeros((0, 4), np.float32)], 3).any()
+
+
+def test_frames_are_evenly_spaced() -> None:
+    assert spaced(128, 5).tolist() == [0, 32, 64, 95, 127]
+    assert spaced(2, 4).tolist() == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"backbone": "vgg"}, "backbone is 'vgg'; expected resnet18"),
+        ({"kinds": ("maps", "maps")}, "each once"),
+        ({"kinds": ()}, "one or more of pooled, maps, objects"),
+        ({"regions": "guessed"}, "regions is 'guessed'; expected frame_parser or proposals"),
+        ({"min_score": 2.0}, "min_score is 2.0; expected 0 to 1"),
+        ({"frames": 0}, "frames is 0"),
+    ],
+)
+def test_settings_out_of_range_are_refused(values, message) -> None:
+    with pytest.raises(DataError, match=message):
+        FeatureConfig(**values)
+
+
+def test_proposals_are_given_where_they_are_used(videos, config, tmp_path) -> None:
+    with pytest.raises(DataError, match="proposals is 'p'; expected none unless regions is proposals"):
+        FeatureExtraction(str(videos), "out", "p", config)
+    c = replace(config, kinds=("objects",), regions="proposals")
+    with pytest.raises(DataError, match="proposals is ''; expected a folder of proposals"):
+        FeatureExtraction(str(videos), "out", features=c)
+    with pytest.raises(DataError, match=r"has no proposal_00003.json"):
+        extract_features(FeatureExtraction(str(videos), str(tmp_path / "out"), str(tmp_path), c))
+
+
+def test_weights_that_cannot_be_had_are_named(weights, monkeypatch) -> None:
+    with pytest.raises(CheckpointError, match="expected a resnet50, got a resnet18"):
+        load_backbone("resnet50", weights)
+
+    def without_network(name: str, weights: str) -> None:
+        raise urllib.error.URLError("no route")
+
+    monkeypatch.setattr(models, "get_model", without_network)
+    with pytest.raises(CheckpointError, match=r"cannot be downloaded .*no route.*; connect .* `nsdr train backbone`"):
+        load_backbone("resnet50", "imagenet")
+
+
+def test_images_are_scaled_and_normalised() -> None:
+    images = image_batch([np.full((320, 480, 3), 255, np.uint8)], (32, 48))
+    assert images.shape == (1, 3, 32, 48)
+    expected = (1 - torch.tensor([0.485, 0.456, 0.406])) / torch.tensor([0.229, 0.224, 0.225])
+    torch.testing.assert_close(images[0, :, 5, 7], expected)
+
+
+def test_targets_say_where_objects_are_and_how_they_look() -> None:
+    far, near = SeenObject(0.9, 0.1, (1, 0, 2)), SeenObject(0.95, 0.2, (7, 1, 0))
+    targets = frame_targets([far, near, SeenObject(0.1, 0.9, (1, 0, 2))], (2, 3))
+    assert targets["centre"].tolist() == [[False, False, True], [True, False, False]]
+    assert targets["attributes"][:, 0, 2].tolist() == [7, 1, 0]
+    assert targets["attributes"][:, 1, 0].tolist() == [1, 0, 2]
+    assert torch.where(targets["present"])[0].tolist() == [1, 7, 8, 9, 10, 12]
+    assert targets["number"] == 3
+
+
+def test_objects_are_seen_where_the_camera_projects_them() -> None:
+    def row(number: int, location: list[float], inside: bool = True) -> dict:
+        return {"object_id": number, "location": location, "inside_camera_view": inside}
+
+    words = {"color": "gray", "material": "metal", "shape": "cylinder"}
+    rows = [row(0, [1.0, 0, 0.2]), row(1, [0, 0, 0]), row(2, [0, 0.5, 0.2], False), row(3, [0, 9.0, 0.2])]
+    annotation = {
+        "object_property": [{"object_id": i, **words} for i in range(4)],
+        "motion_trajectory": [{"objects": rows}],
+    }
+    far, near = seen_objects(annotation, 0)
+    assert (far.column, far.row) == pytest.approx((0.5, 0.5))
+    assert far.words == (0, 0, 2)
+    assert near.row > 0.6
+
+
+def drawn_video(index: int) -> DecodedVideo:
+    """Two frames of 32x48 px, with one red metal sphere left, then two further objects."""
+    images = np.full((2, 32, 48, 3), 128, np.uint8)
+    images[:, 4:12, 4:12] = (173, 35, 35)
+    images[1, 20:28, 36:44] = (42, 75, 215)
+    first, second = SeenObject(0.17, 0.25, (1, 0, 1)), SeenObject(0.83, 0.75, (2, 1, 0))
+    return DecodedVideo(index, images, ((first,), (first, second)))
+
+
+def test_the_backbone_learns_a_few_frames(monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(backbone, "decode_videos", lambda *_: [drawn_video(1), drawn_video(2)])
+    loop = ["--loop.steps", "30", "--loop.batch_size", "8", "--loop.learning_rate", "1e-3", "--loop.device", "cpu"]
+    sizes = ["--image_size", "[32, 48]", "--frames_per_video", "2", "--held_out_every", "2"]
+    output = backbone.main(["--root", str(tmp_path), "--run_dir", str(tmp_path / "run"), *sizes, *loop])
+    metrics = json.loads((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()[-1])
+    assert metrics["right"] == 1
+    assert metrics["count"] == 1
+    assert metrics["false_centres"] == 0
+    features = FeatureExtractor(FeatureConfig("resnet18", output, 2, (32, 48), kinds=("pooled",)), "cpu")
+    assert features(list(drawn_video(0).images))["pooled"].shape == (2, 512)
+
+
+def test_flipped_frames_have_flipped_targets(monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(backbone, "decode_videos", lambda *_: [drawn_video(1), drawn_video(2)])
+    task = BackboneTask(
+        BackboneTraining("data", str(tmp_path), image_size=(32, 48), frames_per_video=2, held_out_every=2)
+    )
+    plain, flipped = (task.collate([(0, 1, flip)]) for flip in (False, True))
+    for name in ("images", "centre", "attributes"):
+        assert torch.equal(plain[name].flip(-1), flipped[name])
+        assert not torch.equal(plain[name], flipped[name])
+
+
+def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
+    scene, render = SceneConfig(objects={2: 1.0}, n_frames=20), RenderConfig(width=48, height=32)
+    root = str(tmp_path / "data")
+    config = DatasetConfig(root, 2, first_scene=500300, scene=scene, render=render, splits={"train": 1}, workers=1)
+    generate_dataset(replace(config, questions=None, masks=False))
+    monkeypatch.setattr("nsdr.training.backbone_frames.run_jobs", in_this_process)
+    first = decode_videos(root, tmp_path / "frames", (32, 48), 3)
+    assert [v.index for v in first] == [0, 1]
+    assert first[0].images.shape == (3, 32, 48, 3)
+    assert len(first[0].objects) == 3
+    monkeypatch.setattr("nsdr.training.backbone_frames.frames_of", lambda _: pytest.fail("decoded again"))
+    again = decode_videos(root, tmp_path / "frames", (32, 48), 3, limit=1)
+    assert [v.index for v in again] == [0]
+    np.testing.assert_array_equal(again[0].images, first[0].images)
+    with pytest.raises(DataError, match="has no training videos with annotations"):
+        decode_videos(tmp_path, tmp_path / "frames", (32, 48), 3)
+
+
+def in_this_process(*arguments, **options):
+    from nsdr.io.runner import run_jobs
+
+    return run_jobs(*arguments, **{**options, "workers": 1})
