@@ -156,7 +156,7 @@ class BackboneTask(Task):
         return {"images": image_batch(images, self.config.image_size), **joined}
 
     def losses(self, model: nn.Module, batch: dict[str, Tensor]) -> dict[str, LossTerm]:
-        """Of centres, words and number of objects per frame, of attributes per object; `images` of the batch are (B, 3, H, W)."""
+        """Means per frame of centres, words and number of objects, per object of attributes; `images` are (B, 3, H, W)."""
         scores: FrameScores = model(batch["images"])
         frames, centre = len(batch["images"]), batch["centre"]
         objects = int(centre.sum())
