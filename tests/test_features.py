@@ -22,6 +22,7 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.checkpoint import save_checkpoint
+from nsdr.io.configuration import parse_config
 from nsdr.io.video import write_video
 from nsdr.training import backbone
 from nsdr.training.backbone import BackboneTask, BackboneTraining, frame_targets
@@ -307,7 +308,7 @@ def drawn_video(index: int) -> DecodedVideo:
 
 def test_the_backbone_learns_a_few_frames(monkeypatch, tmp_path) -> None:
     monkeypatch.setattr(backbone, "decode_videos", lambda *_: [drawn_video(1), drawn_video(2)])
-    loop = ["--loop.steps", "30", "--loop.batch_size", "8", "--loop.learning_rate", "1e-3", "--loop.device", "cpu"]
+    loop = ["--loop.steps", "25", "--loop.batch_size", "8", "--loop.learning_rate", "3e-3", "--loop.device", "cpu"]
     sizes = ["--image_size", "[32, 48]", "--frames_per_video", "2", "--held_out_every", "2"]
     output = backbone.main(["--root", str(tmp_path), "--run_dir", str(tmp_path / "run"), *sizes, *loop])
     metrics = json.loads((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()[-1])
@@ -351,3 +352,16 @@ def in_this_process(*arguments, **options):
     from nsdr.io.runner import run_jobs
 
     return run_jobs(*arguments, **{**options, "workers": 1})
+
+
+CONFIGS = Path(__file__).parent.parent / "configs" / "baselines"
+
+
+def test_the_settings_in_the_repository_are_valid() -> None:
+    paper, small = (
+        parse_config(FeatureExtraction, ["--config", str(CONFIGS / name), "--root", "data", "--output", "out"], "test")
+        for name in ("features.yaml", "reference/features.yaml")
+    )
+    assert paper.features == FeatureConfig()
+    training = parse_config(BackboneTraining, ["--config", str(CONFIGS / "backbone.yaml")], "test")
+    assert (small.features.backbone, small.features.image_size) == (training.model.name, training.image_size)

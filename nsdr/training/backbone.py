@@ -140,7 +140,7 @@ class BackboneTask(Task):
         return list(zip(videos.tolist(), frames.tolist(), flipped.tolist(), strict=True))
 
     def collate(self, examples: Sequence[tuple[int, int, bool]]) -> dict[str, Tensor]:
-        """B frames: `images`, as of `image_batch`, and the targets of `frame_targets`."""
+        """B frames: `images` (B, 3, H, W), as of `image_batch`, and the targets of `frame_targets`, stacked."""
         return self._batch([(self.training[video], frame) for video, frame, _ in examples], [e[2] for e in examples])
 
     def _batch(self, frames: Sequence[tuple[DecodedVideo, int]], flipped: Sequence[bool]) -> dict[str, Tensor]:
@@ -156,7 +156,7 @@ class BackboneTask(Task):
         return {"images": image_batch(images, self.config.image_size), **joined}
 
     def losses(self, model: nn.Module, batch: dict[str, Tensor]) -> dict[str, LossTerm]:
-        """Of centres and of the words and number of objects per frame; of attributes per object."""
+        """Means per frame of centres, words and number of objects, per object of attributes; `images` are (B, 3, H, W)."""
         scores: FrameScores = model(batch["images"])
         frames, centre = len(batch["images"]), batch["centre"]
         objects = int(centre.sum())
