@@ -226,6 +226,76 @@ def test_the_preview_looks_like_its_objects() -> None:
     assert (empty[ids < 0].astype(int) - image[ids < 0]).max() > 20  # shadows
 
 
+@pytest.mark.parametrize("size", [(480, 320), (240, 160)])
+def test_outlines_of_the_preview_are_smooth_and_fit_the_masks(size) -> None:
+    camera = Camera(width=size[0], height=size[1])
+    objects = (SceneObject(0, "red", "rubber", "cube"), SceneObject(1, "yellow", "rubber", "sphere"))
+    solids = [
+        Solid("cube", np.array([0.0, -0.8, 0.2]), rotation(0.5)),
+        Solid("sphere", np.array([0, 0.8, 0.2]), np.eye(3)),
+    ]
+    image = render_preview(objects, solids, View(camera)).astype(int)
+    saturation = image.max(2) - image.min(2)
+    ids = instance_ids(solids, camera)
+    near = cv2.dilate((ids >= 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    far_inside = cv2.erode((ids >= 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    assert saturation[~near].max() < 12
+    assert saturation[far_inside].min() > 35
+    outline = saturation[near & ~far_inside]
+    assert ((outline > 15) & (outline < 35)).mean() > 0.1  # neither ground nor object
+
+
+def test_the_previews_shadows_are_soft() -> None:
+    solid = Solid("cube", np.array([0.0, 0.0, 0.2]), np.eye(3))
+    empty = render_preview((), (), View()).astype(float)
+    image = render_preview((SceneObject(0, "gray", "rubber", "cube"),), [solid], View())
+    column, row = Camera().pixels(np.array([0.0, 0.28, 0.0])).astype(int)
+    end = Camera().pixels(np.array([0.0, 1.4, 0.0])).astype(int)[0]
+    light = (image / empty)[row, column:end].mean(1)
+    assert light[0] < 0.9
+    assert light[-1] > 0.98
+    assert np.diff(light).max() < 0.1
+    assert np.diff(light).min() > -0.03
+
+
+def test_metal_mirrors_and_rubber_does_not() -> None:
+    solids = [
+        Solid("sphere", np.array([0.5, -0.22, 0.2]), np.eye(3)),
+        Solid("sphere", np.array([0.5, 0.22, 0.2]), np.eye(3)),
+    ]
+    inside = instance_ids(solids, Camera()) == 1
+    spread, mirrored = {}, {}
+    for material in ("metal", "rubber"):
+        images = [
+            render_preview(
+                (SceneObject(0, c, "rubber", "sphere"), SceneObject(1, "gray", material, "sphere")), solids, View()
+            )
+            for c in ("red", "cyan")
+        ]
+        spread[material] = images[0][inside].astype(float).std()
+        mirrored[material] = np.abs(images[0][inside].astype(int) - images[1][inside]).max()
+    assert spread["metal"] > 2 * spread["rubber"]
+    assert mirrored["metal"] > 25
+    assert mirrored["rubber"] < 10
+
+
+def test_previews_are_reproducible_wherever_objects_are() -> None:
+    shapes = ("cube", "sphere", "cylinder")
+    objects = tuple(SceneObject(i, "blue", "metal", shape) for i, shape in enumerate(shapes))
+    rng = np.random.default_rng(1)
+    for view in (View(), view_of(RenderConfig(width=240, height=160, camera_jitter=0.5, light_jitter=1.0), 3)):
+        for _ in range(20):
+            places = rng.uniform((-9, -4, 0.2), (5, 4, 0.2), (3, 3))
+            solids = [Solid(shape, p, rotation(p[0])) for shape, p in zip(shapes, places, strict=True)]
+            image = render_preview(objects, solids, view)
+            assert (image == render_preview(objects, solids, view)).all()
+
+
+def rotation(yaw: float) -> np.ndarray:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory) -> DatasetConfig:
     scene = SceneConfig(objects={3: 1.0}, n_frames=40)

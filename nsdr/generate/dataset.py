@@ -250,12 +250,11 @@ def make_video(config: DatasetConfig, split: str, index: int) -> None:
     # Masks and visibility refer to the release's image size, whatever the video's size is.
     camera = Camera(view.camera.eye_world)
     if config.renderer != "none":
-        frames = (
-            _preview_frames
-            if config.renderer == "preview"
-            else partial(_blender_frames, config.render, files.work / _fingerprint(config))
-        )
-        write_video(files.video, frames(scene, view), config.render.fps, config.render.crf)
+        preview = config.renderer == "preview"
+        blender_frames = partial(_blender_frames, config.render, files.work / _fingerprint(config))
+        frames = (_preview_frames if preview else blender_frames)(scene, view)
+        preset = "veryfast" if preview else "slow"
+        write_video(files.video, frames, config.render.fps, config.render.crf, preset)
         shutil.rmtree(files.work, ignore_errors=True)
     if config.masks:
         masks = [frame_masks(scene, f, camera) for f in range(scene.n_frames)]

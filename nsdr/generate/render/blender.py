@@ -12,7 +12,7 @@ from typing import Any
 
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
-from nsdr.generate.render.lamps import GROUND_REFLECTANCE, LAMPS, SUN_DIRECTION, SUN_STRENGTH
+from nsdr.generate.render.lamps import GROUND_REFLECTANCE, LAMPS, SUN_ANGLE, SUN_DIRECTION, SUN_STRENGTH
 from nsdr.generate.render.materials import metal_surface, rubber_surface
 from nsdr.generate.render.raycast import Solid
 from nsdr.generate.render.view import RenderConfig, View
@@ -42,8 +42,6 @@ SPHERE_SEGMENTS, SPHERE_RINGS, CYLINDER_VERTICES = 64, 32, 96
 """Resolution of the substitutes' meshes."""
 BEVEL_RADII, BEVEL_SEGMENTS = 0.07, 4
 """Width (object radii) and resolution of the substitutes' bevelled edges."""
-SUN_ANGLE = 0.2
-"""Angular diameter of the substitutes' sun (rad)."""
 PLANE_SIZE_WORLD = 60
 """Side of the substitutes' ground and wall."""
 WALL_X_WORLD = -9.5

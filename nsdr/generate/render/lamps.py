@@ -1,15 +1,15 @@
-"""Lights and ground of CLEVR's base scene: three square area lamps that face down, a weak sun and a plain grey ground."""
+"""Lights and ground of CLEVR's base scene: three square area lamps, a weak sun and a plain grey ground."""
 
 from dataclasses import dataclass
 
 from nsdr.generate.render.view import View
 
-__all__ = ["GROUND_REFLECTANCE", "LAMPS", "SUN_DIRECTION", "SUN_STRENGTH", "Lamp", "lamps_of"]
+__all__ = ["GROUND_REFLECTANCE", "LAMPS", "SUN_ANGLE", "SUN_DIRECTION", "SUN_STRENGTH", "Lamp", "lamps_of"]
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """A square area lamp that faces down.
+    """A square area lamp. In CLEVR's base scene it faces the origin; in the substitutes for it, down.
 
     Attributes:
         name: "key", "fill" or "back".
@@ -34,6 +34,8 @@ LAMPS = (
 """The lamps of CLEVR's base scene."""
 SUN_STRENGTH = 0.45
 """Irradiance of the sun (W/m², Blender's strength of a sun lamp)."""
+SUN_ANGLE = 0.2
+"""Angular diameter of the sun (rad)."""
 SUN_DIRECTION = (0.4146, -0.1946, 0.889)
 """Unit vector towards the sun."""
 GROUND_REFLECTANCE = 0.8

@@ -8,7 +8,7 @@ from nsdr.io.validation import NOT_NEGATIVE, SIZE, check_ranges
 from nsdr.world.camera import EYE_WORLD, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.timeline import FPS
 
-__all__ = ["RenderConfig", "View", "view_of"]
+__all__ = ["N_LAMPS", "RenderConfig", "View", "view_of"]
 
 N_LAMPS = 3
 """Lamps whose positions vary with `RenderConfig.light_jitter`."""
