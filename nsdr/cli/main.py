@@ -196,7 +196,7 @@ def _parser() -> jsonargparse.ArgumentParser:
     _evaluate_options(commands)
     _data_options(commands)
     parser.add_argument("--version", action="version", version=_version())
-    train_help = f"train {'|'.join(PARTS)} --config configs/….yaml [--field value]"
+    train_help = f"train {'|'.join(PARTS)} …; the parts: --config configs/….yaml [--field value]"
     generate_help = "generate dataset|scene|questions [--config configs/generate/….yaml] -o OUTPUT [--field value]"
     for name, text in (("train", train_help), ("generate", generate_help)):
         sub = jsonargparse.ArgumentParser(description=f"nsdr {text}; --help after the part shows its fields")
