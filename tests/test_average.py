@@ -1,6 +1,9 @@
 """The mean of the weights of several runs, and the commands that make the shipped weights."""
 
 import json
+import shlex
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -72,3 +75,39 @@ def test_what_cannot_be_averaged_is_refused(tmp_path) -> None:
     with pytest.raises(DataError, match=r"less: dynamics\.safetensors: has other tensors than .*first"):
         average_checkpoints([first, tmp_path / "less"], "dynamics", mean)
     assert not mean.exists()
+
+
+SMALLER = {
+    "frame-parser": "--model.widths [16,16,16,16] --model.blocks 1 --model.fpn_channels 16 --model.mask_channels 16",
+    "dynamics": "--model.hidden 8 --patches.hidden 8 --loop.batch_size 2",
+    "collisions": "--model.width 8 --loop.batch_size 2",
+    "question-parser": "--model.hidden 16 --loop.batch_size 2 --evaluation_texts 2",
+}
+"""Options that make two steps of a recipe quick."""
+
+
+@pytest.mark.robustness  # half a minute
+def test_the_recipes_make_every_shipped_weight(tiny_frames, tiny_motion, tmp_path, monkeypatch) -> None:
+    """The commands of `make weights`, two steps each, on tiny data and with small networks."""
+    root = Path(__file__).parent.parent
+    monkeypatch.chdir(root)
+    data, weights = tmp_path / "data", tmp_path / "weights"
+    (data / "real").mkdir(parents=True)
+    shutil.copytree(tiny_frames, data / "frames")
+    annotations = data / "frames" / "annotations_0.jsonl"
+    annotations.write_text(annotations.read_text() * 2)  # a batch of the recipe has 8 frames
+    for path, name in zip(tiny_motion, ("proposals_train.npz", "truth_train.json.gz"), strict=True):
+        shutil.copy(path, data / "real" / name)
+    make = ["make", "-s", "-n", "-f", "configs/weights.mk", f"DATA={data}", f"WEIGHTS={weights}", "STEPS=2"]
+    commands = subprocess.run(make, check=True, capture_output=True, text=True).stdout.splitlines()
+    for command in commands:
+        program, *arguments = shlex.split(command)
+        assert program == "nsdr"
+        assert main([*arguments, *SMALLER.get(arguments[1], "").split()]) == 0
+    for shipped in ("default", "dynamics_paper"):
+        made = {path.name for path in (weights / shipped).iterdir()}
+        assert made == {path.name for path in (root / "checkpoints" / shipped).iterdir()} - {"README.md"}
+    card = json.loads((weights / "default" / "frame_parser.json").read_text())
+    assert (card["training"]["initial"], card["training"]["loop"]["seed"]) == ("checkpoint", 1)
+    again = subprocess.run(make, check=True, capture_output=True, text=True).stdout
+    assert not [line for line in again.splitlines() if not line.startswith("make")]
