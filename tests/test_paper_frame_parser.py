@@ -41,7 +41,7 @@ def test_coco_weights_are_copied_where_they_fit(coco) -> None:
 
 
 def test_coco_weights_need_the_network_and_the_file(monkeypatch, tiny_frames, tmp_path) -> None:
-    with pytest.raises(DataError, match="needs model.backbone resnet50 with 256 fpn_channels; got slim with 64"):
+    with pytest.raises(DataError, match=r"needs model\.backbone resnet50 with 256 fpn_channels; got slim with 64"):
         load_coco_weights(build_frame_parser())
 
     def offline(*_, **__):
