@@ -156,7 +156,9 @@ class _Commands:
             sub.add_argument("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
         if pipeline:
             sub.add_argument(
-                "--dynamics", default="", help="backend (physics, state, paper, or an installed one) or YAML file"
+                "--dynamics",
+                default="",
+                help="backend (physics, state, paper, paper_images, or an installed one) or YAML file",
             )
             sub.add_argument(
                 "--config", default="", help="YAML file with the settings of all stages (configs/pipeline)"

@@ -83,7 +83,7 @@ class DynamicsTraining:
     def __post_init__(self) -> None:
         check_choices(self, network=("state", "paper", "paper_images"))
         on_images = self.network == "paper_images"
-        check_paths(self, "run_dir", *(("data",) if on_images else ("proposals", "truth")))
+        check_paths(self, *(("data",) if on_images else ("proposals", "truth")), "run_dir")
         useless = ("proposals", "truth", "simulated") if on_images else ("data",)
         given = [name for name in useless if getattr(self, name)]
         if given:

@@ -38,7 +38,7 @@ class PatchDecoder(nn.Module):
         self.convolutions = nn.Sequential(*layers, nn.ConvTranspose2d(first, PATCH_CHANNELS, 4, stride=2, padding=1))
 
     def forward(self, hidden: Tensor) -> Tensor:
-        """Decode each object."""
+        """Decode each object: (..., hidden) -> (..., 4, cells, cells) in 0-1."""
         maps = self.start(hidden).view(-1, self.channels, self.side, self.side)
         patches: Tensor = self.convolutions(maps).float().sigmoid().unflatten(0, hidden.shape[:-1])
         return patches
