@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, VideoError
+from nsdr import CheckpointError, DataError, VideoError
 from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.dynamics.base import VideoPixels
@@ -19,6 +19,7 @@ from nsdr.dynamics.propnet.image_predictor import ImagePredictor
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityEvents
+from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import write_json
 from nsdr.io.video import read_frames, write_video
 from nsdr.pipeline import Pipeline
@@ -233,6 +234,13 @@ def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> No
         assert pipeline.perceive(video).dynamics is not None
         with pytest.raises(VideoError, match="reads images; give videos in place of proposals or tracks"):
             pipeline.perceive(proposals=proposals)
+
+
+def test_without_weights_the_backend_says_how_to_get_some() -> None:
+    with pytest.raises(
+        CheckpointError, match=r"'paper_images': no weights ship; train them .configs/dynamics/paper\.yaml"
+    ):
+        load_backend(find_checkpoint(), "paper_images")
 
 
 def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:

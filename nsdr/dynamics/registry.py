@@ -8,7 +8,7 @@ from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.physics.predictor import CollisionDetector, PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.track_smoothing import SmoothingConfig
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
-from nsdr.errors import DataError
+from nsdr.errors import CheckpointError, DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.limits import limits
@@ -112,6 +112,11 @@ def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
 def _paper_images(folder: Path, config: BackendConfig) -> DynamicsBackend:
     from nsdr.dynamics.propnet.image_predictor import ImagePredictor
 
+    if not config.weights and folder.resolve() == find_checkpoint().resolve():
+        raise CheckpointError(
+            "dynamics 'paper_images': no weights ship; train them (configs/dynamics/paper.yaml), and name their folder as in "
+            "configs/dynamics/variants/paper_images.yaml"
+        )
     options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
     return ImagePredictor.from_checkpoint(_patch_folder(folder, config), **options)
 
