@@ -16,6 +16,7 @@ from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.propnet.image_model import ImageModel
 from nsdr.dynamics.propnet.image_patches import object_patches
 from nsdr.dynamics.propnet.image_predictor import ImagePredictor
+from nsdr.dynamics.propnet.layers import PropNet
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityEvents
@@ -138,6 +139,22 @@ def test_the_order_of_objects_does_not_matter() -> None:
     found = model(boxes[:, order], patches[:, order], static[:, order], exists)
     torch.testing.assert_close(found[1], expected[1][:, order], rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(found[2], expected[2][:, order][:, :, order], rtol=1e-4, atol=1e-5)
+
+
+def test_relations_keep_a_state_over_the_propagation_steps() -> None:
+    """The second step reads the effects of the first one; the first step reads none."""
+    torch.manual_seed(0)
+    network = PropNet(torch.nn.Identity(), torch.nn.Identity(), 2, 2, 8, 2, edge_state=True)
+    objects, relations, exists = torch.rand(1, 2, 8), torch.rand(1, 2, 2, 8), torch.ones(1, 2, dtype=torch.bool)
+    before = network(objects, relations, exists)[1]
+    with torch.no_grad():
+        network.effect_state.weight.zero_()
+    assert not torch.allclose(before, network(objects, relations, exists)[1])
+    network.steps = 1
+    once = network(objects, relations, exists)[1]
+    with torch.no_grad():
+        network.effect_state.weight.fill_(1.0)
+    torch.testing.assert_close(once, network(objects, relations, exists)[1])  # there is no state before the first step
 
 
 def test_a_sender_is_seen_where_it_lies_around_the_receiver() -> None:
