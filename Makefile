@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test robustness docs bench clean
+.PHONY: demo test robustness docs bench weights clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -23,6 +23,13 @@ robustness: .venv/installed-dev
 # proposals as proposals_dev.npz, truth_dev.json.gz, questions/mixed_dev.json); without it, what needs them is left out.
 bench: .venv/installed-dev
 	$(BIN)/python benchmarks/speed.py -o results/speed.md $(if $(DATA),--data $(DATA))
+
+# Makes every shipped weight: about five hours, the sum of the times in docs/training.md. WHAT=weights-dynamics-paper makes one part
+# (configs/weights.mk).
+# DATA is a folder with frames/ and real/; STEPS=2 only tries the commands.
+WHAT ?= weights
+weights: .venv/installed-dev
+	OMP_NUM_THREADS=1 $(MAKE) -f configs/weights.mk $(WHAT) NSDR=$(BIN)/nsdr
 
 docs: .venv/installed-docs
 	$(BIN)/mkdocs build --strict --site-dir site

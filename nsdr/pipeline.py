@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.base import DynamicsBackend
+from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, NsdrError, QuestionError, VideoError
@@ -263,16 +263,25 @@ class Pipeline:
                 )
             if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
                 warnings.warn(f"{video}: {doubt}", stacklevel=2)
-            if true_scene is None:
+            observed = None if true_scene is None else collisions_of(true_scene, tracks)
+            if reads_images(self.dynamics):
+                dynamics = self.dynamics.predict(tracks, observed, self._pixels(video, proposals))
+            elif observed is None:
                 dynamics = self.dynamics.predict(tracks)
             else:
-                dynamics = self.dynamics.predict(tracks, collisions_of(true_scene, tracks))
+                dynamics = self.dynamics.predict(tracks, observed)
         perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics))
         if key is not None:
             self._kept[key] = (parts, perception)
             while len(self._kept) > KEPT_VIDEOS:
                 self._kept.popitem(last=False)
         return perception
+
+    def _pixels(self, video: str | Path | None, proposals: VideoProposals | None) -> VideoPixels:
+        """What a backend that reads images gets."""
+        if video is None or proposals is None:
+            raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
+        return VideoPixels(self.frames(video), proposals)
 
     def answer(
         self,

@@ -65,7 +65,7 @@ def test_the_papers_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_pa
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", *small])
     PatchPredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "collision_f1", "rollout_error_25_p90"} <= set(lines(tmp_path / "run")[-1])
-    with pytest.raises(DataError, match="network is 'big'; expected state or paper"):
+    with pytest.raises(DataError, match="network is 'big'; expected state"):
         dynamics.main([*arguments, "--network", "big"])
 
 
@@ -173,7 +173,7 @@ class _ReachedError(Exception):
     ("part", "module", "tasks"),
     [
         (frame_parser, frame_parser, ["FrameParserTask"]),
-        (dynamics, dynamics, ["StateModelTask", "PatchModelTask"]),
+        (dynamics, dynamics, ["StateModelTask", "PatchModelTask", "ImageModelTask"]),
         (question_parser, question_parser_task, ["QuestionParserTask"]),
     ],
 )

@@ -166,7 +166,9 @@ class _Commands:
             sub.add_argument("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
         if pipeline:
             sub.add_argument(
-                "--dynamics", default="", help="backend (physics, state, paper, or an installed one) or YAML file"
+                "--dynamics",
+                default="",
+                help="backend (physics, state, paper, paper_images, or an installed one) or YAML file",
             )
             sub.add_argument(
                 "--config", default="", help="YAML file with the settings of all stages (configs/pipeline)"
@@ -206,7 +208,7 @@ def _parser() -> jsonargparse.ArgumentParser:
     _evaluate_options(commands)
     _data_options(commands)
     parser.add_argument("--version", action="version", version=_version())
-    train_help = f"train {'|'.join(PARTS)} --config configs/….yaml [--field value]"
+    train_help = f"train {'|'.join(PARTS)} …; the parts: --config configs/….yaml [--field value]"
     generate_help = "generate dataset|scene|questions [--config configs/generate/….yaml] -o OUTPUT [--field value]"
     extract_help = "extract-features --config configs/baselines/features.yaml --root DATA -o OUTPUT [--field value]"
     for name, text in (("train", train_help), ("generate", generate_help), ("extract-features", extract_help)):

@@ -1,4 +1,4 @@
-"""`nsdr train frame-parser|dynamics|collisions|question-parser|backbone|baseline`."""
+"""`nsdr train frame-parser|dynamics|collisions|question-parser|backbone|baseline|average`."""
 
 import logging
 import re
@@ -10,9 +10,9 @@ __all__ = ["PARTS", "train"]
 
 PARTS = {
     name: f"nsdr.training.{name.replace('-', '_')}"
-    for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone")
+    for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone", "average")
 } | {"baseline": "nsdr.training.baselines"}
-"""Module with the `main(argv)` of each part."""
+"""Module with the `main(argv)` of each part, and of the mean of several runs."""
 
 
 def train(arguments: list[str]) -> int:

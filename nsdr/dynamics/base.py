@@ -1,12 +1,29 @@
 """What a dynamics backend is: tracks in, rollouts out."""
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeGuard
 
-from nsdr.types import DynamicsPrediction, Event, VideoTracks
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.types import DynamicsPrediction, Event, VideoProposals, VideoTracks
 from nsdr.world import timeline
 
-__all__ = ["DynamicsBackend", "rollout_frames"]
+__all__ = ["DynamicsBackend", "ImageBackend", "VideoPixels", "reads_images", "rollout_frames"]
+
+
+@dataclass(frozen=True, eq=False)
+class VideoPixels:
+    """What a backend on images reads beside the tracks.
+
+    Attributes:
+        frames: the video's frames (320, 480, 3) uint8 RGB, in order; read once.
+        proposals: the detections that the tracks were made from, with their masks.
+    """
+
+    frames: Iterable[NDArray[np.uint8]]
+    proposals: VideoProposals
 
 
 class DynamicsBackend(Protocol):
@@ -22,6 +39,26 @@ class DynamicsBackend(Protocol):
         Returns:
             Rollouts to the horizon (`nsdr.world.timeline.horizon_frame`); empty ones for a video without objects.
         """
+
+
+class ImageBackend(Protocol):
+    """A backend that reads the video's images, too.
+
+    Attributes:
+        reads_images: True.
+    """
+
+    reads_images: bool
+
+    def predict(
+        self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
+    ) -> DynamicsPrediction:
+        """As of `DynamicsBackend`, with the video's pixels."""
+
+
+def reads_images(backend: Any) -> TypeGuard[ImageBackend]:
+    """Whether a backend is an `ImageBackend`."""
+    return bool(getattr(backend, "reads_images", False))
 
 
 def rollout_frames(n_frames: int, horizon_frame: int | None = None) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -54,10 +54,12 @@ def rollout_errors(
             here = states.present[:, :start].any(1)
             if not here.any():
                 continue
+            names = ("location_world", "detected", "reliable", "present", "box_px", "patches")
+            arrays = {name: getattr(states, name) for name in names}
+            shown: dict[str, Any] = {k: None if a is None else a[here, :start] for k, a in arrays.items()}
             cut = MotionStates(
                 tuple(replace(o, id=i) for i, o in enumerate(np.array(states.objects, object)[here])),
-                states.location_world[here, :start],
-                *(getattr(states, name)[here, :start] for name in ("detected", "reliable", "present", "box_px")),
+                **shown,
             )
             rollout = predictor.continue_motion(cut)
             for ahead, collected in distances.items():

@@ -8,7 +8,7 @@ from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.physics.predictor import CollisionDetector, PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.track_smoothing import SmoothingConfig
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
-from nsdr.errors import DataError
+from nsdr.errors import CheckpointError, DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.limits import limits
@@ -19,6 +19,8 @@ __all__ = ["BACKENDS", "BackendConfig", "BackendFactory", "backend_settings", "c
 
 PATCH_CHECKPOINT = "dynamics_paper"
 """Checkpoint of the paper's network, beside `default`."""
+PATCH_BACKENDS = ("paper", "paper_images")
+"""Backends whose network sees patches."""
 COLLISIONS = ("predicted", "velocity")
 
 
@@ -28,8 +30,9 @@ class BackendConfig:
 
     Attributes:
         backend: a name in `BACKENDS`: "physics" (a simulator fitted to the tracks), "state" (PropNet on ground-plane states),
-            "paper" (PropNet on patches), or one of another package.
-        shortcut: objects that a removal cannot influence keep their observed motion (not for "paper").
+            "paper" (PropNet on patches), "paper_images" (PropNet on patches of images; videos only), or one of another package.
+        weights: folder of the trained network, for "paper" and "paper_images"; "" for the checkpoint's, or the shipped one's.
+        shortcut: objects that a removal cannot influence keep their observed motion (not for "paper" and "paper_images").
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
         collisions: "predicted", or "velocity" for collisions from changes of velocity alone (NE).
         smoothing: how observed tracks are smoothed, of every backend.
@@ -38,6 +41,7 @@ class BackendConfig:
     """
 
     backend: str = "physics"
+    weights: str = ""
     shortcut: bool = True
     horizon_frame: int | None = None
     collisions: str = "predicted"
@@ -70,6 +74,7 @@ BACKENDS: Registry[BackendFactory] = Registry(
         "physics": "nsdr.dynamics.registry:_physics",
         "state": "nsdr.dynamics.registry:_state",
         "paper": "nsdr.dynamics.registry:_paper",
+        "paper_images": "nsdr.dynamics.registry:_paper_images",
     },
 )
 """Dynamics backends by name; other packages add theirs by entry points of the group `nsdr.dynamics`."""
@@ -101,12 +106,30 @@ def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
     from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 
     options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
-    return PatchPredictor.from_checkpoint(_patch_folder(folder), **options)
+    return PatchPredictor.from_checkpoint(_patch_folder(folder, config), **options)
 
 
-def _patch_folder(folder: Path) -> Path:
-    """The checkpoint of the paper's network: the given one, or the shipped `dynamics_paper` in place of `default`."""
-    return find_checkpoint(PATCH_CHECKPOINT) if folder.resolve() == find_checkpoint().resolve() else folder
+def _paper_images(folder: Path, config: BackendConfig) -> DynamicsBackend:
+    from nsdr.dynamics.propnet.image_predictor import ImagePredictor
+
+    if not config.weights and folder.resolve() == find_checkpoint().resolve():
+        raise CheckpointError(
+            "dynamics 'paper_images': no weights ship; train them (configs/dynamics/paper.yaml), and name their folder as in "
+            "configs/dynamics/variants/paper_images.yaml"
+        )
+    options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
+    return ImagePredictor.from_checkpoint(_patch_folder(folder, config), **options)
+
+
+def _patch_folder(folder: Path, config: BackendConfig) -> Path:
+    """Where the weights of a network on patches are: of `config`, else of the checkpoint.
+
+    For "paper", the shipped `dynamics_paper` stands for `default`. Weights of the network on images are not shipped.
+    """
+    if config.weights:
+        return find_checkpoint(config.weights)
+    is_default = config.backend == "paper" and folder.resolve() == find_checkpoint().resolve()
+    return find_checkpoint(PATCH_CHECKPOINT) if is_default else folder
 
 
 def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> DynamicsBackend:
@@ -136,9 +159,11 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
         config = BackendConfig(str(settings))
     if config.backend not in BACKENDS.names():
         raise DataError(f"dynamics backend {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
-    if config.backend == "paper" and not config.shortcut:
-        raise DataError("shortcut: false does nothing with dynamics 'paper', which has no shortcut")
-    if config.backend in ("state", "paper") and config.physics != PhysicsConfig():
+    if config.backend in PATCH_BACKENDS and not config.shortcut:
+        raise DataError(f"shortcut: false does nothing with dynamics {config.backend!r}, which has no shortcut")
+    if config.weights and config.backend not in PATCH_BACKENDS:
+        raise DataError(f"weights: does nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
+    if config.backend in ("state", *PATCH_BACKENDS) and config.physics != PhysicsConfig():
         raise DataError(f"settings of physics do nothing with dynamics {config.backend!r}; leave them out")
     if config.collisions != "velocity" and config.velocity != VelocityConfig():
         raise DataError("settings of velocity do nothing without collisions: velocity; add it, or leave them out")
@@ -147,4 +172,5 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
 
 def checkpoint_folders(folder: Path, config: BackendConfig) -> list[Path]:
     """Folders whose weights a pipeline with this backend uses."""
-    return [*dict.fromkeys([folder, _patch_folder(folder)])] if config.backend == "paper" else [folder]
+    patches = [_patch_folder(folder, config)] if config.backend in PATCH_BACKENDS else []
+    return [*dict.fromkeys([folder, *patches])]

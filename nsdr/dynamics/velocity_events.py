@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.velocity_rule import velocity_collisions as grid_collisions
-from nsdr.dynamics.base import DynamicsBackend
+from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
 from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_ranges
@@ -79,12 +79,22 @@ class VelocityEvents:
             self.backend.to(device)
         return self
 
-    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
+    @property
+    def reads_images(self) -> bool:
+        """Whether the backend does."""
+        return reads_images(self.backend)
+
+    def predict(
+        self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
+    ) -> DynamicsPrediction:
         """Motion with collisions where it changes; see `DynamicsBackend`."""
         states = states_from_tracks(tracks)
         seen = Rollout(states.location_world, states.present, ())
         before = velocity_collisions(seen, self.config) if observed is None else tuple(observed)
-        prediction = self.backend.predict(tracks, before)
+        if reads_images(self.backend):
+            prediction = self.backend.predict(tracks, before, pixels)
+        else:
+            prediction = self.backend.predict(tracks, before)
         met = {e.objects for e in before}
         ahead = velocity_collisions(_from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.config)
         later = [e for e in ahead if e.frame >= tracks.n_frames and e.objects not in met]

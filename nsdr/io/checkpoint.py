@@ -4,7 +4,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_origin, get_type_hints
 
@@ -16,12 +16,13 @@ from nsdr.io.reading import read_json
 if TYPE_CHECKING:
     from torch import nn
 
-__all__ = ["find_checkpoint", "load_checkpoint", "load_description", "load_network", "save_checkpoint"]
+__all__ = ["PARTS", "find_checkpoint", "load_checkpoint", "load_description", "load_network", "save_checkpoint"]
 
 Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
 
 PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone", "baseline")
+"""Parts of a checkpoint, by the names of their files."""
 DTYPES = ("torch.float16", "torch.float32", "torch.int64")
 """Types of stored weights; the integers count batches."""
 
@@ -75,7 +76,7 @@ def save_checkpoint(
         folder: created when missing; other parts in it stay.
         part: one of `PARTS`.
         state: tensors by name.
-        config: the frozen dataclass that rebuilds the model.
+        config: the frozen dataclass that rebuilds the model, or its plain values.
         details: plain values for the reader (metrics with their data, training configuration).
         half: store floats as float16.
     """
@@ -89,7 +90,8 @@ def save_checkpoint(
     folder = Path(folder)
     with atomic_path(folder / f"{part}.safetensors") as temporary:
         temporary.write_bytes(save({name: stored(value) for name, value in state.items()}))
-    write_json(folder / f"{part}.json", {"part": part, "config": asdict(config), **details}, indent=1)
+    settings = asdict(config) if is_dataclass(config) and not isinstance(config, type) else dict(config)
+    write_json(folder / f"{part}.json", {"part": part, "config": settings, **details}, indent=1)
 
 
 def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict[str, Any]]:

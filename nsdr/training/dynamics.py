@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from nsdr.training.image_dynamics import ImageModelTask
 from nsdr.training.loop import train_part
 from nsdr.training.patch_dynamics import PatchModelTask
 from nsdr.training.run_folder import parse_training
@@ -20,4 +21,5 @@ def main(argv: Sequence[str] | None = None) -> str:
     config = parse_training(DynamicsTraining, argv, "dynamics")
     if config.network == "state":
         return train_part("dynamics", StateModelTask(config), config, config.model, {"network": config.network})
-    return train_part("dynamics", PatchModelTask(config), config, config.patches, {"network": config.network})
+    task = PatchModelTask(config) if config.network == "paper" else ImageModelTask(config)
+    return train_part("dynamics", task, config, config.patches, {"network": config.network})

@@ -14,7 +14,8 @@ from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.io.validation import MANY, check_paths, check_ranges
+from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
+from nsdr.training.coco_weights import load_coco_weights
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.world.vocabulary import attributes_of
@@ -43,7 +44,8 @@ class FrameParserTraining:
         frames: folder with `annotations_*.jsonl` and `images/`; every 20th scene is held out for evaluation.
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
-        initial: folder of a checkpoint to start from; "" starts from random weights.
+        initial: folder of a checkpoint to start from; "" starts from random weights, or from those of `pretrained`.
+        pretrained: "coco" starts from torchvision's Mask R-CNN with ResNet-50 (paper), which is downloaded once; "" does not.
         evaluation_frames: maximum number of held-out frames to evaluate on.
         model: the network.
         augmentation: random changes to training images.
@@ -54,6 +56,7 @@ class FrameParserTraining:
     run_dir: str
     output: str = ""
     initial: str = ""
+    pretrained: str = ""
     evaluation_frames: int = 150
     model: FrameParserConfig = field(default_factory=FrameParserConfig)
     augmentation: AugmentConfig = field(default_factory=AugmentConfig)
@@ -62,6 +65,11 @@ class FrameParserTraining:
     def __post_init__(self) -> None:
         check_paths(self, "frames", "run_dir")
         check_ranges(self, evaluation_frames=MANY)
+        check_choices(self, pretrained=("", "coco"))
+        if self.initial and self.pretrained:
+            raise DataError(
+                f"initial: {self.initial} and pretrained: {self.pretrained} both start the weights; give one"
+            )
 
 
 class FrameParserTask(Task):
@@ -70,7 +78,10 @@ class FrameParserTask(Task):
     def __init__(self, config: FrameParserTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.config = config
-        self.model: nn.Module = build_frame_parser(config.model).to(memory_format=torch.channels_last)
+        network = build_frame_parser(config.model)
+        if config.pretrained:
+            load_coco_weights(network)
+        self.model: nn.Module = network.to(memory_format=torch.channels_last)
         if config.initial:
             self.model.load_state_dict(load_checkpoint(config.initial, "frame_parser")[0])
         self.training_frames = FrameDataset(config.frames, "train", config.augmentation)

@@ -37,10 +37,14 @@ class PatchModelTask(TrackTask):
 
     def __init__(self, config: DynamicsTraining) -> None:
         torch.manual_seed(config.loop.seed)
-        super().__init__(config, PatchModel(config.patches))
+        super().__init__(config, self.network(config))
         self.margin = (config.patches.window - 1) * config.patches.stride_frames
         d = self.data
         self.boxes = patch_boxes(d.location_world, d.box_px, d.reliable, self.margin).astype(np.float32)
+
+    def network(self, config: DynamicsTraining) -> nn.Module:
+        """The network, with random weights."""
+        return PatchModel(config.patches)
 
     def draw(self, count: int, rng: np.random.Generator) -> list[_Window]:
         """Windows of scenes that have the same number of objects, as that of a random window."""

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
+from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.propnet.data import SIMULATED_SCENE, MotionDataset, read_motion_dataset
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
@@ -20,6 +21,7 @@ from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint
 from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task
+from nsdr.types import Event
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
@@ -39,32 +41,36 @@ ROLLOUT_SCENES = 30
 
 @dataclass(frozen=True)
 class DynamicsTraining:
-    """Training of the dynamics predictor on tracks of real proposals.
+    """Training of the dynamics predictor on tracks of real proposals, or on videos for the network on images.
 
     Attributes:
-        proposals: compact proposals of the training scenes (NPZ).
-        truth: ground-truth blocks of the same scenes (gzipped JSON).
+        proposals: compact proposals of the training scenes (NPZ); not for "paper_images".
+        truth: ground-truth blocks of the same scenes (gzipped JSON); not for "paper_images".
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
         limit: maximum number of real scenes; 0 for all.
+        data: for "paper_images", the folder of a data set with `videos/`, `derender_proposals/` and `annotations/` of `train`,
+            such as `nsdr generate dataset` makes.
         simulated: folder of simulated scenes (`nsdr generate dataset --renderer none`) to train on as well; "" for none.
         rollout_steps: number of consecutive predictions, each from the last ones, that a loss covers.
         noise_world: standard deviation of the noise added to observed positions (world units); for the network on patches,
             50 times this value is the noise added to boxes (px).
         evaluation_scenes: maximum number of held-out scenes (real scenes whose index 40 divides) to evaluate on.
-        network: "state" (network on states) or "paper" (the paper's network on patches).
+        network: "state" (network on states), "paper" (the paper's network on patches of masks) or "paper_images" (on patches
+            of images and masks).
         model: the network on states.
-        patches: the network on patches.
+        patches: the networks on patches.
         loop: the optimisation.
     """
 
-    proposals: str
-    truth: str
-    run_dir: str
+    proposals: str = ""
+    truth: str = ""
+    run_dir: str = ""
     output: str = ""
     initial: str = ""
     limit: int = 0
+    data: str = ""
     simulated: str = ""
     rollout_steps: int = 5
     noise_world: float = 0.003
@@ -75,8 +81,13 @@ class DynamicsTraining:
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_choices(self, network=("state", "paper"))
-        check_paths(self, "proposals", "truth", "run_dir")
+        check_choices(self, network=("state", "paper", "paper_images"))
+        on_images = self.network == "paper_images"
+        check_paths(self, *(("data",) if on_images else ("proposals", "truth")), "run_dir")
+        useless = ("proposals", "truth", "simulated") if on_images else ("data",)
+        given = [name for name in useless if getattr(self, name)]
+        if given:
+            raise DataError(f"{', '.join(given)}: does nothing with network {self.network!r}; leave it out")
         check_ranges(
             self, limit=COUNT, rollout_steps=(1, VIDEO_FRAMES), noise_world=NOT_NEGATIVE, evaluation_scenes=MANY
         )
@@ -85,7 +96,7 @@ class DynamicsTraining:
 class TrackTask(Task):
     """Base of the dynamics tasks: a network, the tracks to train it on, and held-out scenes.
 
-    The tracks are kept in `run_dir/motion.npz`, so that a resumed run on the same files need not make them again.
+    The tracks are kept in the run's folder, so that a resumed run on the same files need not make them again.
 
     Args:
         config: the training.
@@ -97,14 +108,13 @@ class TrackTask(Task):
         if config.initial:
             network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
         self.model: nn.Module = network
-        cache = f"{config.run_dir}/motion.npz"
-        data = read_motion_dataset(
-            config.proposals, config.truth, cache, config.limit or None, config.simulated or None
-        )
+        data = self.read()
         held_out = (data.scene % HELD_OUT_EVERY == 0) & (data.scene != SIMULATED_SCENE)
         if held_out.all() or not held_out.any():
             message = f"expected scenes whose index {HELD_OUT_EVERY} divides, to evaluate on, and others to train on"
-            raise DataError(f"{config.proposals}: {message}; got {held_out.sum()} and {(~held_out).sum()}")
+            raise DataError(
+                f"{config.data or config.proposals}: {message}; got {held_out.sum()} and {(~held_out).sum()}"
+            )
         self.data: MotionDataset = data.subset(~held_out)
         self.held_out: MotionDataset = data.subset(np.flatnonzero(held_out)[: config.evaluation_scenes])
         self.object_count = self.data.exists.sum(1)
@@ -114,6 +124,18 @@ class TrackTask(Task):
         for count in np.unique(self.object_count).tolist():
             alike = self.object_count == count
             self._pools[count] = np.flatnonzero(alike), collisions[alike[collisions[:, 0]]]
+
+    def read(self) -> MotionDataset:
+        """The scenes to train and evaluate on."""
+        config = self.config
+        cache = f"{config.run_dir}/motion.npz"
+        return read_motion_dataset(
+            config.proposals, config.truth, cache, config.limit or None, config.simulated or None
+        )
+
+    def states(self, index: int) -> tuple[MotionStates, list[Event]]:
+        """A held-out scene and its true collisions."""
+        return self.held_out.states(index)
 
     def draw_windows(
         self, size: int, rng: np.random.Generator, frames_before: int, frames_after: int, objects: int = 0
@@ -137,7 +159,7 @@ class TrackTask(Task):
 
     def measure(self, predictor: StatePredictor | PatchPredictor) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        scenes = [self.held_out.states(i) for i in range(len(self.held_out))]
+        scenes = [self.states(i) for i in range(len(self.held_out))]
         scores = collision_scores([(predictor.observed_collisions(states), events) for states, events in scenes])
         return scores | rollout_errors(predictor, [states for states, _ in scenes[:ROLLOUT_SCENES]])
 

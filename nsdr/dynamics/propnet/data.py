@@ -24,7 +24,7 @@ from nsdr.types import Event, SceneObject
 from nsdr.world.timeline import VIDEO_FRAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
-__all__ = ["SIMULATED_SCENE", "MotionDataset", "read_motion_dataset"]
+__all__ = ["SIMULATED_SCENE", "MotionDataset", "motion_row", "read_motion_dataset"]
 
 MIN_OBJECTS = 2
 """Scenes with fewer tracked objects are skipped: they hold no pair."""
@@ -137,10 +137,10 @@ def read_motion_dataset(
             continue
         states = states_from_tracks(track(video_proposals))
         if MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
-            for name, value in _row(video, states, block).items():
+            for name, value in motion_row(video, states, block).items():
                 rows[name].append(value)
     for video, states, block in _simulated(files):
-        for name, value in _row(video, states, block).items():
+        for name, value in motion_row(video, states, block).items():
             rows[name].append(value)
     if not rows["scene"]:
         raise DataError(
@@ -166,7 +166,7 @@ def _read_cache(path: Path, made_from: str) -> MotionDataset | None:
 
 
 def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
-    """Scene number, states and ground-truth block of the two windows of every truth file, as `_row` takes them."""
+    """Scene number, states and ground-truth block of the two windows of every truth file, as `motion_row` takes them."""
     rng = np.random.default_rng(SIMULATED_NOISE_SEED)
     for file in tqdm(files, desc="simulated", unit="scene", disable=not files):
         truth = read_truth_file(file)
@@ -191,7 +191,7 @@ def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[
             raise DataError(f"{file}: not a truth file of nsdr generate dataset ({e!r})") from e
 
 
-def _row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, Any]:
+def motion_row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, Any]:
     """One scene's entries of `MotionDataset`, padded; true objects are matched to tracks by their attributes."""
     n = len(states.objects)
     pad = MAX_OBJECTS - n

@@ -16,7 +16,7 @@ class PropNet(nn.Module):
 
     With object states o_i and relation states r_ij, encoders c_i = f_O(o_i), c_ij = f_R(o_i, o_j, r_ij), and h_i = 0:
     e_ij = g_R(c_ij, h_i, h_j), h_i = g_O(c_i, sum_j e_ij, h_i), L times. The predictors read h_i with c_i (skip
-    connection) and e_ij with h_i, h_j.
+    connection) and e_ij with h_i, h_j. With an edge state, g_R reads the e_ij of the step before, too (0 at first).
 
     Differs from the paper: nothing; what the encoders read is up to them.
 
@@ -25,6 +25,7 @@ class PropNet(nn.Module):
         object_outputs, relation_outputs: width of the predictions.
         hidden: width of all layers.
         steps: L.
+        edge_state: whether relations keep a state over the propagation steps.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class PropNet(nn.Module):
         relation_outputs: int,
         hidden: int = 128,
         steps: int = 2,
+        edge_state: bool = False,
     ) -> None:
         super().__init__()
         self.steps = steps
@@ -45,6 +47,7 @@ class PropNet(nn.Module):
         self.relation_propagator = mlp(hidden, hidden, hidden)
         self.effect_receiver = nn.Linear(hidden, hidden)
         self.effect_sender = nn.Linear(hidden, hidden)
+        self.effect_state = nn.Linear(hidden, hidden) if edge_state else None
         self.object_propagator = mlp(3 * hidden, hidden, hidden)
         self.object_predictor = nn.Sequential(mlp(2 * hidden, hidden, hidden), nn.Linear(hidden, object_outputs))
         self.relation_predictor = nn.Sequential(mlp(3 * hidden, hidden, hidden), nn.Linear(hidden, relation_outputs))
@@ -65,9 +68,11 @@ class PropNet(nn.Module):
         encoded = self.object_encoder(objects)
         pairs = self.relation_encoder(relations)
         pairs = pairs + self.relation_receiver(encoded)[:, :, None] + self.relation_sender(encoded)[:, None]
-        hidden = torch.zeros_like(encoded)
+        hidden, effects = torch.zeros_like(encoded), torch.zeros_like(pairs)
         for _ in range(self.steps):
             received = self.effect_receiver(hidden)[:, :, None] + self.effect_sender(hidden)[:, None]
+            if self.effect_state is not None:
+                received = received + self.effect_state(effects)
             effects = self.relation_propagator(pairs + received) * edges[..., None]
             hidden = hidden + self.object_propagator(torch.cat([encoded, effects.sum(2), hidden], -1))
         both = torch.cat([hidden[:, :, None] + hidden[:, None], effects, pairs], -1)

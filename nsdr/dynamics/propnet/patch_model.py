@@ -10,7 +10,7 @@ from nsdr.dynamics.propnet.layers import PropNet
 from nsdr.io.validation import POSITIVE, SHARE, SIZE, check_ranges
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["BOX_SCALE", "PatchModel", "PatchModelConfig"]
+__all__ = ["BOX_SCALE", "PatchModel", "PatchModelConfig", "PatchNetwork"]
 
 STATIC_FEATURES = 5
 BOX_SCALE = (WIDTH_PX / 2, HEIGHT_PX / 2, 50.0, 50.0)
@@ -71,7 +71,15 @@ class PatchEncoder(nn.Module):
         return encoded
 
 
-class PatchModel(nn.Module):
+class PatchNetwork(nn.Module):
+    """A network on patches, which keeps the sizes that it was built from."""
+
+    def __init__(self, config: PatchModelConfig) -> None:
+        super().__init__()
+        self.config = config
+
+
+class PatchModel(PatchNetwork):
     """Predicts every object's box one step later, and the collisions of that step and of the steps of the window.
 
     Differs from the paper: patches hold the mask drawn as its filled box, but no image (the proposals that real training
@@ -81,8 +89,7 @@ class PatchModel(nn.Module):
     """
 
     def __init__(self, config: PatchModelConfig) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config)
         own = 2 * config.window + 2 + 2 * (config.window - 1) + STATIC_FEATURES
         pair = 2 * config.window + 2 * (config.window - 1) + 2 * STATIC_FEATURES
         self.object_encoder = PatchEncoder(config.window, own, config)

@@ -12,7 +12,7 @@ from torch import nn
 
 from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig, PatchNetwork
 from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
 from nsdr.io.checkpoint import load_network
 from nsdr.io.pretrained import PretrainedPart
@@ -72,7 +72,7 @@ class PatchPredictor(PretrainedPart):
     default_checkpoint = "dynamics_paper"
 
     def __init__(
-        self, model: PatchModel, horizon_frame: int | None = None, smoothing: SmoothingConfig | None = None
+        self, model: PatchNetwork, horizon_frame: int | None = None, smoothing: SmoothingConfig | None = None
     ) -> None:
         self.model = model.eval()
         self.horizon_frame = horizon_frame
@@ -99,11 +99,14 @@ class PatchPredictor(PretrainedPart):
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object; see `StatePredictor`."""
-        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
+        return self._predict(states_from_tracks(tracks, self.smoothing.measurement.visibility), observed)
+
+    def _predict(self, states: MotionStates, observed: Sequence[Event] | None) -> DynamicsPrediction:
         observed = self.observed_collisions(states) if observed is None else observed
         rollout = self._future(states, observed)
         rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed, self.smoothing))
-        return DynamicsPrediction(states.objects, tracks.n_frames, rollout, dict(enumerate(self._without_each(states))))
+        n_frames = states.present.shape[1]
+        return DynamicsPrediction(states.objects, n_frames, rollout, dict(enumerate(self._without_each(states))))
 
     @limit_threads(1)
     def continue_motion(self, states: MotionStates) -> Rollout:
@@ -118,7 +121,7 @@ class PatchPredictor(PretrainedPart):
             return []
         stride = self.config.stride_frames
         samples = np.arange(frames - 1, 0, -stride)[::-1]
-        known = self._boxes(states)
+        known = self._known(states)
         windows = np.stack([self._window(known, t) for t in samples])
         seen = self._step(windows, states, states.present.T[samples])[1]
         return self._collisions(self._judged(seen)[:-1], samples)
@@ -153,18 +156,21 @@ class PatchPredictor(PretrainedPart):
                     events.append(Event("collision", max(int(end - (self.config.stride_frames - 1) / 2), 0), (i, j)))
         return sorted(events, key=lambda e: e.frame)
 
-    def _boxes(self, states: MotionStates) -> FloatArray:
-        """(n, margin + F, 4): `patch_boxes`, from the frame before the video to which the first window reaches."""
+    def _known(self, states: MotionStates) -> FloatArray:
+        """(n, margin + F, K): what the network sees of each object, boxes (`patch_boxes`) first.
+
+        The first row is of the frame before the video to which the first window reaches.
+        """
         margin = (self.config.window - 1) * self.config.stride_frames
         return patch_boxes(states.location_world, states.box_px, states.reliable, margin)
 
     def _window(self, known: FloatArray, t: int) -> FloatArray:
-        """(n, window, 4) boxes up to frame t."""
+        """(n, window, K): the samples up to frame t."""
         return known[:, t + self.config.stride_frames * np.arange(self.config.window)]
 
     @torch.no_grad()
     def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Boxes (C, n, 4) a step later, and collision probabilities (C, n, n, window), of several n_rollouts at once."""
+        """What is seen (C, n, K) a step later, and collision probabilities (C, n, n, window), of several rollouts at once."""
         static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
         inputs = (torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
         boxes, logits = (x.cpu() for x in self.model(*(x.to(self.device) for x in inputs)))
@@ -189,7 +195,7 @@ class PatchPredictor(PretrainedPart):
         if not n:
             total = rollout_frames(frames, self.horizon_frame)
             return [Rollout(np.zeros((0, total, 2)), np.zeros((0, total), bool), ())] * n_rollouts
-        stride, here, known = self.config.stride_frames, here.copy(), self._boxes(states)
+        stride, here, known = self.config.stride_frames, here.copy(), self._known(states)
         margin, total = known.shape[1] - frames, rollout_frames(frames, self.horizon_frame)
         window = np.repeat(self._window(known, start)[None], n_rollouts, 0)
         boxes = np.full((n_rollouts, n, total + stride, 4), np.nan)
@@ -202,11 +208,11 @@ class PatchPredictor(PretrainedPart):
             follows &= observed is None
             for i in np.flatnonzero(follows.any(0)).tolist():
                 window[follows[:, i], i] = self._window(known, t)[i]
-                boxes[follows[:, i], i, first[i] : t + 1] = known[i, margin + first[i] : margin + t + 1]
+                boxes[follows[:, i], i, first[i] : t + 1] = known[i, margin + first[i] : margin + t + 1, :4]
             here |= follows
             following, probability = self._step(window, states, here)
             for k in range(1, stride + 1):
-                boxes[here, t + k] = (window[here, -1] * (stride - k) + following[here] * k) / stride
+                boxes[here, t + k] = (window[here, -1, :4] * (stride - k) + following[here, :4] * k) / stride
             judgements.append(probability)
             window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
         pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])

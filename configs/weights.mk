@@ -1,0 +1,50 @@
+# Makes every shipped weight: `make weights DATA=FOLDER` from the project's folder, or one part, such as `weights-dynamics`.
+# DATA is a folder with frames/ (training frames) and real/ (proposals_train.npz and truth_train.json.gz).
+# What is finished is not made again; the same command resumes what was killed. The folder of each part's runs, and the weights
+# as they ship, are written below WEIGHTS. STEPS=2 tries all commands with two steps each.
+NSDR ?= nsdr
+DATA ?= ../shared/data
+WEIGHTS ?= runs/weights
+STEPS ?=
+
+TRY := $(if $(STEPS),--loop.steps $(STEPS) --loop.warmup_steps 0)
+MOTION := --proposals $(DATA)/real/proposals_train.npz --truth $(DATA)/real/truth_train.json.gz
+FRAMES := --frames $(DATA)/frames
+run = $(NSDR) train $(1) --config configs/$(2).yaml --run_dir $(WEIGHTS)/$(3) $(4) $(TRY)
+
+.PHONY: weights weights-frame-parser weights-dynamics weights-dynamics-paper weights-collisions weights-question-parser
+
+weights: weights-frame-parser weights-dynamics weights-dynamics-paper weights-collisions weights-question-parser
+
+weights-frame-parser: $(WEIGHTS)/default/frame_parser.json
+weights-dynamics: $(WEIGHTS)/default/dynamics.json
+weights-dynamics-paper: $(WEIGHTS)/dynamics_paper/dynamics.json
+weights-collisions: $(WEIGHTS)/default/collisions.json
+weights-question-parser: $(WEIGHTS)/default/question_parser.json
+
+$(WEIGHTS)/frame_parser/checkpoint/frame_parser.json:
+	$(call run,frame-parser,frame_parser/default,frame_parser,$(FRAMES))
+
+$(WEIGHTS)/default/frame_parser.json: $(WEIGHTS)/frame_parser/checkpoint/frame_parser.json
+	$(call run,frame-parser,frame_parser/second,frame_parser_second,$(FRAMES) --initial $(<D) --output $(@D))
+
+$(WEIGHTS)/dynamics/checkpoint/dynamics.json:
+	$(call run,dynamics,dynamics/state,dynamics,$(MOTION))
+
+$(WEIGHTS)/default/dynamics.json: $(WEIGHTS)/dynamics/checkpoint/dynamics.json
+	$(call run,dynamics,dynamics/state_second,dynamics_second,$(MOTION) --initial $(<D) --output $(@D))
+
+$(WEIGHTS)/paper_fast/checkpoint/dynamics.json:
+	$(call run,dynamics,dynamics/paper_fast,paper_fast,$(MOTION))
+
+$(WEIGHTS)/paper_fast_second/checkpoint/dynamics.json: $(WEIGHTS)/paper_fast/checkpoint/dynamics.json
+	$(call run,dynamics,dynamics/paper_fast_second,paper_fast_second,$(MOTION) --initial $(<D))
+
+$(WEIGHTS)/dynamics_paper/dynamics.json: $(WEIGHTS)/paper_fast/checkpoint/dynamics.json $(WEIGHTS)/paper_fast_second/checkpoint/dynamics.json
+	$(NSDR) train average $(^D) --part dynamics --output $(@D)
+
+$(WEIGHTS)/default/collisions.json:
+	$(call run,collisions,dynamics/collisions,collisions,$(MOTION) --output $(@D))
+
+$(WEIGHTS)/default/question_parser.json:
+	$(call run,question-parser,question_parser/default,question_parser,--output $(@D))

@@ -1,0 +1,271 @@
+"""The paper's dynamics network on images: patches, model, rollouts and training."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nsdr import CheckpointError, DataError, VideoError
+from nsdr.clevrer.annotations import write_annotation
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.dynamics.base import VideoPixels
+from nsdr.dynamics.motion_states import states_from_tracks
+from nsdr.dynamics.propnet.image_model import ImageModel
+from nsdr.dynamics.propnet.image_patches import object_patches
+from nsdr.dynamics.propnet.image_predictor import ImagePredictor
+from nsdr.dynamics.propnet.layers import PropNet
+from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
+from nsdr.dynamics.velocity_events import VelocityEvents
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.files import write_json
+from nsdr.io.video import read_frames, write_video
+from nsdr.pipeline import Pipeline
+from nsdr.tracking.tracker import track
+from nsdr.training import dynamics
+from nsdr.training.image_dynamics import ImageModelTask
+from nsdr.training.loop import LoopConfig
+from nsdr.training.track_task import DynamicsTraining
+from nsdr.world.timeline import VIDEO_FRAMES
+from tests.conftest import draw_frame
+
+SMALL = PatchModelConfig(hidden=16, channels=(4, 8, 8))
+COLLISION_FRAME = 40
+KINDS = (("red", "metal", "sphere"), ("blue", "rubber", "cube"))
+
+
+def write_scene(root: Path, index: int) -> None:
+    """A video of a red sphere that runs into a resting blue cube, its masks and its annotation."""
+    images, proposals, motion = [], [], []
+    for f in range(VIDEO_FRAMES):
+        moved = min(f, COLLISION_FRAME) * 0.04
+        places = [(-1.9 + moved, 0.1 * index), (0.1 + 0.02 * max(f - COLLISION_FRAME, 0), 0.1 * index)]
+        image, drawn = draw_frame([(*kind, x, y) for kind, (x, y) in zip(KINDS, places, strict=True)])
+        images.append(image)
+        objects = [{"mask": o.pop("segmentation"), **o, "score": 1.0, "frame_index": f} for o in drawn]
+        proposals.append({"frame_index": f, "objects": objects})
+        still = {"orientation": [0.0, 0.0, 0.0], "velocity": [0.0, 0.0, 0.0], "angular_velocity": [0.0, 0.0, 0.0]}
+        rows = [
+            {"object_id": i, "location": [x, y, 0.2], **still, "inside_camera_view": True}
+            for i, (x, y) in enumerate(places)
+        ]
+        motion.append({"frame_id": f, "objects": rows})
+    name = f"video_{index:05d}.mp4"
+    folder = "00000-01000"
+    write_video(root / "videos" / "train" / f"video_{folder}" / name, images)
+    document = {"video_index": index, "video_filename": name, "frames": proposals}
+    write_json(root / "derender_proposals" / f"proposal_{index:05d}.json", document)
+    annotation = {
+        "scene_index": index,
+        "video_filename": name,
+        "object_property": [
+            {"object_id": i, "color": c, "material": m, "shape": s} for i, (c, m, s) in enumerate(KINDS)
+        ],
+        "motion_trajectory": motion,
+        "collision": [{"object_ids": [0, 1], "frame_id": COLLISION_FRAME, "location": [0.0, 0.0, 0.2]}],
+    }
+    write_annotation(
+        root / "annotations" / "train" / f"annotation_{folder}" / f"annotation_{index:05d}.json", annotation
+    )
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory) -> Path:
+    """A data set of two scenes; 0 is held out."""
+    folder = tmp_path_factory.mktemp("images")
+    for index in (0, 1):
+        write_scene(folder, index)
+    return folder
+
+
+def scene(root: Path):
+    split = CLEVRER(root).split("train")
+    proposals = split.proposals(0)
+    tracks = track(proposals)
+    return split.video(0), proposals, tracks, states_from_tracks(tracks)
+
+
+def test_patches_show_each_object_alone_at_its_place(root) -> None:
+    video, proposals, tracks, states = scene(root)
+    patches = object_patches(read_frames(video), proposals, tracks, states, SMALL)
+    assert patches.shape == (2, VIDEO_FRAMES, 4, 24, 24)
+    for i, o in enumerate(states.objects):
+        red, _, blue, mask = patches[i, 60].astype(float)
+        assert (red.sum() > blue.sum()) == (o.color == "red")
+        rows, columns = np.nonzero(mask > 127)
+        assert abs(rows.mean() - 11.5) < 1.5
+        assert abs(columns.mean() - 11.5) < 1.5
+        assert not (red + blue)[mask == 0].any()
+
+
+def test_patches_need_masks_and_all_frames(root) -> None:
+    video, proposals, tracks, states = scene(root)
+    with pytest.raises(DataError, match="need proposals with masks"):
+        object_patches(read_frames(video), replace(proposals, masks=None), tracks, states, SMALL)
+    frames = list(read_frames(video))[:100]
+    with pytest.raises(DataError, match="has 100 frames, and the tracks have 128"):
+        object_patches(frames, proposals, tracks, states, SMALL)
+
+
+def random_inputs(scenes: int = 2, n: int = 3) -> tuple[torch.Tensor, ...]:
+    torch.manual_seed(1)
+    boxes, patches = torch.rand(scenes, n, 3, 4), torch.rand(scenes, n, 3, 4, 24, 24)
+    return boxes, patches, torch.rand(scenes, n, 5), torch.ones(scenes, n, dtype=torch.bool)
+
+
+def test_shapes_and_objects_that_do_not_exist() -> None:
+    model = ImageModel(SMALL).eval()
+    boxes, patches, static, exists = random_inputs()
+    following, drawn, logits = model(boxes, patches, static, exists)
+    assert (following.shape, drawn.shape, logits.shape) == ((2, 3, 4), (2, 3, 4, 24, 24), (2, 3, 3, 3))
+    torch.testing.assert_close(logits, logits.transpose(1, 2))
+    assert 0 <= drawn.min() <= drawn.max() <= 1
+    gone = exists.clone()
+    gone[:, 2] = False
+    fewer = model(boxes[:, :2], patches[:, :2], static[:, :2], exists[:, :2])
+    torch.testing.assert_close(model(boxes, patches, static, gone)[0][:, :2], fewer[0])
+    with pytest.raises(DataError, match="patch_cells: expected a multiple of 8"):
+        ImageModel(replace(SMALL, patch_cells=20))
+
+
+def test_the_order_of_objects_does_not_matter() -> None:
+    model = ImageModel(SMALL).eval()
+    boxes, patches, static, exists = random_inputs()
+    order = torch.tensor([2, 0, 1])
+    expected = model(boxes, patches, static, exists)
+    found = model(boxes[:, order], patches[:, order], static[:, order], exists)
+    torch.testing.assert_close(found[1], expected[1][:, order], rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(found[2], expected[2][:, order][:, :, order], rtol=1e-4, atol=1e-5)
+
+
+def test_relations_keep_a_state_over_the_propagation_steps() -> None:
+    """The second step reads the effects of the first one; the first step reads none."""
+    torch.manual_seed(0)
+    network = PropNet(torch.nn.Identity(), torch.nn.Identity(), 2, 2, 8, 2, edge_state=True)
+    objects, relations, exists = torch.rand(1, 2, 8), torch.rand(1, 2, 2, 8), torch.ones(1, 2, dtype=torch.bool)
+    before = network(objects, relations, exists)[1]
+    with torch.no_grad():
+        network.effect_state.weight.zero_()
+    assert not torch.allclose(before, network(objects, relations, exists)[1])
+    network.steps = 1
+    once = network(objects, relations, exists)[1]
+    with torch.no_grad():
+        network.effect_state.weight.fill_(1.0)
+    torch.testing.assert_close(once, network(objects, relations, exists)[1])  # there is no state before the first step
+
+
+def test_a_sender_is_seen_where_it_lies_around_the_receiver() -> None:
+    """The sender is 24 px (6 cells) to the right of the receiver and 12 px (3 cells) below."""
+    patches = torch.zeros(1, 2, 3, 4, 24, 24)
+    patches[:, :, :, 3, 12, 12] = 1.0
+    centre = torch.zeros(1, 2, 3, 2)
+    centre[:, 1] = torch.tensor([24 / 240, 12 / 160])
+    seen = ImageModel(SMALL)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
+    assert seen[0, 1, 0, 3].argmax().item() == 15 * 24 + 18
+    assert seen[1, 0, 0, 3].argmax().item() == 9 * 24 + 6
+    torch.testing.assert_close(seen[0, 0], patches[0, 0])
+
+
+def training(root: Path, run: Path, **changed) -> DynamicsTraining:
+    loop = LoopConfig(batch_size=2, device="cpu")
+    values = {"rollout_steps": 2, "noise_world": 0.0, "patches": SMALL, "loop": loop, **changed}
+    return DynamicsTraining(run_dir=str(run), data=str(root), network="paper_images", **values)
+
+
+def test_the_network_learns_a_few_windows(root, tmp_path) -> None:
+    task = ImageModelTask(training(root, tmp_path, rollout_steps=1))
+    batch = task.collate(task.draw(2, np.random.default_rng(0)))
+    optimizer = torch.optim.Adam(task.model.parameters(), 3e-3)
+    history = []
+    for _ in range(80):
+        terms = task.losses(task.model, batch)
+        losses = {name: term.total / term.items for name, term in terms.items()}
+        optimizer.zero_grad()
+        sum(losses.values()).backward()
+        optimizer.step()
+        history.append({name: value.item() for name, value in losses.items()})
+    for name in ("motion", "image"):
+        assert history[-1][name] < 0.3 * history[0][name], name
+
+
+def test_patches_are_kept_and_mirrored_with_the_boxes(root, tmp_path, monkeypatch) -> None:
+    task = ImageModelTask(training(root, tmp_path))
+    monkeypatch.setattr("nsdr.dynamics.propnet.image_data.read_frames", lambda _: pytest.fail("decoded again"))
+    again = ImageModelTask(training(root, tmp_path))
+    (example,) = task.draw(1, np.random.default_rng(0))
+    first, second = (task.collate([example._replace(mirror=m)]) for m in (1.0, -1.0))
+    torch.testing.assert_close(again.collate([example._replace(mirror=1.0)])["patches"], first["patches"])
+    torch.testing.assert_close(first["patches"].flip(-1), second["patches"])
+    torch.testing.assert_close(first["boxes"][..., 0], -second["boxes"][..., 0])
+
+
+def test_a_rollout_goes_on_without_images_after_the_video(root) -> None:
+    video, proposals, tracks, _ = scene(root)
+    torch.manual_seed(0)
+    predictor = ImagePredictor(ImageModel(SMALL))
+    fed, drawn = [], []
+    forward = predictor.model.forward
+
+    def spied(boxes, patches, static, exists):
+        fed.append(patches)
+        result = forward(boxes, patches, static, exists)
+        drawn.append(result[1])
+        return result
+
+    predictor.model.forward = spied
+    prediction = predictor.predict(tracks, None, VideoPixels(read_frames(video), proposals))
+    assert prediction.observed.location_world.shape == (2, 180, 2)
+    assert np.isfinite(prediction.observed.location_world[:, 140]).all()
+    assert sorted(prediction.counterfactual) == [0, 1]
+    assert all(p.shape[2:] == (3, 4, 24, 24) for p in fed)
+    for back in (1, 2, 3):  # the last step reads what the three before it have drawn
+        torch.testing.assert_close(fed[-1][:, :, -back], drawn[-1 - back])
+    with pytest.raises(DataError, match="'paper_images' reads images; give videos"):
+        predictor.predict(tracks)
+
+
+def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> None:
+    sizes = ["--patches.hidden", "16", "--patches.channels", "[4, 8, 8]", "--loop.batch_size", "2"]
+    data = ["--network", "paper_images", "--data", str(root), "--run_dir", str(tmp_path / "run")]
+    few = ["--rollout_steps", "2", "--loop.steps", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
+    output = dynamics.main([*data, *sizes, *few])
+    last = json.loads((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()[-1])
+    assert {"loss/motion", "loss/image", "loss/collision", "collision_f1", "rollout_error_10"} <= set(last)
+    settings = tmp_path / "images.yaml"
+    settings.write_text(f"backend: paper_images\nweights: {output}\n")
+    backend = load_backend(Path("none"), str(settings))
+    assert isinstance(backend, ImagePredictor)
+    assert checkpoint_folders(Path("none"), backend_settings(str(settings))) == [Path("none"), Path(output)]
+    video, proposals, _, _ = scene(root)
+
+    class Parser:
+        def parse(self, frames, progress=False):
+            return proposals
+
+    for dynamics_backend in (backend, VelocityEvents(backend)):
+        pipeline = Pipeline(Parser(), dynamics_backend, None)
+        pipeline.frames = read_frames
+        assert pipeline.perceive(video).dynamics is not None
+        with pytest.raises(VideoError, match="reads images; give videos in place of proposals or tracks"):
+            pipeline.perceive(proposals=proposals)
+
+
+def test_without_weights_the_backend_says_how_to_get_some() -> None:
+    with pytest.raises(
+        CheckpointError, match=r"'paper_images': no weights ship; train them .configs/dynamics/paper\.yaml"
+    ):
+        load_backend(find_checkpoint(), "paper_images")
+
+
+def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:
+    with pytest.raises(DataError, match="proposals: does nothing with network 'paper_images'"):
+        DynamicsTraining("p.npz", "", str(tmp_path), data="d", network="paper_images")
+    with pytest.raises(DataError, match="data: does nothing with network 'state'"):
+        DynamicsTraining("p.npz", "t.json.gz", str(tmp_path), data="d")
+    with pytest.raises(DataError, match="data is ''; expected a path"):
+        DynamicsTraining(run_dir=str(tmp_path), network="paper_images")
+    with pytest.raises(DataError, match="weights: does nothing with dynamics 'physics'"):
+        backend_settings(BackendConfig(weights="somewhere"))
