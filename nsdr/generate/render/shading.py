@@ -36,8 +36,9 @@ RUBBER_MATT = 0.9
 """Share of light that rubber scatters; with more, rubber is brighter than Blender's (`python benchmarks/preview.py`)."""
 MIRRORED_METAL = 0.5
 """Brightness of metal relative to rubber's when seen in a mirror."""
-MIN_COS = 0.05
-"""Smallest cosine between view and surface in the formula of gloss; keeps it finite."""
+MIN_COS = 0.25
+"""Smallest cosine between view and surface in the formulas of gloss. Smaller ones make bright lines where a rounded edge turns
+away from the camera, which the sharp outlines here would show and round ones hide."""
 
 
 @cached_njit
