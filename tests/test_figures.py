@@ -1,5 +1,6 @@
 """`nsdr figures`: distributions, program-count curve and samples; their looks are checked by eye."""
 
+import json
 from itertools import combinations
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from nsdr.clevrer.questions import Choice, Question, read_questions
 from nsdr.cli.main import main
 from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.types import Answer, ChoiceAnswer
-from nsdr.visualize import program_curve, question_figure, sample_image
+from nsdr.visualize import program_curve, question_figure, sample_image, training_curves
 from nsdr.visualize.samples import RIGHT_COLOR, WRONG_COLOR, _lines
 
 ROOT = Path(__file__).parent.parent
@@ -51,6 +52,19 @@ def test_the_curve_has_a_line_for_each_question_type() -> None:
     assert programs.lines[0].get_ydata().tolist() == pytest.approx([10, 90])
     assert answers.lines[1].get_xdata().tolist() == [1]  # of 10 and all
     assert [t.get_text() for t in programs.get_xticklabels()] == ["10", "all"]
+
+
+def test_training_curves_show_the_loss_of_each_run(tmp_path, capsys) -> None:
+    lines = [{"step": 20, "loss": 1.5}, {"step": 30, "found": 0.4}, {"step": 40, "loss": 0.5}]
+    (axes,) = training_curves({"mac": lines}).axes
+    assert [tuple(point) for point in axes.lines[0].get_xydata()] == [(20, 1.5), (40, 0.5)]
+    for name, content in (("mac", "".join(f"{json.dumps(line)}\n" for line in lines)), ("iep", "[]\n")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "metrics.jsonl").write_text(content)
+    assert main(["figures", "--runs", str(tmp_path / "mac"), "-o", str(tmp_path)]) == 0
+    assert (tmp_path / "training_curves.png").stat().st_size > 1000
+    assert main(["figures", "--runs", str(tmp_path / "iep"), "-o", str(tmp_path)]) == 2
+    assert "metrics.jsonl: not the metrics of a training" in capsys.readouterr().err
 
 
 def test_a_sample_marks_answers_by_the_ground_truth() -> None:

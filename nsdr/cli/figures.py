@@ -1,7 +1,8 @@
-"""`nsdr figures`: the paper's figures of a question set, of the question parser's ablation, and of sample results."""
+"""`nsdr figures`: the paper's figures: question sets, the question parser's ablation, sample results; and training curves."""
 
 import csv
 import io
+import json
 import warnings
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,10 @@ from nsdr.io.outputs import check_installed, check_output_folder
 __all__ = ["figures"]
 
 DISTRIBUTION, CURVE, SAMPLE = "question_distribution.png", "program_curve.png", "sample_{:05d}.jpg"
+TRAINING = "training_curves.png"
 """Names of the files."""
+METRICS = "metrics.jsonl"
+"""File of a run folder with a line of numbers for each of some steps."""
 COLUMNS = ("programs", "question_type", "program_accuracy", "answer_accuracy")
 """Columns of an ablation's CSV file that the curve shows."""
 
@@ -29,8 +33,8 @@ def figures(options: Any) -> int:
         raise DataError(f"{', '.join(given)} would do nothing without --samples; leave it out")
     if options.samples and not (options.videos and options.show):
         raise DataError("--samples needs --videos FOLDER and --show SCENE:QUESTION")
-    if not (options.questions or options.ablation or options.samples):
-        raise DataError("nsdr figures: expected some of --questions, --ablation and --samples")
+    if not (options.questions or options.ablation or options.samples or options.runs):
+        raise DataError("nsdr figures: expected some of --questions, --ablation, --samples and --runs")
     check_output_folder(options.output)
     check_installed("matplotlib", "figures need matplotlib", "visualize")
     output = Path(options.output)
@@ -39,6 +43,8 @@ def figures(options: Any) -> int:
         _write_distribution(options.questions, output / DISTRIBUTION)
     if options.ablation:
         _write_curve(options.ablation, output / CURVE)
+    if options.runs:
+        _write_training(options.runs, output / TRAINING)
     if chosen:
         _write_samples(options, chosen, output)
     return 0
@@ -74,6 +80,24 @@ def _write_curve(ablation: str, path: Path) -> None:
         message = f"{ablation}: not the CSV file of an ablation ({e}); see `nsdr train question-parser --ablation`"
         raise DataError(message) from e
     _write(path, figure)
+
+
+def _write_training(runs: list[str], path: Path) -> None:
+    from nsdr.io.reading import read_bytes
+    from nsdr.visualize.distributions import training_curves
+
+    lines = {}
+    for run in runs:
+        file = Path(run) / METRICS
+        try:
+            lines[Path(run).name] = [json.loads(line) for line in read_bytes(file).decode().splitlines()]
+            if not any("loss" in line and "step" in line for line in lines[Path(run).name]):
+                raise ValueError("expected lines with step and loss")
+        except (ValueError, TypeError) as e:
+            raise DataError(
+                f"{file}: not the metrics of a training ({e}); --runs takes run folders of `nsdr train`"
+            ) from e
+    _write(path, training_curves(lines))
 
 
 def _write(path: Path, figure: Any) -> None:

@@ -299,13 +299,16 @@ def _perceive_options(commands: _Commands) -> None:
     )
     visualize.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
 
-    summary = "the paper's figures: distributions of questions and answers, program-count curve, sample results"
+    summary = (
+        "the paper's figures (distributions of a question set, program-count curve, sample results), training curves"
+    )
     add = commands.add("figures", summary, pipeline=True, videos=True).add_argument
     add("--questions", default="", help="question file whose distribution is drawn beside the release's")
     add("--ablation", default="", help="CSV file of `nsdr train question-parser --ablation`, for the curve")
     add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
     add("--videos", default="", help="samples: folder of their videos")
     add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
+    add("--runs", nargs="+", default=[], help="run folders of trainings, whose losses are drawn")
     add("-o", "--output", required=True, help="folder for the pictures")
 
 

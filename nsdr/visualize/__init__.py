@@ -6,7 +6,7 @@ from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.visualize.annotate import annotated_image, write_annotated_image
-    from nsdr.visualize.distributions import program_curve, question_figure
+    from nsdr.visualize.distributions import program_curve, question_figure, training_curves
     from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
     from nsdr.visualize.report import write_report
     from nsdr.visualize.samples import sample_image
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "nsdr.visualize.annotate": ["annotated_image", "write_annotated_image"],
-    "nsdr.visualize.distributions": ["program_curve", "question_figure"],
+    "nsdr.visualize.distributions": ["program_curve", "question_figure", "training_curves"],
     "nsdr.visualize.figures": ["causal_figure", "figure_png", "plan_figure"],
     "nsdr.visualize.samples": ["sample_image"],
     "nsdr.visualize.strobe": ["stroboscopic_image"],
@@ -32,6 +32,7 @@ __all__ = [
     "question_figure",
     "sample_image",
     "stroboscopic_image",
+    "training_curves",
     "write_annotated_image",
     "write_annotated_video",
     "write_report",

@@ -1,4 +1,4 @@
-"""The paper's figures of a question set and of a parser: distributions of questions and answers, program-count curve."""
+"""Figures of a question set and of trainings: distributions of questions and answers, program-count curve, training curves."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from nsdr.clevrer.questions import QUESTION_TYPES, by_type
 from nsdr.visualize.figures import pyplot
 
-__all__ = ["program_curve", "question_figure"]
+__all__ = ["program_curve", "question_figure", "training_curves"]
 
 FIGURE_INCHES, CURVE_INCHES = (9.5, 6.0), (9.5, 3.4)
 """Width and height of the figures (inches)."""
@@ -141,4 +141,29 @@ def program_curve(rows: Sequence[Mapping[str, Any]]) -> Any:
         axes.set_title(title, fontsize=TITLE_PT)
         axes.grid(alpha=GRID_ALPHA)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=LABEL_PT)
+    return figure
+
+
+def training_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Any:
+    """The loss of several trainings by step.
+
+    Args:
+        runs: lines of each run's `metrics.jsonl`, by its name; those with `loss` are drawn at their `step`.
+
+    Returns:
+        A matplotlib figure.
+
+    Raises:
+        DataError: matplotlib is missing.
+    """
+    figure, axes = pyplot().subplots(figsize=CURVE_INCHES, layout="constrained")
+    for name, lines in runs.items():
+        drawn = [line for line in lines if "loss" in line]
+        axes.plot([line["step"] for line in drawn], [line["loss"] for line in drawn], label=name, linewidth=1)
+    axes.set(xlabel="step", ylabel="training loss")
+    axes.set_ylim(bottom=0)
+    axes.tick_params(labelsize=LABEL_PT)
+    axes.grid(alpha=GRID_ALPHA)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside right center", fontsize=LABEL_PT, frameon=False)
     return figure
