@@ -35,6 +35,7 @@ def experiment(tmp_path):
 def test_rows_are_measured_once_and_again_when_they_change(experiment, tmp_path, monkeypatch) -> None:
     table = run_experiment(experiment, tmp_path / "results").read_text()
     assert re.search(r"\| truth \| 100\.0 \(\d\d\.\d-100\.0\) \| 100\.0 \([^)]*\) / 100\.0 \([^)]*\) \|", table)
+    assert re.search(r"\| guess \| \d+\.\d \(\d+\.\d-\d+\.\d\) \|", table)
     assert "| elsewhere | 88.1 | 87.6 / 79.6 | 82.9 / 68.7 | 74.1 / 42.2 | - | - |" in table
     assert f"nsdr experiment {experiment}" in table
     file = tmp_path / "results" / "example.json"

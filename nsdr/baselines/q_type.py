@@ -2,14 +2,15 @@
 
 import random
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
+from nsdr.types import Answer, ChoiceAnswer
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["PUBLISHED_Q_TYPE", "q_type_baselines"]
+__all__ = ["PUBLISHED_Q_TYPE", "q_type_answers", "q_type_baselines"]
 
 PUBLISHED_Q_TYPE = {
     "random": {
@@ -37,10 +38,10 @@ OPTION_ANSWERS = ("correct", "wrong")
 """Answers to an option of a multiple-choice question."""
 
 
-def q_type_baselines(
-    scenes: Sequence[SceneQuestions], seed: int = 0, training: Sequence[SceneQuestions] | None = None
-) -> dict[str, dict[str, Any]]:
-    """Accuracies (0-1) of "random" and "frequent" answers, as {baseline: {type: accuracy or (per option, per question)}}.
+def q_type_answers(
+    scenes: Sequence[SceneQuestions], name: str, seed: int = 0, training: Sequence[SceneQuestions] | None = None
+) -> Iterator[tuple[SceneQuestions, dict[int, Answer]]]:
+    """Each scene's questions with the answers of a baseline by question id; what `nsdr.evaluation.score.score_answers` takes.
 
     "random" draws uniformly from the answers to the question's subtype (`ANSWERS`), or "correct" or "wrong" for each option.
     "frequent" gives the most frequent answer of the training set to the subtype, or to the options of the type; of equally
@@ -48,6 +49,7 @@ def q_type_baselines(
 
     Args:
         scenes: questions with answers.
+        name: "random" or "frequent".
         seed: seed of the random answers.
         training: the training set, with answers; None counts the frequencies on `scenes`, which is not the paper's baseline.
 
@@ -58,21 +60,29 @@ def q_type_baselines(
     for question in _questions(training if training is not None else scenes):
         counts[_key(question)].update(_answers(question))
     rng = random.Random(seed)
-    right: dict[str, dict[str, list[list[bool]]]] = {"random": defaultdict(list), "frequent": defaultdict(list)}
-    for question in _questions(scenes):
-        key, answers = _key(question), _answers(question)
-        if key not in counts:
-            raise DataError(
-                f"the training questions have no {key!r}, which is to be answered; give a complete training set"
-            )
-        possible = OPTION_ANSWERS if question.choices else ANSWERS[key]
-        frequent = min(counts[key], key=lambda answer: (-counts[key][answer], answer))
-        right["random"][question.type].append([rng.choice(possible) == answer for answer in answers])
-        right["frequent"][question.type].append([frequent == answer for answer in answers])
-    return {
-        name: {kind: _accuracy(kind, rows[kind]) for kind in QUESTION_TYPES if kind in rows}
-        for name, rows in right.items()
-    }
+    for scene in scenes:
+        given = {}
+        for question in scene.questions:
+            key, n = _key(question), len(_answers(question))
+            if key not in counts:
+                raise DataError(
+                    f"the training questions have no {key!r}, which is to be answered; give a complete training set"
+                )
+            possible = OPTION_ANSWERS if question.choices else ANSWERS[key]
+            frequent = min(counts[key], key=lambda answer: (-counts[key][answer], answer))
+            guesses = [rng.choice(possible) if name == "random" else frequent for _ in range(n)]
+            given[question.id] = _answer(question, guesses)
+        yield scene, given
+
+
+def q_type_baselines(
+    scenes: Sequence[SceneQuestions], seed: int = 0, training: Sequence[SceneQuestions] | None = None
+) -> dict[str, dict[str, Any]]:
+    """Accuracies (0-1) of both baselines, as {baseline: {type: accuracy or (per option, per question)}}.
+
+    Arguments and errors are those of `q_type_answers`.
+    """
+    return {name: _accuracies(q_type_answers(scenes, name, seed, training)) for name in ("random", "frequent")}
 
 
 def _questions(scenes: Sequence[SceneQuestions]) -> list[Question]:
@@ -92,6 +102,24 @@ def _answers(question: Question) -> list[str]:
     if None in answers:
         raise DataError(f"{question.text!r} has no answer; Q-type baselines need questions with answers")
     return [str(answer) for answer in answers]
+
+
+def _answer(question: Question, words: Sequence[str]) -> Answer:
+    """The answer, or the judgements of the options."""
+    if not question.choices:
+        return Answer(question.text, question.program or (), words[0])
+    judged = [ChoiceAnswer(c.text, word, c.program or (), ()) for c, word in zip(question.choices, words, strict=True)]
+    return Answer(question.text, question.program or (), None, choices=tuple(judged))
+
+
+def _accuracies(answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer]]]) -> dict[str, Any]:
+    right: dict[str, list[list[bool]]] = defaultdict(list)
+    for scene, given in answered:
+        for question in scene.questions:
+            found = given[question.id]
+            words = [c.answer for c in found.choices] or [found.answer]
+            right[question.type].append([a == b for a, b in zip(words, _answers(question), strict=True)])
+    return {kind: _accuracy(kind, right[kind]) for kind in QUESTION_TYPES if kind in right}
 
 
 def _accuracy(kind: str, rows: list[list[bool]]) -> Any:

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import nsdr
-from nsdr.baselines.q_type import q_type_baselines
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.baselines.q_type import q_type_answers
+from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
 from nsdr.evaluation.calibration import calibration_text
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
-from nsdr.evaluation.score import TAGS, first_failure
+from nsdr.evaluation.score import TAGS, first_failure, score_answers
 from nsdr.io.configuration import config_of
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
@@ -224,22 +224,9 @@ def _baseline(config: EvaluationConfig, row: ExperimentRow) -> dict[str, Any]:
     scenes = [s for s in read_questions(config.questions) if s.scene_index not in set(config.exclude)]
     training = read_questions(row.training) if row.training else None
     try:
-        accuracy = q_type_baselines(scenes, training=training)[row.baseline]
+        return score_answers(q_type_answers(scenes, row.baseline, training=training))
     except DataError as e:
         raise DataError(f"row {row.name!r}: {e}") from e
-    report: dict[str, Any] = {"errors": 0}
-    for kind in QUESTION_TYPES:
-        n = _count(scenes, kind)
-        if kind == "descriptive":
-            report[kind] = {"accuracy": accuracy.get(kind), "n": n}
-        else:
-            option, question = accuracy.get(kind, (None, None))
-            report[kind] = {"per_option": option, "per_question": question, "n_questions": n}
-    return report
-
-
-def _count(scenes: Sequence[SceneQuestions], kind: str) -> int:
-    return sum(q.type == kind for s in scenes for q in s.questions)
 
 
 def failed_questions(table: Path) -> tuple[int, int, str]:
