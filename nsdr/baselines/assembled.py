@@ -39,27 +39,27 @@ class AssembledConfig:
 
 
 class SpaceConv(nn.Module):
-    """Convolution of 3x3 over space, the same in every frame: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+    """Convolution of 3x3 over space, the same in every frame."""
 
     def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
         super().__init__()
         self.conv = nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation)
 
     def forward(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
         images = x.flatten(0, 1).permute(0, 3, 1, 2)
         return self.conv(images).permute(0, 2, 3, 1).unflatten(0, x.shape[:2])
 
 
 class TimeConv(nn.Module):
-    """Convolution of 3 over time, the same at every place: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+    """Convolution of 3 over time, the same at every place."""
 
     def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
         super().__init__()
         self.conv = nn.Conv2d(inputs, outputs, (3, 1), padding=(dilation, 0), dilation=(dilation, 1))
 
     def forward(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
         rows = x.flatten(2, 3).permute(0, 3, 1, 2)
         return self.conv(rows).permute(0, 2, 3, 1).unflatten(2, x.shape[2:4])
 
@@ -96,7 +96,7 @@ class _Classifier(nn.Module):
         self.head = AnswerHead(config.projection * places, config.hidden, sizes.answers)
 
     def forward(self, values: Tensor) -> Tensor:
-        """See the class."""
+        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
         images = self.project(values).relu().amax(1).permute(0, 3, 1, 2)
         scores: Tensor = self.head(functional.max_pool2d(images, 2, ceil_mode=True).flatten(1))
         return scores

@@ -12,7 +12,7 @@ LONGEST_PERIOD = 10_000.0
 
 
 def masked_softmax(scores: Tensor, mask: Tensor) -> Tensor:
-    """Weights of the items in the last dimension; 0 for those whose mask, broadcast to the scores, is False, even for all."""
+    """Weights (..., K) of K items by their scores (..., K); 0 for those whose mask (..., K) is False, even for all."""
     weights = scores.masked_fill(~mask, torch.finfo(scores.dtype).min).softmax(-1)
     return weights * mask
 

@@ -54,6 +54,6 @@ class Iep(Assembled):
         self.program_modules = nn.ModuleDict({name: _Residual(config.width, n) for name, n in INSTRUCTIONS.items()})
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
-        """See `Assembled`; a module without arguments reads the features."""
+        """As of `Assembled`, with (N, F, h, w, width) everywhere; a module without arguments reads the features."""
         value: Tensor = self.program_modules[instruction](*(arguments or [features]))
         return value

@@ -106,6 +106,9 @@ def execute(graph: ProgramGraph, run: Run, device: torch.device) -> list[Tensor]
         graph: the programs.
         run: the network's modules.
         device: where the rows of the videos are wanted.
+
+    Returns:
+        Of each node, as the module gives it for one node: (F, h, w, channels).
     """
     levels: list[int] = []
     groups: dict[tuple[int, str], list[int]] = defaultdict(list)

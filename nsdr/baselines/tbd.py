@@ -87,7 +87,7 @@ class TbdNet(Assembled):
         self.program_modules = nn.ModuleDict({name: _module(name, config) for name in names})
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
-        """See `Assembled`; masks have one channel, encodings `width`."""
+        """As of `Assembled`: masks are (N, F, h, w, 1), encodings (N, F, h, w, width)."""
         whole = torch.ones_like(features[..., :1])
         if instruction in WHOLE_VIDEO:
             return whole
