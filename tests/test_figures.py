@@ -104,7 +104,7 @@ def test_the_command_writes_each_figure_whose_input_is_given(tmp_path, capsys) -
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "expected some of --questions, --ablation and --samples"),
+        ([], "expected some of --questions, --ablation, --samples and --runs"),
         (["--questions", "QUESTIONS", "--show", "1:2"], "--show would do nothing without --samples; leave it out"),
         (["--samples", "QUESTIONS"], "--samples needs --videos FOLDER and --show SCENE:QUESTION"),
         (["--ablation", "QUESTIONS"], "not the CSV file of an ablation (expected the columns programs, question_type"),

@@ -280,7 +280,7 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
     ]
     lines += [f"in {total} s ({'; '.join(sorted(runs))})."]
     for row in rows:
-        if row["settings"]["baseline"] == "frequent":
+        if row["settings"].get("baseline") == "frequent":
             counted = row["settings"]["training"] or "the questions themselves, not on a training set"
             lines += ["", f"{row['settings']['name']}: the most frequent answers were counted on {counted}."]
     errors = [f"{row['settings']['name']}: {calibration_text(row['table'])}" for row in rows]

@@ -244,7 +244,7 @@ class _Clock:
     def read(self) -> dict[str, float]:
         """Both times until now."""
         seconds, cpu_seconds = time.monotonic() - self._start, time.process_time() - self._cpu_start
-        return {"seconds": round(seconds, 1), "cpu_seconds": round(cpu_seconds, 1)}
+        return {"seconds": round(seconds, 3), "cpu_seconds": round(cpu_seconds, 3)}
 
 
 def training_time(path: str | Path) -> dict[str, float]:
