@@ -31,8 +31,8 @@ POLL_S = 0.01
 LEDGER = ".fingerprints.jsonl"
 UNCOMPARED = re.compile(r"events\.out\.tfevents.*|\.fingerprints\.jsonl")
 """Names of files that are logs: one TensorBoard file per start, and a line for every task begun or done."""
-TIMES = re.compile(rb'"seconds": \d+|"date": "[\d-]+"|\bin \d+ s \([\d-]+')
-"""What an experiment writes of the time that it took."""
+TIMES = re.compile(rb'"(?:cpu_)?seconds": [\d.]+|"date": "[\d-]+"|\bin \d+ s \([\d-]+')
+"""What experiments and trainings write of the time that they took."""
 
 
 @dataclass(frozen=True)

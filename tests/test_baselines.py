@@ -22,6 +22,7 @@ from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, parse_config
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
+from nsdr.training.run_folder import training_time
 
 FRAMES, CHANNELS, GRID, OBJECTS = 5, 6, (2, 3), 3
 SMALL = {
@@ -181,7 +182,7 @@ def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_pa
     assert details["parameters"] == sum(p.numel() for p in trained.network.parameters())
     assert (details["videos"], details["held_out_videos"]) == (4, 2)  # 10 and 15 are held out
     assert {"descriptive", "explanatory_per_option", "predictive_per_question"} <= set(details["metrics"])
-    assert details["seconds"] > 0
+    assert training_time(tmp_path / "run")["cpu_seconds"] > 0
 
 
 def test_an_experiment_trains_a_baseline_once_and_scores_it(scenes, folder, tmp_path, capsys) -> None:

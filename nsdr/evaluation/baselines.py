@@ -31,7 +31,7 @@ PROGRAMS = ("programs", "parser", "parser_model", "checkpoint")
 """Settings of `EvaluationConfig` that only baselines use which read programs."""
 USED = ("questions", "root", "split", "types", "exclude", "every", "limit", "truth_source", "truth", *PROGRAMS)
 """Settings of `EvaluationConfig` that trained baselines use. The true scenes serve to tag counterfactual options."""
-TRAINING = ("system", "parameters", "videos", "texts", "seconds", "cpu_seconds")
+TRAINING = ("system", "parameters", "videos", "texts")
 """What a results file keeps of a checkpoint's description."""
 
 
@@ -46,6 +46,9 @@ class Trainer(Protocol):
 
     def train(self, file: str, device: str) -> str:
         """Train, or go on, or find that it is done; returns the folder of the checkpoint."""
+
+    def time(self, file: str) -> Mapping[str, float]:
+        """`seconds` and `cpu_seconds` that the training took."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,8 @@ def evaluate_baseline(
             yield scene, answers | failed.get(scene.scene_index, {})
 
     report = score_answers(answered(), _recordings(config, scenes) if config.truth_source else None)
-    return report | {"training": _training(row, folder)}
+    time = _needed(trainer).time(row.train) if row.train else {}
+    return report | {"training": {**_training(row, folder), **time}}
 
 
 def _with_programs(

@@ -16,7 +16,7 @@ from nsdr.io.outputs import check_output_folder
 
 __all__ = ["average_checkpoints", "main"]
 
-OWN = ("metrics", "training", "seconds", "cpu_seconds")
+OWN = ("metrics", "training")
 """What each run has of its own in its JSON; everything else must be equal."""
 DIGITS = 16
 """Hexadecimal digits that stand for the content of a file of weights."""

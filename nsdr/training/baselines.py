@@ -22,7 +22,7 @@ from nsdr.io.configuration import config_of, resolved
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
-from nsdr.training.run_folder import parse_training
+from nsdr.training.run_folder import parse_training, training_time
 
 __all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
 
@@ -208,6 +208,10 @@ class BaselineTrainer:
         """
         config = self._config(file)
         return train_baseline(config if device == "auto" else replace(config, loop=replace(config.loop, device=device)))
+
+    def time(self, file: str) -> dict[str, float]:
+        """As of `nsdr.training.run_folder.training_time`."""
+        return training_time(self._config(file).run_dir)
 
     def _config(self, file: str) -> BaselineTraining:
         return parse_training(BaselineTraining, ["--config", file], "baseline")

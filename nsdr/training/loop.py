@@ -30,7 +30,7 @@ from nsdr.io.configuration import described, resolved
 from nsdr.io.device import resolve_device
 from nsdr.io.lock import locked
 from nsdr.io.validation import check_choices, check_ranges
-from nsdr.training.run_folder import RunFolder, TrainingState, training_time
+from nsdr.training.run_folder import RunFolder, TrainingState
 from nsdr.training.tensorboard import EventFile
 
 __all__ = ["LoopConfig", "LossTerm", "Task", "learning_rate_at", "train", "train_part"]
@@ -295,7 +295,7 @@ def train_part(
     processes = PartialState()
     if processes.is_main_process:
         known = {k: v if math.isfinite(v) else None for k, v in metrics.items()}  # JSON has no NaN
-        more = {**(details or {}), "metrics": known, "training": described(config), **training_time(config.run_dir)}
+        more = {**(details or {}), "metrics": known, "training": described(config)}
         save_checkpoint(output, part, task.model.state_dict(), model_config, more, half=True)
     processes.wait_for_everyone()
     return output
