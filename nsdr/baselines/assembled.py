@@ -96,7 +96,7 @@ class _Classifier(nn.Module):
         self.head = AnswerHead(config.projection * places, config.hidden, sizes.answers)
 
     def forward(self, values: Tensor) -> Tensor:
-        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+        """(B, F, h, w, width) -> (B, answers)."""
         images = self.project(values).relu().amax(1).permute(0, 3, 1, 2)
         scores: Tensor = self.head(functional.max_pool2d(images, 2, ceil_mode=True).flatten(1))
         return scores
