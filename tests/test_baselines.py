@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from accelerate.utils import send_to_device
 
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES
@@ -23,6 +24,7 @@ from nsdr.io.configuration import config_of, parse_config
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
 from nsdr.training.run_folder import training_time
+from tests.second_device import second_device
 
 FRAMES, CHANNELS, GRID, OBJECTS = 5, 6, (2, 3), 3
 SMALL = {
@@ -164,6 +166,19 @@ def test_saved_weights_give_the_same_answers(name: str, scenes, folder, tmp_path
     expected = baseline.probabilities(examples, features)
     assert torch.equal(loaded.probabilities(examples, features), expected)
     assert (loaded.vocabulary, loaded.sizes, loaded.config) == (baseline.vocabulary, baseline.sizes, baseline.config)
+
+
+@pytest.mark.parametrize("name", BASELINES.names())
+def test_a_baseline_runs_where_its_weights_are(name: str, scenes, folder) -> None:
+    baseline, features = built(name, scenes, folder)
+    examples = examples_of(baseline, scenes)
+    expected = baseline.probabilities(examples, features)
+    with second_device() as device:
+        moved = baseline.to(str(device))
+        assert torch.allclose(moved.probabilities(examples, features), expected, atol=1e-4)
+        batch = send_to_device(make_batch(examples, features, baseline.network.needs), device)
+        moved.network.train()
+        moved.network(batch).logsumexp(1).sum().backward()
 
 
 @pytest.mark.parametrize("name", BASELINES.names())
