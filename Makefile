@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test robustness docs bench weights clean
+.PHONY: demo test robustness browser docs bench weights clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -12,12 +12,16 @@ test: .venv/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m "not robustness and not real_data and not render"
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --nbmake notebooks
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m "not robustness and not real_data and not browser and not render and not rl"
+	OMP_NUM_THREADS=1 NSDR_NOTEBOOK_VIDEOS=2 $(BIN)/pytest -n 2 --nbmake notebooks
 
 robustness: .venv/installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/pytest -m robustness
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.robustness.campaign
+
+# Needs Chromium: .ci/install-browser.
+browser: .venv/installed-browser
+	OMP_NUM_THREADS=1 $(BIN)/pytest -m browser
 
 # Takes half an hour on a machine that does nothing else. DATA is a folder with clips/ (videos and proposals) and real/ (official
 # proposals as proposals_dev.npz, truth_dev.json.gz, questions/mixed_dev.json); without it, what needs them is left out.
@@ -42,6 +46,10 @@ docs: .venv/installed-docs
 
 .venv/installed-dev: .venv/installed
 	$(BIN)/pip install --quiet -e '.[dev]'
+	touch $@
+
+.venv/installed-browser: .venv/installed
+	$(BIN)/pip install --quiet -e '.[browser]'
 	touch $@
 
 .venv/installed-docs: .venv/installed

@@ -4,6 +4,7 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
+from nsdr.dynamics.interventions import intervenes, simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
-from nsdr.errors import DataError, NsdrError, QuestionError, VideoError
+from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.video_check import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
@@ -22,11 +24,12 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.lazy import deferred_function
 from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
 from nsdr.io.video_kinds import check_is_video
-from nsdr.question_parser.suggestions import suggestion
+from nsdr.question_parser.reading import read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
-from nsdr.types import Answer, DynamicsPrediction, Event, Scene, VideoProposals, VideoTracks
+from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
+from nsdr.types.interventions import Intervention
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -107,6 +110,11 @@ class Perception:
     dynamics: DynamicsPrediction | None
     scene: Scene
 
+    @property
+    def scene_with_dynamics(self) -> Scene:
+        """The scene with its trajectories, as `nsdr parse-video` saves it: exits without an object need them."""
+        return replace(self.scene, dynamics=self.dynamics)
+
 
 class Pipeline:
     """Frame parser, tracker, dynamics backend, question parser and executor, composed.
@@ -120,6 +128,7 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
+        responsible: meaning of "responsible", as of the executor: "chain" or "but_for".
         video: what is expected of videos; None for CLEVRER's.
     """
 
@@ -130,6 +139,7 @@ class Pipeline:
         question_parser: "QuestionParser",
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
+        responsible: str = "chain",
         video: VideoConfig | None = None,
     ) -> None:
         self.frame_parser = frame_parser
@@ -137,6 +147,7 @@ class Pipeline:
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.semantics = semantics
+        self.responsible = responsible
         self.video = video or VideoConfig()
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
@@ -148,6 +159,7 @@ class Pipeline:
         dynamics: str | Path | BackendConfig = "",
         config: PipelineConfig | str | Path | None = None,
         device: str = "auto",
+        extensions: bool = False,
         **options: Any,
     ) -> "Pipeline":
         """Load the three parts from a checkpoint folder, its name, or a hub address (see `nsdr.io.checkpoint`).
@@ -158,6 +170,7 @@ class Pipeline:
                 "" for that of `config`.
             config: settings of all stages, or their YAML file.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
+            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.QuestionParser`).
             options: further arguments of the constructor.
 
         Raises:
@@ -185,7 +198,7 @@ class Pipeline:
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
             ),
             load_backend(folder, config.dynamics),
-            QuestionParser.from_checkpoint(folder),
+            QuestionParser.from_checkpoint(folder, extensions=extensions),
             **options,
         )
         return pipeline.to(device)
@@ -277,6 +290,38 @@ class Pipeline:
                 self._kept.popitem(last=False)
         return perception
 
+    def simulate(
+        self,
+        video: str | Path | VideoProposals | VideoTracks,
+        interventions: Sequence[Intervention],
+        from_frame: int = 0,
+    ) -> Simulation:
+        """What happens in a video, and after it, with interventions: "what if the red cube were not there?".
+
+            >>> simulation = pipeline.simulate("video.mp4", [nsdr.SetMass("blue sphere", factor=2), nsdr.Remove("red cube")])
+            >>> pipeline.answer(simulation.scene, "How many collisions happen?")
+
+        Args:
+            video: a video file, or the result of the frame parser or the tracker.
+            interventions: instances of `Remove`, `SetMass`, `SetVelocity`, `Move`, `Freeze` and `Add`, all at `from_frame`.
+            from_frame: a frame of the video.
+
+        Raises:
+            VideoError: as of `perceive`.
+            DataError: no or several objects fit the words, an intervention is impossible (says why with the numbers), or the
+                backend does not simulate: networks only remove one object from frame 0.
+        """
+        stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
+        given: dict[str, Any] = {stage: video}
+        seen: Any = self.perceive(**given)
+        if intervenes(self.dynamics):
+            return self.dynamics.simulate(seen.tracks, interventions, from_frame)
+        return simulate_removal(seen.dynamics, interventions, from_frame, type(self.dynamics).__name__)
+
+    def _collisions_with(self, video: str | Path, change: Intervention, from_frame: int) -> Sequence[Event]:
+        """The collisions of a video, and after it, with an intervention, for the executor."""
+        return self.simulate(video, [change], from_frame).changed.collisions
+
     def _pixels(self, video: str | Path | None, proposals: VideoProposals | None) -> VideoPixels:
         """What a backend that reads images gets."""
         if video is None or proposals is None:
@@ -312,51 +357,14 @@ class Pipeline:
         if program is None and not question.strip():
             raise QuestionError("the question is empty")
         given = video_or_scene if isinstance(video_or_scene, Scene) else None
-        parsed, parsed_choices = self._programs(question, choices, program, choice_programs, given)
-        scene = self.scene(video_or_scene) if given is None else given  # type: ignore[arg-type]
-        executor = Executor(scene, self.semantics)
+        parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
+        scene = self.perceive(video_or_scene).scene_with_dynamics if given is None else given  # type: ignore[arg-type]
+        simulate = None if isinstance(video_or_scene, Scene) else partial(self._collisions_with, video_or_scene)
+        executor = Executor(scene, self.semantics, responsible=self.responsible, simulate=simulate)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]
         return executor.judge(parsed, list(zip(texts, parsed_choices, strict=True)), question)
-
-    def _programs(
-        self,
-        question: str,
-        choices: Sequence[str] | None,
-        program: ProgramSource | None,
-        choice_programs: Sequence[ProgramSource] | None,
-        scene: Scene | None,
-    ) -> tuple[Program, list[Program | NsdrError] | None]:
-        """The question's program, and those of the choices (None for a descriptive question) or why they have none."""
-        multiple_choice = bool(choices) or bool(choice_programs)
-        if program is not None:
-            parsed = Program.parse(program)
-        else:
-            found = self._parsed(question, "multiple_choice" if multiple_choice else "descriptive", scene)
-            if isinstance(found, QuestionError):
-                raise found
-            parsed = found
-        if parsed.needs_choice != multiple_choice:
-            missing = "give choices with it" if parsed.needs_choice else "ask it without choices"
-            kind = "a multiple-choice" if parsed.needs_choice else "a descriptive"
-            raise QuestionError(f"{question or str(parsed)!r} is {kind} question; {missing}")
-        if not multiple_choice:
-            return parsed, None
-        if choice_programs is not None:
-            if choices is not None and len(choices) != len(choice_programs):
-                raise QuestionError(f"{len(choices)} choices but {len(choice_programs)} choice programs")
-            return parsed, [Program.parse(p) for p in choice_programs]
-        return parsed, [self._parsed(choice, "choice", scene) for choice in choices or ()]
-
-    def _parsed(self, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
-        """The text's program, or why it has none and the nearest texts that have one."""
-        try:
-            return self.question_parser.parse(text, kind)
-        except QuestionError as e:
-            if type(e) is not QuestionError:  # of the parser, whatever the text is
-                raise
-            return QuestionError(f"{e}{suggestion(text, scene, kind)}")
 
 
 def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:

@@ -299,7 +299,8 @@ def test_explanations_name_events_and_the_causal_path(executor: Executor, small_
     judged = executor.judge(f"events {COLLISION_WITH_GREEN} filter_ancestor belong_to", [("the red cube", RED_CUBE)])
     assert explain(judged, small_scene) == (
         "the red cube: correct: it led to the target: the red metal cube and the blue rubber sphere collided at "
-        "frame 20, then the blue rubber sphere and the green rubber cylinder collided at frame 40"
+        "frame 20, then the blue rubber sphere and the green rubber cylinder collided at frame 40; by the causal chain and by "
+        "what would have happened without it"
     )
     wrong = executor.judge("unseen_events belong_to negate", [("hit", possible(RED_CUBE, BLUE))])
     assert 'correct: "red metal cube and blue rubber sphere collide" is not among what happens after' in explain(

@@ -30,6 +30,8 @@ from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_video
 from nsdr.types import VideoProposals
 
 from .conftest import draw_frame
+from .second_device import second_device
+from .test_devices import step
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128:UserWarning")
 
@@ -79,6 +81,20 @@ def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, c
         np.testing.assert_array_equal(value, made[name].astype(np.float32))
     assert np.abs(found["maps"][0] - found["maps"][-1]).max() > 0
     assert cache.grid == (1, 3)
+
+
+def test_a_folder_has_features_of_one_precision(videos, config, tmp_path, monkeypatch) -> None:
+    auto = replace(config, precision="auto")
+    run = FeatureExtraction(str(videos), str(tmp_path / "out"), features=auto, workers=1)
+    monkeypatch.setattr(extraction, "resolve_precision", lambda *_: torch.float32)
+    extract_features(run)
+    cache = FeatureCache(tmp_path / "out", config=auto)
+    assert cache.manifest["features"]["precision"] == "float32"
+    monkeypatch.setattr(extraction, "resolve_precision", lambda *_: torch.bfloat16)  # as on another machine
+    assert extract_features(run) == 2
+    assert FeatureCache(tmp_path / "out").manifest == cache.manifest
+    with pytest.raises(DataError, match="precision float32 in place of bfloat16"):
+        extract_features(replace(run, features=replace(config, precision="bfloat16")))
 
 
 def test_channels_are_those_of_what_is_read(videos, config, tmp_path) -> None:
@@ -317,6 +333,24 @@ def test_the_backbone_learns_a_few_frames(monkeypatch, tmp_path) -> None:
     assert metrics["false_centres"] == 0
     features = FeatureExtractor(FeatureConfig("resnet18", output, 2, (32, 48), kinds=("pooled",)), "cpu")
     assert features(list(drawn_video(0).images))["pooled"].shape == (2, 512)
+
+
+def test_the_backbone_is_trained_and_used_where_its_weights_are(config, monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(backbone, "decode_videos", lambda *_: [drawn_video(1), drawn_video(2)])
+    task = BackboneTask(
+        BackboneTraining("data", str(tmp_path), image_size=(32, 48), frames_per_video=2, held_out_every=2)
+    )
+    start = {name: value.clone() for name, value in task.model.state_dict().items()}
+    expected = step(task, "cpu")
+    task.model.load_state_dict(start)
+    frames, c = moving(0.0), replace(config, precision="float32")
+    features = FeatureExtractor(c, "cpu")(frames)
+    with second_device() as device:
+        for ours, theirs in zip(step(task, device), expected, strict=True):
+            assert ours == pytest.approx(theirs, rel=1e-3, abs=1e-5)
+        moved = FeatureExtractor(c, str(device))(frames)
+    for kind, values in features.items():
+        np.testing.assert_allclose(moved[kind].astype(np.float32), values.astype(np.float32), atol=0.02)
 
 
 def test_flipped_frames_have_flipped_targets(monkeypatch, tmp_path) -> None:

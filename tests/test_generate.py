@@ -1,6 +1,9 @@
 """Simulation of scenes, the preview renderer, and generated data sets."""
 
 import json
+import os
+import threading
+import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +18,7 @@ from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.generate import dataset
-from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
+from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
 from nsdr.generate.physics.resimulate import resimulate
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
@@ -336,6 +339,81 @@ def test_seeds_have_no_scene_in_common(tmp_path) -> None:
     assert [t["seed"] for t in first + second] == [0, 1, 2, 1_000_000, 1_000_001, 1_000_002]
     motions = [json.dumps(t["frames"]) for t in first + second]
     assert len(set(motions)) == 6
+
+
+def test_shards_are_data_sets_of_their_own(tmp_path) -> None:
+    scene = SceneConfig(objects={2: 1.0}, participants=2, n_frames=12)
+    config = DatasetConfig(
+        str(tmp_path / "all"),
+        2,
+        7,
+        splits={"train": 1},
+        renderer="none",
+        masks=False,
+        questions=None,
+        scene=scene,
+        workers=1,
+    )
+    assert generate_dataset(replace(config, shards=2)) == tmp_path / "all"
+    generate_dataset(replace(config, output=str(tmp_path / "part"), first_shard=1))
+    generate_dataset(replace(config, output=str(tmp_path / "single"), seed=8))
+    second = "shard_00001/truth/train/truth_00001.json"
+    assert read_json(tmp_path / "all" / second)["seed"] == 8_000_001
+    assert sorted(p.name for p in (tmp_path / "all").iterdir()) == ["shard_00000", "shard_00001"]
+    for name in ("all", "part"):
+        assert files_of(tmp_path / name / "shard_00001") == files_of(tmp_path / "single")
+
+
+def test_shards_have_seeds_that_fit() -> None:
+    last = DatasetConfig("out", seed=LARGEST_SEED - 1, shards=2)
+    assert [shard.seed for shard in last.each_shard()] == [LARGEST_SEED - 1, LARGEST_SEED]
+    for change in ({"seed": LARGEST_SEED}, {"first_shard": 1}):
+        with pytest.raises(
+            DataError, match=r"first_shard and shards: the last shard has seed 1000000000001; expected up to"
+        ):
+            replace(last, **change)
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Content of the files that a data set consists of, without the ledger, whose order is that of the work."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.name.startswith(".")
+    }
+
+
+@pytest.mark.robustness
+@pytest.mark.filterwarnings("ignore")
+def test_a_data_set_is_the_same_when_a_node_of_the_cluster_is_lost(tmp_path) -> None:
+    import ray
+    from ray.cluster_utils import Cluster
+
+    scene = SceneConfig(objects={3: 1.0}, n_frames=24)
+    render = RenderConfig(width=96, height=64)
+    config = DatasetConfig(str(tmp_path / "alone"), 8, 3, scene=scene, render=render, workers=1)
+    generate_dataset(config)
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    try:
+        second = cluster.add_node(num_cpus=1)
+        ray.init(address=cluster.address, log_to_driver=False, runtime_env={"env_vars": {"PYTHONPATH": os.getcwd()}})
+        lost = []
+
+        def lose_a_node() -> None:
+            while len(list((tmp_path / "together").rglob("truth_*.json"))) < 2:
+                time.sleep(0.05)
+            cluster.remove_node(second, allow_graceful=False)
+            lost.append(len(list((tmp_path / "together").rglob("truth_*.json"))))
+
+        thread = threading.Thread(target=lose_a_node)
+        thread.start()
+        generate_dataset(replace(config, output=str(tmp_path / "together"), engine="ray"))
+        thread.join()
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert lost[0] < 8
+    assert files_of(tmp_path / "together") == files_of(tmp_path / "alone")
 
 
 def test_the_manifest_and_statistics_describe_the_data_set(tiny) -> None:

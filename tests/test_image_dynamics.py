@@ -31,6 +31,8 @@ from nsdr.training.loop import LoopConfig
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.timeline import VIDEO_FRAMES
 from tests.conftest import draw_frame
+from tests.second_device import second_device
+from tests.test_devices import step
 
 SMALL = PatchModelConfig(hidden=16, channels=(4, 8, 8))
 COLLISION_FRAME = 40
@@ -269,3 +271,13 @@ def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:
         DynamicsTraining(run_dir=str(tmp_path), network="paper_images")
     with pytest.raises(DataError, match="weights: does nothing with dynamics 'physics'"):
         backend_settings(BackendConfig(weights="somewhere"))
+
+
+def test_it_runs_where_its_weights_are(root, tmp_path) -> None:
+    task = ImageModelTask(training(root, tmp_path))
+    start = {name: value.clone() for name, value in task.model.state_dict().items()}
+    expected = step(task, "cpu")
+    task.model.load_state_dict(start)
+    with second_device() as device:
+        for ours, theirs in zip(step(task, device), expected, strict=True):
+            assert ours == pytest.approx(theirs, rel=1e-4, abs=1e-6, nan_ok=True)

@@ -71,7 +71,7 @@ def test_the_simulators_caches_depend_on_the_constants(tmp_path: Path) -> None:
     assert {"_run", "_collide", "slow_down", "slide_one", "outline_gap"} < set(before)
     unchanged = {name for name in before if after[name] == before[name]}
     sliding = {"slide_one", "_slide_all", "_line", "_fit"}
-    assert unchanged == sliding | {"_cube_gap", "_changed", "_follow_prescribed", "drift"}
+    assert unchanged == sliding | {"_cube_gap", "_changed", "_follow_prescribed", "drift", "speed_after"}
 
 
 def _reads_what_comes_later(x):  # type: ignore[no-untyped-def]

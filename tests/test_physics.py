@@ -71,6 +71,19 @@ def test_runs_follow_bullet(shapes: tuple[str, str]) -> None:
     assert np.linalg.norm(planar.position[:, 40] - true.location_world[:, 40, :2], axis=-1).max() < 0.12
 
 
+def test_cylinders_rebound_as_in_bullet_wherever_in_a_step_they_meet() -> None:
+    from nsdr.generate.physics.bullet import Body, Simulator
+
+    errors = []
+    with Simulator() as simulator:
+        for distance in np.linspace(1.2, 1.25, 12):
+            start = bodies(("cylinder", -distance, 0.05, 2.0, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0))
+            places = [((*start.position[i], 0.2), (*start.velocity[i], 0.0)) for i in range(2)]
+            true = simulator.run([Body("cylinder", at, (np.pi / 2, 0.0, 0.0), v) for at, v in places], 40)
+            errors.append(np.abs(run(start, 40).velocity[:, 30] - true.velocity[:, 30, :2]).max())
+    assert np.mean(errors) < 0.08  # by the rule for one contact: 0.12
+
+
 def test_momentum_is_kept_and_a_given_rebound_is_met() -> None:
     start = replace(TWO, shape=np.array([1, 1]))  # two spheres: no friction
     for rebound in (0.0, 0.5):

@@ -33,7 +33,7 @@ def make_backend(folder, config):
 def make_source(data, wanted):
     from nsdr import Scene, load
 
-    return lambda questions: load(Scene, data / "truth_500002.json")
+    return lambda questions: load(Scene, data / "scene_500002.json")
 """
     (tmp_path / "my_package.py").write_text(example() + source)
     metadata = tmp_path / "my_package-1.0.dist-info"

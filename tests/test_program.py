@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsdr import Program, ProgramError
-from nsdr.symbolic import MODULES, WORDS, Kind
-from nsdr.symbolic.modules import DISPATCH
-from nsdr.symbolic.reference import reference_page
+from nsdr.symbolic import MODULES, Kind
+from nsdr.symbolic.modules import ALL_WORDS, DISPATCH
+from nsdr.symbolic.reference import extension_page, reference_page
 
 COUNT_MOVING = ["objects", "sphere", "filter_shape", "end", "get_frame", "filter_moving", "count"]
 TREE = 'Count(Filter_moving(Filter_shape(Objects, "sphere"), Get_frame(End)))'
@@ -94,13 +94,14 @@ def test_every_module_has_a_meaning_and_a_lower_case_name() -> None:
 
 def test_the_reference_page_is_up_to_date() -> None:
     page = Path(__file__).parent.parent / "docs" / "modules.md"
-    assert page.read_text() == reference_page(), "run: python -m nsdr.symbolic.reference > docs/modules.md"
+    made = reference_page() + extension_page()
+    assert page.read_text() == made, "run: python -m nsdr.symbolic.reference > docs/modules.md"
 
 
 @st.composite
 def programs(draw: st.DrawFn, kind: Kind = Kind.NUMBER, depth: int = 4) -> list[str]:
     """Tokens of a random well-typed program with a result of a kind."""
-    words = [w for w, k in WORDS.items() if k == kind]
+    words = [w for w, k in ALL_WORDS.items() if k == kind]
     fitting = [
         (m, kinds)
         for (name, *kinds), (m, result) in DISPATCH.items()
@@ -125,7 +126,7 @@ KINDS_OF_RESULTS = (Kind.OBJECTS, Kind.EVENTS, Kind.OBJECT, Kind.EVENT, Kind.FRA
 
 
 def _word(kind: Kind) -> st.SearchStrategy[str]:
-    return st.sampled_from([w for w, k in WORDS.items() if k == kind])
+    return st.sampled_from([w for w, k in ALL_WORDS.items() if k == kind])
 
 
 @given(st.sampled_from([Kind.NUMBER, Kind.BOOLEAN, Kind.OBJECT, Kind.EVENT]).flatmap(lambda k: programs(k)))

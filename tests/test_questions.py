@@ -3,11 +3,13 @@
 import json
 import random
 import re
+import warnings
 from collections import Counter
 
 import pytest
 
 from nsdr import DataError, Event, Executor, Scene, SceneObject
+from nsdr.baselines import tag_options
 from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions, read_questions, without_answers
 from nsdr.clevrer.scenes import scene_from_truth
@@ -16,7 +18,14 @@ from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
-from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions
+from nsdr.generate.questions.inferential import CounterfactualConfig
+from nsdr.generate.questions.selection import (
+    Candidates,
+    QuestionConfig,
+    find_candidates,
+    generate_questions,
+    select_questions,
+)
 from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.generate.records import truth_document
 from nsdr.question_parser.grammar.templates import Grammar, described, every
@@ -177,6 +186,79 @@ def test_answers_are_balanced_within_each_type() -> None:
     assert rows["predictive"] == (0.5, 0.0)
 
 
+def test_not_says_nothing_about_how_many_options_are_correct() -> None:
+    numbers: dict[bool, Counter[int]] = {False: Counter(), True: Counter()}
+    for scene in generate_questions(many_scenes(60), QuestionConfig({"explanatory": 1.68})):
+        for q in scene.questions:
+            numbers["negate" in q.program][sum(c.answer == "correct" for c in q.choices)] += 1
+    affirmative, negated = (numbers[form] for form in (False, True))
+    assert min(affirmative.total(), negated.total()) > 40
+    for n in range(5):
+        shares = affirmative[n] / affirmative.total(), negated[n] / negated.total()
+        assert shares[0] == pytest.approx(shares[1], abs=0.05)
+
+
+def test_generated_options_have_the_tags_of_their_true_scene(scenes, generated) -> None:
+    tags = {c.tag for s in generated for q in s.questions if q.type == "counterfactual" for c in q.choices}
+    assert tags == {"observational", "inferential"}
+    for (_, _, scene), questions in zip(scenes, generated, strict=True):
+        assert tag_options(questions, scene) == questions
+        others = [c.tag for q in questions.questions if q.type != "counterfactual" for c in q.choices]
+        assert set(others) <= {None}
+
+
+def test_test_questions_carry_no_tags(generated) -> None:
+    public = [c for s in generated for q in without_answers(s).questions for c in q.choices]
+    assert {(c.tag, c.blind) for c in public} == {(None, None)}
+
+
+def counterfactual_options(share: float | None, n_scenes: int = 60, per_video: float = 1.864) -> Counter[tuple]:
+    """Numbers of selected options by tag and answer."""
+    candidates = [
+        Candidates(i, name, (), tuple(multiple_choice_questions(scene, random.Random(i))))
+        for i, name, scene in many_scenes(n_scenes)
+    ]
+    config = QuestionConfig({"counterfactual": per_video}, counterfactual=CounterfactualConfig(share))
+    questions = [q for s in select_questions(candidates, config) for q in s.questions]
+    assert len(questions) >= per_video * n_scenes - 12
+    assert all(2 <= len(q.choices) <= 4 for q in questions)
+    assert all("wrong" in [c.answer for c in q.choices] for q in questions)
+    return Counter((c.tag, c.answer) for q in questions for c in q.choices)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+def test_the_wanted_share_of_options_is_inferential_and_each_half_is_balanced(share: float) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        counts = counterfactual_options(share)
+    inferential = counts["inferential", "correct"] + counts["inferential", "wrong"]
+    assert inferential / counts.total() == pytest.approx(share, abs=0.03)
+    assert counts["inferential", "correct"] / inferential == pytest.approx(0.5, abs=0.06)
+    assert counts["observational", "correct"] / (counts.total() - inferential) == pytest.approx(0.5, abs=0.06)
+
+
+def test_a_share_that_the_scenes_do_not_allow_is_reported() -> None:
+    with pytest.warns(
+        UserWarning, match=r"inferential_share: 1 was asked for, 0\.\d+ was reached \(\d+ of \d+ options\)"
+    ):
+        counterfactual_options(1.0)
+    unchanged = [
+        (i, name, Scene(s.objects, 128, s.visible, s.moving, s.events, s.unseen, None)) for i, name, s in many_scenes(3)
+    ]
+    config = QuestionConfig(counterfactual=CounterfactualConfig(0.5))
+    with pytest.warns(UserWarning, match=r"0\.5 was asked for, no option was found"):
+        list(generate_questions(unchanged, config))
+
+
+def test_the_statistics_count_tagged_options(generated) -> None:
+    counts = count_questions(generated)
+    tagged = counts["counterfactual options by tag"]
+    assert sum(tagged.values()) == sum(
+        len(q.choices) for s in generated for q in s.questions if q.type == "counterfactual"
+    )
+    assert sum(counts["inferential options by answer"].values()) == tagged["inferential"]
+
+
 def question(kind: str, answer: str | None, options: tuple[str, ...] = ()) -> Question:
     """A question of a type or, with an answer, a descriptive one of a subtype."""
     choices = tuple(Choice(i, f"option {i}", None, option) for i, option in enumerate(options))
@@ -247,17 +329,25 @@ def test_invalid_question_options_are_rejected(values, message) -> None:
         QuestionConfig(**values)
 
 
+def test_a_share_is_between_0_and_1() -> None:
+    with pytest.raises(DataError, match=r"inferential_share is 1\.5; expected 0 to 1"):
+        CounterfactualConfig(1.5)
+
+
 def test_question_command_writes_file_and_statistics(truths, tmp_path, capsys) -> None:
     folder = tmp_path / "truth"
     folder.mkdir()
     for truth in truths[:3]:
         (folder / f"truth_{truth['scene_index']:05d}.json").write_text(json.dumps(truth))
     output = tmp_path / "questions.json"
-    assert main(["generate", "questions", "--scenes", str(folder), "-o", str(output), "--workers", "1"]) == 0
+    share = ["--questions.counterfactual.inferential_share", "0.3"]
+    assert main(["generate", "questions", "--scenes", str(folder), "-o", str(output), "--workers", "1", *share]) == 0
     scenes = read_questions(output)
     assert [s.scene_index for s in scenes] == [0, 1, 2]
     text = (tmp_path / "questions.statistics.md").read_text()
     assert "Q-type (frequent), as published | 33.0 | 50.2/16.5 |" in text
+    assert "## Counterfactual options by tag (%)" in text
+    assert any(c.tag for s in scenes for q in s.questions for c in q.choices)
     assert (tmp_path / "questions.statistics.png").stat().st_size > 1000
     assert main(["generate", "questions", "--scenes", str(tmp_path / "no"), "-o", str(output)]) == 2
     assert "no such file or folder" in capsys.readouterr().err

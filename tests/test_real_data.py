@@ -12,12 +12,14 @@ from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, re
 from nsdr.clevrer.questions import read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
 from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.resimulate import resimulate
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
+from nsdr.world.vocabulary import SHAPES
 
 pytestmark = pytest.mark.real_data
 MOTION = {"filter_moving", "filter_stationary"}
@@ -187,6 +189,34 @@ def test_annotations_simulated_again_end_where_they_did(shared) -> None:
     assert (exact, pairs) == (25, 25)
     assert near >= 0.9 * pairs
     assert np.median(errors) <= 0.08
+
+
+def test_cubes_and_cylinders_rebound_in_the_plane_as_in_the_annotations(shared) -> None:
+    errors = []
+    for path in sorted((shared / "real" / "annotations").rglob("*.json")):
+        annotation = read_annotation(path)
+        shapes = [o["shape"] for o in annotation["object_property"]]
+        frames = annotation["motion_trajectory"]
+        hits = [(c["frame_id"], c["object_ids"]) for c in annotation["collision"]]
+        for frame, pair in hits:
+            others = [t for t, ids in hits if ids != pair and set(ids) & set(pair)]
+            if "sphere" in {shapes[i] for i in pair} or min((abs(t - frame) for t in others), default=9) < 9:
+                continue
+            before, after = ([frames[t]["objects"][i] for i in pair] for t in (frame - 2, frame + 4))
+            velocity, later = (np.array([o["velocity"][:2] for o in rows]) for rows in (before, after))
+            change = np.linalg.norm(later - velocity, axis=1)  # tells the ratio of the masses
+            start = BodyStates(
+                np.array([SHAPES.index(shapes[i]) for i in pair]),
+                np.array([o["location"][:2] for o in before]),
+                velocity,
+                np.array([o["orientation"][2] for o in before]),
+                np.array([o["angular_velocity"][2] for o in before]),
+                np.array([1.0, change[0] / change[1]]),
+            )
+            run = simulate(start, np.ones(2, bool), 7)
+            errors.append(np.linalg.norm(run.velocity[:, 6] - later, axis=1).max())
+    assert len(errors) == 8
+    assert np.mean(errors) < 0.12  # 0.17 by Bullet's rule for one contact
 
 
 def test_visibility_is_the_releases(shared) -> None:

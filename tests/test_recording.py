@@ -1,14 +1,20 @@
 """The control without physics, tags of counterfactual options, and intervals over scenes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from nsdr import DataError, Event, Scene, SceneObject
-from nsdr.baselines import keep_recording
+from nsdr.baselines import keep_recording, tag_options
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.errors import ExecutionError
 from nsdr.evaluation import accuracy_interval, evaluate, format_table, wilson_interval
+from nsdr.evaluation.experiments import markdown_table
 from nsdr.evaluation.runner import EvaluationConfig
-from nsdr.symbolic import Executor
+from nsdr.evaluation.score import score_answers
+from nsdr.symbolic import Executor, Program
+from nsdr.types import Answer, ChoiceAnswer
 
 OBJECTS = tuple(SceneObject(i, color, "rubber", "cube") for i, color in enumerate(["red", "green", "blue"]))
 HITS = (Event("collision", 10, (0, 1)), Event("collision", 20, (1, 2)))
@@ -45,6 +51,84 @@ def test_options_are_tagged_by_what_the_recording_answers(answer: str, tag: str,
     tags = report["counterfactual"]["tags"]
     assert (tags[tag]["n_options"], tags[tag]["per_option"]) == (1, float(right))
     assert f"  {tag}" in format_table(report)
+
+
+def with_choice(scene_questions: SceneQuestions, **values) -> SceneQuestions:
+    (question,) = scene_questions.questions
+    choices = tuple(replace(c, **values) for c in question.choices)
+    return replace(scene_questions, questions=(replace(question, choices=choices),))
+
+
+def test_files_are_tagged_by_the_true_scene() -> None:
+    true = scene(None)  # an annotation: what happens without an object is not known
+    (question,) = tag_options(asked("wrong"), true).questions
+    assert [c.tag for c in question.choices] == ["inferential"]
+    (question,) = tag_options(asked("correct"), true).questions
+    assert [c.tag for c in question.choices] == ["observational"]
+
+
+@pytest.mark.parametrize(
+    ("questions", "message"),
+    [
+        (with_choice(asked("wrong"), answer=None), "scene 7, question 0: has no program or no answers"),
+        (with_choice(asked("wrong"), program=None), "scene 7, question 0, choice 0: has no program"),
+        (
+            with_choice(asked("wrong"), program=tuple(CHOICE.replace("blue", "gray").split())),
+            "scene 7, question 0, choice 0: the scene cannot judge it",
+        ),
+    ],
+)
+def test_what_cannot_be_tagged_is_an_error(questions: SceneQuestions, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        tag_options(questions, scene(None))
+
+
+def test_tags_of_the_file_win_over_those_of_the_evaluated_scene() -> None:
+    executor = Executor(scene({0: (), 1: (), 2: ()}))  # by this scene, the option is inferential
+    tagged = with_choice(asked("wrong"), tag="observational")
+    assert evaluate([(tagged, executor)])["results"][0]["choices"][0]["tag"] == "observational"
+
+
+def test_questions_that_fail_count_in_their_half() -> None:
+    tagged = with_choice(asked("wrong"), tag="inferential", blind=True)
+    report = evaluate([(tagged, ExecutionError("no video"))])
+    assert report["counterfactual"]["tags"]["inferential"]["n_options"] == 1
+    assert report["counterfactual"]["blind"]["text alone right"]["n_options"] == 1
+
+
+def test_options_of_questions_without_programs_are_tagged_by_parsed_ones() -> None:
+    (question,) = asked("wrong").questions
+    bare = replace(with_choice(asked("wrong"), program=None), questions=())
+    choices = tuple(replace(c, program=None) for c in question.choices)
+    bare = replace(bare, questions=(replace(question, program=None, choices=choices),))
+
+    def parse(text: str, kind: str) -> Program:
+        return Program.parse((QUESTION if kind == "multiple_choice" else CHOICE).split())
+
+    report = evaluate([(bare, Executor(scene({0: (), 1: (), 2: ()})))], parse)
+    assert report["results"][0]["choices"][0]["tag"] == "inferential"
+
+
+def test_reports_have_the_halves_that_texts_alone_predict() -> None:
+    options = with_choice(asked("wrong"), blind=False)
+    open_questions = tuple(
+        Question(i, "How many?", "descriptive", "count", None, answer, (), blind)
+        for i, (answer, blind) in enumerate([("1", True), ("1", True), ("2", False)], start=1)
+    )
+    questions = replace(options, questions=(*options.questions, *open_questions))
+    judged = Answer("", (), None, choices=(ChoiceAnswer("", "wrong", (), ()),))
+    answers = {0: judged, **{i: Answer("", (), "1") for i in (1, 2, 3)}}
+    report = score_answers([(questions, answers)])
+    halves = report["descriptive"]["blind"]
+    assert [(h["accuracy"], h["n"]) for h in halves.values()] == [(1.0, 2), (0.0, 1)]
+    assert report["counterfactual"]["blind"]["text alone wrong"]["per_option"] == 1.0
+    assert report["counterfactual"]["blind"]["text alone right"]["n_options"] == 0
+    text = format_table(report)
+    assert [line.split()[:3] for line in text.splitlines()].count(["text", "alone", "wrong"]) == 2
+    row = {"settings": {"name": "guesses"}, "table": report}
+    table = markdown_table("Title", "command", [row])
+    assert "- guesses: descriptive 100.0 / 0.0 %, counterfactual - / 100.0 %" in table
+    assert "text alone" not in format_table(score_answers([(asked("wrong"), {0: judged})]))
 
 
 def test_intervals_are_wider_where_answers_of_a_scene_go_together() -> None:

@@ -106,6 +106,16 @@ def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_step
         assert re.findall(r"<tr><td class=number>(\d+)", table) == [str(i + 1) for i in range(int(count))]
     assert "<code>filter_color</code> (2, purple)" in tables[0][1]
     assert "://" not in page  # self-contained
+    assert page.count("<g class=event") == len(p.scene.events) + len(p.scene.unseen)
+    first = next(e for e in p.scene.events if e.kind == "collision")
+    assert (
+        f"const v=document.querySelector('#video video');if(v){{v.pause();v.currentTime={(first.frame + 0.5) / 25:.2f}"
+        in page
+    )
+    assert page.count("<h3>Without the ") == len(p.scene.objects)
+    gone = re.search(r"<h3>Without the brown metal cylinder</h3>.*?<h3>", page)[0]
+    text = "no longer: the brown metal cylinder and the cyan metal sphere collide"
+    assert re.search(rf"<div><img alt='frame {first.frame}' src='data:image/jpeg[^']+'>{text}", gone)
     monkeypatch.setattr(report, "MAX_VIDEO_BYTES", 1000)
     write_report(tmp_path / "report.html", frames, p, [])
     assert "<video" not in (tmp_path / "report.html").read_text()

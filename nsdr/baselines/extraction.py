@@ -3,7 +3,8 @@
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -96,7 +97,8 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
         DataError: no videos or proposals, the folder has features of other settings, or a video failed.
         CheckpointError: weights cannot be found or loaded.
     """
-    config, folder = extraction.features, Path(extraction.output)
+    folder, device = Path(extraction.output), resolve_device(extraction.device)
+    config = _with_precision(extraction.features, folder, device)
     manifest = manifest_of(config)
     proposals = _proposal_files(extraction.proposals) if extraction.proposals else {}
     videos = find_videos(extraction.root)
@@ -109,14 +111,22 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
         inputs = [common, *(path for path in item[1:] if path is not None)]
         output = feature_file(folder, config.kinds[-1], index)
         jobs.append(Job(video.name, item, output, fingerprint(inputs=inputs)))
-    device = str(resolve_device(extraction.device))
     with locked(folder, wait=True):
         if (folder / MANIFEST).is_file():
             FeatureCache(folder).check(manifest)
         load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
         write_json(folder / MANIFEST, manifest, indent=1)
-        summary = run_jobs(partial(_extract, config, device), jobs, folder, extraction.engine, extraction.workers)
+        summary = run_jobs(partial(_extract, config, str(device)), jobs, folder, extraction.engine, extraction.workers)
     return len(summary.succeeded(jobs, folder, keep_going))
+
+
+def _with_precision(config: FeatureConfig, folder: Path, device: torch.device) -> FeatureConfig:
+    """The settings with the precision that "auto" means: that of the folder's features, or else the device's best."""
+    if config.precision != "auto":
+        return config
+    if (folder / MANIFEST).is_file():
+        return replace(config, precision=FeatureCache(folder).manifest["features"]["precision"])
+    return replace(config, precision=str(resolve_precision(config.precision, device)).removeprefix("torch."))
 
 
 def find_videos(root: str | Path) -> dict[int, Path]:
@@ -213,7 +223,8 @@ class FeatureExtractor:
         picked = spaced(len(frames), c.frames)
         chosen = np.stack([frames[i] for i in picked])
         images = image_batch(list(chosen), c.image_size).to(self.device)
-        with torch.autocast(self.device.type, self.precision, enabled=self.precision != torch.float32):
+        mixed = self.precision != torch.float32  # some devices have no autocast, even to be disabled
+        with torch.autocast(self.device.type, self.precision) if mixed else nullcontext():
             stages = self.backbone(images)
         maps = stages[c.stage].float()
         features: dict[str, Tensor] = {}

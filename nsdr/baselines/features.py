@@ -160,14 +160,16 @@ class FeatureCache:
             self.check(manifest_of(config))
 
     def check(self, manifest: dict[str, Any]) -> None:
-        """Refuse another manifest.
+        """Refuse another manifest; a precision of "auto" fits any.
 
         Raises:
             DataError: it differs from the folder's; names how.
         """
-        if self.manifest == manifest:
-            return
         mine, wanted = self.manifest.get("features", {}), manifest["features"]
+        if wanted["precision"] == "auto" and "precision" in mine:
+            wanted = wanted | {"precision": mine["precision"]}
+        if self.manifest == manifest | {"features": wanted}:
+            return
         none = "none"
         names = [n for n in {**wanted, **mine} if mine.get(n, none) != wanted.get(n, none)]
         different = ", ".join(f"{n} {mine.get(n, none)} in place of {wanted.get(n, none)}" for n in names)

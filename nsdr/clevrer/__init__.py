@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         read_truth_file,
         write_annotation,
     )
+    from nsdr.clevrer.answer_files import RESPONSE_KEYS, GivenAnswer, read_answers, read_given, write_responses
     from nsdr.clevrer.compact_files import write_compact_files
     from nsdr.clevrer.dataset import CLEVRER, KINDS, SPLITS, Inventory, Split
     from nsdr.clevrer.masks import check_mask, mask_numbers
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         read_predictions,
         scene_from_predictions,
     )
+    from nsdr.clevrer.prompts import NO_OPTION, answer_text, option_letters, prompt, solution
     from nsdr.clevrer.proposals import (
         compact_rows,
         ground_truth_of,
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
         read_proposals,
     )
     from nsdr.clevrer.questions import (
+        OPTION_TAGS,
         QUESTION_TYPES,
         Choice,
         Question,
@@ -50,6 +53,8 @@ if TYPE_CHECKING:
         without_answers,
         write_questions,
     )
+    from nsdr.clevrer.responses import READ_AS, Response, read_response, read_response_to
+    from nsdr.clevrer.scene_files import iterate_scenes
     from nsdr.clevrer.scenes import (
         collisions_in_view,
         enter_exit_events,
@@ -71,6 +76,7 @@ _HOME = {
         "read_truth_file",
         "write_annotation",
     ],
+    "nsdr.clevrer.answer_files": ["RESPONSE_KEYS", "GivenAnswer", "read_answers", "read_given", "write_responses"],
     "nsdr.clevrer.compact_files": ["write_compact_files"],
     "nsdr.clevrer.dataset": ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"],
     "nsdr.clevrer.masks": ["check_mask", "mask_numbers"],
@@ -94,7 +100,9 @@ _HOME = {
         "read_ground_truth",
         "read_proposals",
     ],
+    "nsdr.clevrer.prompts": ["NO_OPTION", "answer_text", "option_letters", "prompt", "solution"],
     "nsdr.clevrer.questions": [
+        "OPTION_TAGS",
         "QUESTION_TYPES",
         "Choice",
         "Question",
@@ -105,6 +113,8 @@ _HOME = {
         "without_answers",
         "write_questions",
     ],
+    "nsdr.clevrer.responses": ["READ_AS", "Response", "read_response", "read_response_to"],
+    "nsdr.clevrer.scene_files": ["iterate_scenes"],
     "nsdr.clevrer.scenes": [
         "collisions_in_view",
         "enter_exit_events",
@@ -121,16 +131,23 @@ __all__ = [
     "CLEVRER",
     "IRREGULAR_VIDEOS",
     "KINDS",
+    "NO_OPTION",
     "OFFICIAL_ROOT",
+    "OPTION_TAGS",
     "QUESTION_TYPES",
+    "READ_AS",
+    "RESPONSE_KEYS",
     "SAMPLE_FRAMES",
     "SPLITS",
     "Choice",
+    "GivenAnswer",
     "Inventory",
     "PredictionFile",
     "Question",
+    "Response",
     "SceneQuestions",
     "Split",
+    "answer_text",
     "by_type",
     "check_annotation",
     "check_ground_truth",
@@ -143,19 +160,26 @@ __all__ = [
     "enter_exit_events",
     "ground_truth_of",
     "iterate_questions",
+    "iterate_scenes",
     "mask_numbers",
+    "option_letters",
     "parse_proposals",
     "predictions_document",
     "predictions_from_document",
+    "prompt",
     "proposals_document",
     "proposals_from_document",
     "proposals_from_rows",
     "read_annotation",
+    "read_answers",
     "read_compact_proposals",
+    "read_given",
     "read_ground_truth",
     "read_predictions",
     "read_proposals",
     "read_questions",
+    "read_response",
+    "read_response_to",
     "read_submission",
     "read_truth",
     "read_truth_file",
@@ -163,6 +187,7 @@ __all__ = [
     "scene_from_ground_truth",
     "scene_from_predictions",
     "scene_from_truth",
+    "solution",
     "speed_world_per_s",
     "submission_document",
     "truth_block",
@@ -171,6 +196,7 @@ __all__ = [
     "write_annotation",
     "write_compact_files",
     "write_questions",
+    "write_responses",
     "write_submission",
     "write_truth",
 ]

@@ -1,7 +1,9 @@
 """True motion and events in files: CLEVRER's annotations (`annotation_N.json`), the `ground_truth` block of the released
 code's proposal files, and the truth files of generated videos (`truth_N.json`)."""
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from nsdr.clevrer.schema import (
     get,
     get_frame,
     get_name,
+    get_number,
     get_pair,
     get_scene_index,
     get_whole,
@@ -36,6 +39,8 @@ __all__ = [
 IRREGULAR_VIDEOS = (7648, 9777, 10800)
 """Indices of released videos that do not have 128 frames. Their length also differs between video and proposal file, so it is
 not checked."""
+LARGEST_MASS = 1e6
+"""Largest relative mass of an object in a file; CLEVRER's are around 1."""
 VECTORS = ("location", "orientation", "velocity", "angular_velocity")
 """Keys of the 3-vectors of each object in each frame."""
 VECTOR_LENGTH = 3
@@ -77,28 +82,39 @@ def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
     _check_collisions(get(annotation, "collision", list, "annotation"), len(objects), "collision", len(frames))
 
 
-def read_truth_file(path: str | Path) -> dict[str, Any]:
+def read_truth_file(path: str | Path, motion: bool = False) -> dict[str, Any]:
     """Read and check a generated video's `truth_N.json`; `nsdr.clevrer.scene_from_truth` makes a scene of it.
+
+    Args:
+        path: the file.
+        motion: as of `check_truth`.
 
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    return read_checked(path, check_truth)
+    return read_checked(path, partial(check_truth, motion=motion))
 
 
-def check_truth(truth: Any) -> None:
+def check_truth(truth: Any, motion: bool = False) -> None:
     """Check the content of a truth file.
 
     Args:
         truth: content of the file: `objects`, `frames`, `collisions`, `counterfactual`, and `n_frames` where the video has
             not 128.
+        motion: whether to check what scenes are not made of, too: `scene_index`, `seed`, all vectors of `frames`, and masses.
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
     n = len(check_objects(get(truth, "objects", list, "truth"), "object_id", "objects"))
     frames = get(truth, "frames", list, "truth")
-    _check_frames(frames, n, "frames", ("velocity",))
+    _check_frames(frames, n, "frames", VECTORS if motion else ("velocity",))
+    if motion:
+        get_scene_index(truth, "scene_index", "truth")
+        get_whole(truth, "seed", "truth", 0, math.inf)
+        for i, row in enumerate(truth["objects"]):
+            if "mass" in row:
+                get_number(row, "mass", f"objects[{i}]", math.ulp(0.0), LARGEST_MASS)
     if "n_frames" in truth:
         get_whole(truth, "n_frames", "truth", 1, len(frames))
     elif len(frames) < VIDEO_FRAMES:

@@ -13,6 +13,7 @@ from nsdr.io.reading import iterate_json_list
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
+    "OPTION_TAGS",
     "QUESTION_TYPES",
     "Choice",
     "Question",
@@ -26,6 +27,9 @@ __all__ = [
 
 QUESTION_TYPES = ("descriptive", "explanatory", "predictive", "counterfactual")
 """CLEVRER's question types; all but descriptive questions are multiple choice."""
+OPTION_TAGS = ("observational", "inferential")
+"""Kinds of counterfactual options: those that the recording without the removed object answers rightly (see
+`nsdr.baselines.recording`), and those where it fails because the removal changes what else happens."""
 LARGEST_COUNT = 15
 """Largest number that is accepted as an answer. CLEVRER's answers end at 5; scenes with more objects have larger ones."""
 ANSWERS = frozenset(
@@ -43,12 +47,16 @@ class Choice:
         text: the choice's text.
         program: postfix tokens; None in the test split.
         answer: "correct" or "wrong"; None in the test split.
+        tag: one of `OPTION_TAGS` of a counterfactual option; None where it is not known. The release has no tags.
+        blind: whether the texts alone predict the answer; None where it is not known.
     """
 
     id: int
     text: str
     program: tuple[str, ...] | None
     answer: str | None
+    tag: str | None = None
+    blind: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,7 @@ class Question:
         program: postfix tokens; None in the test split.
         answer: the answer word; None in the test split and for multiple choice.
         choices: the choices; empty for a descriptive question.
+        blind: whether the text alone predicts the answer of a descriptive question; None where it is not known.
     """
 
     id: int
@@ -72,6 +81,7 @@ class Question:
     program: tuple[str, ...] | None
     answer: str | None
     choices: tuple[Choice, ...]
+    blind: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -117,16 +127,19 @@ def read_questions(path: str | Path) -> list[SceneQuestions]:
 
 
 def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
-    """Write a question file in the official schema, atomically; inverse of `read_questions`."""
+    """Write a question file in the official schema, atomically; inverse of `read_questions`.
+
+    Tags that are known are added to it as `tag` and `blind`, which other readers skip.
+    """
     write_json(path, [_scene_row(scene) for scene in scenes])
 
 
 def without_answers(scene: SceneQuestions) -> SceneQuestions:
-    """The same questions without answers and programs, as in the test split."""
+    """The same questions without answers, programs and tags, as in the test split."""
     questions = []
     for q in scene.questions:
-        choices = tuple(replace(c, program=None, answer=None) for c in q.choices)
-        questions.append(replace(q, program=None, answer=None, choices=choices))
+        choices = tuple(replace(c, program=None, answer=None, tag=None, blind=None) for c in q.choices)
+        questions.append(replace(q, program=None, answer=None, choices=choices, blind=None))
     return replace(scene, questions=tuple(questions))
 
 
@@ -140,13 +153,16 @@ def _scene_row(scene: SceneQuestions) -> dict[str, Any]:
     rows = []
     for q in scene.questions:
         row: dict[str, Any] = {"question_id": q.id, "question": q.text, "question_type": q.type}
-        row |= _known(question_subtype=q.subtype, program=q.program, answer=q.answer)
+        row |= _known(question_subtype=q.subtype, program=q.program, answer=q.answer, blind=q.blind)
         if q.choices:
-            row["choices"] = [
-                {"choice_id": c.id, "choice": c.text, **_known(program=c.program, answer=c.answer)} for c in q.choices
-            ]
+            row["choices"] = [_choice_row(c) for c in q.choices]
         rows.append(row)
     return {"scene_index": scene.scene_index, "video_filename": scene.video_filename, "questions": rows}
+
+
+def _choice_row(choice: Choice) -> dict[str, Any]:
+    known = _known(program=choice.program, answer=choice.answer, tag=choice.tag, blind=choice.blind)
+    return {"choice_id": choice.id, "choice": choice.text, **known}
 
 
 def _known(**values: Any) -> dict[str, Any]:
@@ -175,7 +191,8 @@ def _question(question: Any, where: str, scene: str) -> Question:
         number = get_whole(row, "choice_id", choice_where, 0, LARGEST_ID)
         check_new(number, choices, f"{choice_where}.choice_id")
         text, program = get_text(row, "choice", choice_where), _program(row, choice_where, scene)
-        choices[number] = Choice(number, text, program, _answer(row, ("correct", "wrong"), choice_where))
+        answer, tag = _answer(row, ("correct", "wrong"), choice_where), _tag(row, choice_where)
+        choices[number] = Choice(number, text, program, answer, tag, _blind(row, choice_where))
     if bool(choices) == (kind == "descriptive"):
         raise DataError(f"{where}: a {kind} question with {len(choices)} choices")
     if len({choice.answer is None for choice in choices.values()}) > 1:
@@ -189,6 +206,7 @@ def _question(question: Any, where: str, scene: str) -> Question:
         _program(question, where, scene),
         None if choices else _answer(question, ANSWERS, where),
         tuple(choices.values()),
+        _blind(question, where),
     )
 
 
@@ -200,6 +218,20 @@ def _answer(holder: dict[str, Any], known: Collection[str], where: str) -> str |
         expected = f"0 to {LARGEST_COUNT}, yes, no or an attribute word" if known is ANSWERS else " or ".join(known)
         raise DataError(f"{where}.answer: {shown(answer)}; expected {expected}")
     return answer
+
+
+def _tag(holder: dict[str, Any], where: str) -> str | None:
+    tag = holder.get("tag")
+    if tag is not None and tag not in OPTION_TAGS:
+        raise DataError(f"{where}.tag: {shown(tag)}; expected {' or '.join(OPTION_TAGS)}")
+    return tag
+
+
+def _blind(holder: dict[str, Any], where: str) -> bool | None:
+    blind = holder.get("blind")
+    if blind is not None and not isinstance(blind, bool):
+        raise DataError(f"{where}.blind: {shown(blind)}; expected true or false")
+    return blind
 
 
 def _program(holder: dict[str, Any], where: str, scene: str) -> tuple[str, ...] | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nsdr.errors import DataError
-from nsdr.types import Event, Scene, SceneObject
+from nsdr.types import Event, ObjectPhysics, Scene, SceneObject
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -76,12 +76,13 @@ def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
     try:
         objects = _objects(annotation["object_property"], "object_id")
         frames = annotation["motion_trajectory"]
-        visible, moving = _visible_and_moving(frames, len(objects))
+        visible, moving, velocity = _motion(frames, len(objects))
         collisions = _collisions(annotation["collision"])
     except (KeyError, TypeError, IndexError) as e:
         raise DataError(f"not an annotation: {e!r}") from e
     events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
-    return Scene(objects, len(frames), visible, moving, tuple(events))
+    physics = ObjectPhysics(velocity, 0.0)
+    return Scene(objects, len(frames), visible, moving, tuple(events), physics=physics)
 
 
 def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> Scene:
@@ -97,14 +98,17 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
     try:
         objects = _objects(truth["objects"], "object_id")
         n_frames = n_frames or truth.get("n_frames", VIDEO_FRAMES)
-        visible, moving = _visible_and_moving(truth["frames"][:n_frames], len(objects))
+        visible, moving, velocity = _motion(truth["frames"][:n_frames], len(objects))
         collisions = _collisions(truth["collisions"])
         counterfactual = {int(removed): tuple(_collisions(rows)) for removed, rows in truth["counterfactual"].items()}
     except (KeyError, TypeError, IndexError) as e:
         raise DataError(f"not a truth file: {e!r}") from e
     events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
     unseen = tuple(e for e in collisions if e.frame >= n_frames)
-    return Scene(objects, n_frames, visible, moving, tuple(events), unseen, counterfactual)
+    log_mass = _log_mass(truth["objects"])
+    covariance = None if log_mass is None else np.zeros((len(objects), len(objects)))
+    physics = ObjectPhysics(velocity, 0.0, log_mass, covariance)
+    return Scene(objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, physics=physics)
 
 
 def speed_world_per_s(step_world: NDArray[Any], frames: ArrayLike) -> NDArray[Any]:
@@ -151,11 +155,28 @@ def _collisions(rows: Iterable[Mapping[str, Any]]) -> list[Event]:
     return [Event("collision", c["frame_id"], tuple(sorted(c["object_ids"]))) for c in rows]
 
 
-def _visible_and_moving(frames: Sequence[Mapping[str, Any]], n: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _log_mass(rows: Sequence[Mapping[str, Any]]) -> NDArray[np.floating[Any]] | None:
+    """(n,) by id; None where a row has no mass."""
+    if not all("mass" in o for o in rows):
+        return None
+    mass = [o["mass"] for o in sorted(rows, key=lambda o: int(o["object_id"]))]
+    wrong = [m for m in mass if type(m) not in (int, float) or not 0 < m < np.inf]
+    if wrong:
+        raise DataError(f"not a truth file: objects: mass: expected a positive number, got {wrong[0]!r:.60}")
+    return np.log(mass)
+
+
+def _motion(
+    frames: Sequence[Mapping[str, Any]], n: int
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.floating[Any]]]:
+    """Which objects are visible (n, F) and move (n, F), and velocities on the ground (n, F, 2), NaN for objects not listed."""
     visible, moving = np.zeros((n, len(frames)), bool), np.zeros((n, len(frames)), bool)
+    velocity = np.full((n, len(frames), 2), np.nan, np.float32)
     for f, frame in enumerate(frames):
         for o in frame["objects"]:
+            i = o["object_id"]
             vx, vy, _ = o["velocity"]
-            visible[o["object_id"], f] = o["inside_camera_view"]
-            moving[o["object_id"], f] = vx * vx + vy * vy > MOVING_SPEED_WORLD_PER_S**2
-    return visible, moving
+            visible[i, f] = o["inside_camera_view"]
+            moving[i, f] = vx * vx + vy * vy > MOVING_SPEED_WORLD_PER_S**2
+            velocity[i, f] = vx, vy
+    return visible, moving, velocity

@@ -17,6 +17,7 @@ __all__ = [
     "cached_object",
     "check_new",
     "check_objects",
+    "checked",
     "get",
     "get_frame",
     "get_name",
@@ -43,7 +44,11 @@ def read_checked(path: str | Path, check: Callable[[Any], None]) -> dict[str, An
     Raises:
         DataError: the file is missing or not JSON, or what `check` raises; names the file.
     """
-    content = read_json(path)
+    return checked(read_json(path), path, check)
+
+
+def checked(content: Any, path: str | Path, check: Callable[[Any], None]) -> dict[str, Any]:
+    """The content of a JSON file, after `check(content)`, whose errors get the file's name."""
     try:
         check(content)
     except DataError as e:

@@ -60,6 +60,10 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
             check_new(number, questions, f"{question_where}.question_id")
             questions.add(number)
             if "choices" not in question:
+                if "answer" not in question:
+                    raise DataError(
+                        f"{question_where}: has neither 'answer' nor, for a question with options, 'choices'"
+                    )
                 get(question, "answer", str, question_where)
                 continue
             choices: set[int] = set()

@@ -25,8 +25,11 @@ def answer(options: Any) -> int:
         raise QuestionError("a choice is empty")
     source: Any = load_scene(options.video) if saved else options.video
     parser = endpoint_parser(options)
+    _check_extensions(options)
     pipeline = make_pipeline(options)
+    pipeline.question_parser.extensions = options.extensions
     pipeline.question_parser = parser or pipeline.question_parser
+    pipeline.responsible = options.responsible
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
         print(json.dumps(asdict(found)))
@@ -38,6 +41,7 @@ def answer(options: Any) -> int:
 
 def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
     from nsdr.symbolic import format_probability, format_trace
+    from nsdr.symbolic.traces import disagreement
 
     say = format_probability if probable else lambda _: ""
     width = len("correct (>99 %)") if any(map(say, found.choices)) else len("correct ")
@@ -47,7 +51,8 @@ def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
         print(found.answer + say(found))
     for choice in found.choices:
         judgement = (choice.answer or "error") + say(choice)
-        print(f"{judgement:<{width}} {choice.choice}{': ' + choice.error if choice.error else ''}")
+        other = disagreement(choice)
+        print(f"{judgement:<{width}} {choice.choice}{other}{': ' + choice.error if choice.error else ''}")
         if trace:
             print(format_trace(choice.trace))
 
@@ -62,11 +67,12 @@ def parse_question(options: Any) -> int:
     given = [f"--{k}" for k, v in (("checkpoint", "default"), ("device", "auto")) if getattr(options, k) != v]
     if options.parser and given:
         raise DataError(f"{', '.join(given)} would do nothing with --parser; leave it out")
+    _check_extensions(options)
     parser = endpoint_parser(options)
     if parser is None:
         from nsdr.question_parser.parser import QuestionParser
 
-        parser = QuestionParser.from_pretrained(options.checkpoint, options.device)
+        parser = QuestionParser.from_pretrained(options.checkpoint, options.device, extensions=options.extensions)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
     for kind in kinds:
         try:
@@ -79,6 +85,13 @@ def parse_question(options: Any) -> int:
                 raise QuestionError(f"{e}{suggestion(options.text, None, kinds[0])}") from e
     print(program.tree() if options.tree else program)
     return 0
+
+
+def _check_extensions(options: Any) -> None:
+    if options.extensions and options.parser:
+        raise DataError(
+            "--extensions is of the shipped parser's rules and would do nothing with --parser; leave one out"
+        )
 
 
 def execute(options: Any) -> int:

@@ -7,7 +7,15 @@ from typing import Any
 from nsdr.errors import DataError
 from nsdr.types import Scene
 
-__all__ = ["endpoint_parser", "is_scene", "load_scene", "make_pipeline", "settings_of"]
+__all__ = ["check_port", "endpoint_parser", "is_scene", "load_scene", "make_pipeline", "settings_of"]
+
+MAX_PORT = 65535
+
+
+def check_port(port: int) -> None:
+    """Refuse a TCP port that there is not."""
+    if not 1 <= port <= MAX_PORT:
+        raise DataError(f"--port {port}: expected 1 to {MAX_PORT}")
 
 
 def settings_of(options: Any) -> Any:

@@ -61,9 +61,9 @@ def _motion(options: Any) -> int:
 def _verify(options: Any) -> int:
     from nsdr.clevrer.dataset import CLEVRER
 
+    rows, complete = CLEVRER(options.root).inventory(), True
     print(f"{'split':<12}{'kind':<14}{'found':>7}{'expected':>10}  first missing")
-    complete = True
-    for row in CLEVRER(options.root).inventory():
+    for row in rows:
         complete &= row.found == row.expected
         first = ", ".join(str(i) for i in row.missing[:SHOWN_MISSING])
         first += ", ..." if len(row.missing) > SHOWN_MISSING else ""

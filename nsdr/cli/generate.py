@@ -1,19 +1,19 @@
 """`nsdr generate dataset|scene|questions`: from a YAML file and flags to files."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_annotation, read_truth_file
+from nsdr.clevrer.annotations import read_truth_file
 from nsdr.clevrer.questions import write_questions
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.schema import get_scene_index
-from nsdr.clevrer.truth_blocks import check_truth_blocks
+from nsdr.clevrer.scene_files import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
+from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
@@ -23,10 +23,8 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.files import write_json
 from nsdr.io.listing import find_files
 from nsdr.io.outputs import check_output, check_output_folder
-from nsdr.io.reading import read_json
 from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.validation import COUNT, check_choices, check_ranges
-from nsdr.types import Scene
 from nsdr.world.camera import CLEVRER_CAMERA
 
 __all__ = ["COMMANDS", "SceneOptions", "main"]
@@ -96,10 +94,12 @@ class QuestionOptions:
 def _questions(argv: Sequence[str]) -> str:
     options = parse_config(QuestionOptions, argv, "nsdr generate questions")
     check_output(options.output, [".json"], _listed(options.scenes))
-    scenes = sorted(
-        (s for path in _listed(options.scenes) for s in _read_scenes(Path(path))), key=lambda scene: scene[0]
+    wanted = options.questions
+    find = partial(
+        find_candidates, seed=wanted.seed, extensions=wanted.extensions, changed_per_video=wanted.changed_per_video
     )
-    found = run_in_order(partial(find_candidates, seed=options.questions.seed), scenes, options.engine, options.workers)
+    scenes = _scenes(_listed(options.scenes), wanted.changed_per_video > 0)
+    found = run_in_order(find, scenes, options.engine, options.workers)
     bar = tqdm(found, total=len(scenes), unit="scene", desc="questions")
     selected = list(select_questions(bar, options.questions))
     output = Path(options.output)
@@ -112,28 +112,17 @@ def _listed(paths: str | list[str]) -> list[str]:
     return [paths] if isinstance(paths, str) else paths
 
 
-def _read_scenes(path: Path) -> Iterator[tuple[int, str, Scene]]:
-    """Index, video file name and scene of everything below a path."""
-    if path.is_dir():
-        below = find_files(path, "truth_*.json") or find_files(path, "annotation_*.json")
-        if not below:
-            raise DataError(f"{path}: holds no truth_*.json and no annotation_*.json")
-        for file in below:
-            yield from _read_scenes(file)
-        return
-    if not path.is_file():
-        raise DataError(f"{path}: no such file or folder")
-    content = read_json(path)
-    if isinstance(content, list):
-        for index, block in check_truth_blocks(content, str(path)).items():
-            yield index, f"video_{index:05d}.mp4", scene_from_ground_truth(block, block["n_frames"])
-    elif isinstance(content, dict) and "motion_trajectory" in content:
-        annotation = read_annotation(path)
-        yield annotation["scene_index"], annotation["video_filename"], scene_from_annotation(annotation)
-    else:
-        truth = read_truth_file(path)
-        index = get_scene_index(truth, "scene_index", str(path))
-        yield index, f"video_{index:05d}.mp4", scene_from_truth(truth)
+def _scenes(paths: list[str], changes: bool) -> list[Any]:
+    """Index, video file name and scene of everything below the paths; with `changes` also what simulates truth files."""
+    scenes = sorted((s for path in paths for s in iterate_scenes(path)), key=lambda scene: scene[0])
+    if not changes:
+        return scenes
+    files = [
+        file for path in map(Path, paths) for file in (find_files(path, "truth_*.json") if path.is_dir() else [path])
+    ]
+    truths = [read_truth_file(file) for file in files if file.name.startswith("truth_")]
+    worlds = {truth["scene_index"]: TruthWorlds(truth) for truth in truths}
+    return [(*scene, worlds.get(scene[0])) for scene in scenes]
 
 
 COMMANDS = {"dataset": _dataset, "scene": _scene, "questions": _questions}

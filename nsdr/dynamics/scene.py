@@ -47,6 +47,7 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
         counterfactual,
         scores,
         doubts=doubts,
+        physics=prediction.physics,
     )
 
 

@@ -17,12 +17,13 @@ from typing import Any
 
 import nsdr
 from nsdr.baselines.q_type import q_type_answers
-from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
+from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
 from nsdr.evaluation.calibration import calibration_text
+from nsdr.evaluation.halves import blind_text
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
-from nsdr.evaluation.score import TAGS, first_failure, score_answers
+from nsdr.evaluation.score import first_failure, score_answers
 from nsdr.io.configuration import config_of
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
@@ -256,7 +257,7 @@ def _published(numbers: Sequence[float]) -> dict[str, Any]:
 
 def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """The paper's table: accuracy in %, per option / per question for multiple choice, with what it was measured by."""
-    header = ["", "descriptive", *QUESTION_TYPES[1:], *(f"{tag} options" for tag in TAGS)]
+    header = ["", "descriptive", *QUESTION_TYPES[1:], *(f"{tag} options" for tag in OPTION_TAGS)]
     lines = [f"# {title}", "", f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
     for row in rows:
         table = row["table"]
@@ -265,7 +266,7 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
             option, question = (_percent(table[kind], name) for name in ("per_option", "per_question"))
             cells.append("-" if option == "-" else f"{option} / {question}")
         tags = table["counterfactual"].get("tags", {})
-        cells += [_percent(tags[tag], "per_option") if tags else "-" for tag in TAGS]
+        cells += [_percent(tags[tag], "per_option") if tags else "-" for tag in OPTION_TAGS]
         lines.append(f"| {row['settings']['name']} | {' | '.join(cells)} |")
     counts: set[str] = set()
     runs: set[str] = set()
@@ -291,6 +292,14 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
             "Expected calibration error of the probabilities in % (Brier score):",
             "",
             *(f"- {e}" for e in errors),
+        ]
+    halves = [f"- {row['settings']['name']}: {text}" for row in rows if (text := blind_text(row["table"]))]
+    if halves:
+        lines += [
+            "",
+            "Where the text alone predicts the answer / where it does not (`nsdr tag`), per option:",
+            "",
+            *halves,
         ]
     trained = [f"- {row['settings']['name']}: {training_text(row['training'])}" for row in rows if "training" in row]
     if trained:

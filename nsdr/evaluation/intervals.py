@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["accuracy_interval", "wilson_interval"]
+__all__ = ["accuracy_interval", "difference_interval", "wilson_interval"]
 
 Z_95 = 1.959964
 """Standard normal quantile of a two-sided 95 % interval."""
@@ -42,10 +43,34 @@ def accuracy_interval(correct: Sequence[bool], scenes: Sequence[int]) -> tuple[f
     """
     if not correct:
         return 0.0, 1.0
+    low, high = _bootstrap(np.asarray(correct, float), scenes)
+    least, most = wilson_interval(sum(map(bool, correct)) / len(correct), len(correct))
+    return min(low, least), max(high, most)
+
+
+def difference_interval(first: Sequence[bool], second: Sequence[bool], scenes: Sequence[int]) -> tuple[float, float]:
+    """95 % interval (low, high) of the second system's accuracy minus the first one's on the same questions.
+
+    A bootstrap over scenes, which keeps both answers to a question together. Where both are right on the same questions it
+    would be empty: it then reaches as far as Wilson's interval of no difference in as many questions.
+
+    Args:
+        first: whether the first system is right, for each question.
+        second: the same for the second system.
+        scenes: index of each question's scene.
+    """
+    difference = np.asarray(second, float) - np.asarray(first, float)
+    if not difference.any():
+        reach = wilson_interval(0.0, len(difference))[1]
+        return -reach, reach
+    return _bootstrap(difference, scenes)
+
+
+def _bootstrap(values: NDArray[np.float64], scenes: Sequence[int]) -> tuple[float, float]:
+    """95 % interval (low, high) of the mean, by drawing whole scenes."""
     index = np.unique(np.asarray(scenes), return_inverse=True)[1]
     n = np.bincount(index).astype(float)
-    right = np.bincount(index, np.asarray(correct, float))
+    total = np.bincount(index, values)
     drawn = np.random.default_rng(0).multinomial(len(n), np.full(len(n), 1 / len(n)), RESAMPLES)
-    low, high = np.quantile((drawn @ right) / (drawn @ n), [0.025, 0.975])
-    least, most = wilson_interval(float(right.sum() / n.sum()), len(correct))
-    return min(float(low), least), max(float(high), most)
+    low, high = np.quantile((drawn @ total) / (drawn @ n), [0.025, 0.975])
+    return float(low), float(high)

@@ -6,7 +6,7 @@ them, and what was made is never replaced by a scene of other inputs.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -290,7 +290,7 @@ def _perceive(
 ) -> None:
     given, true_scene = item
     perception = worker_pipeline(checkpoint, settings, device).perceive(**given, true_scene=true_scene)
-    storage.save(perception.scene, output)
+    storage.save(replace(perception.scene, physics=None), output)  # which CLEVRER's questions do not ask for
 
 
 def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
@@ -301,7 +301,7 @@ def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
     """
     scene = source(s)
     if not isinstance(scene, Scene):
-        raise DataError("truth_source must give scenes: annotations, ground-truth, truth or scenes")
+        raise DataError("the source of true scenes must give scenes: annotations, ground-truth, truth or scenes")
     return scene
 
 

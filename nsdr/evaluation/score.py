@@ -3,25 +3,25 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from nsdr.baselines.recording import keep_recording
+from nsdr.baselines.recording import keep_recording, option_tags
 from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.calibration import calibration, calibration_text
+from nsdr.evaluation.halves import by_halves, tags_of
 from nsdr.evaluation.intervals import accuracy_interval
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Answer, ChoiceAnswer
 
-__all__ = ["TAGS", "Parse", "evaluate", "first_failure", "format_table", "score_answers"]
+__all__ = ["Parse", "evaluate", "first_failure", "format_table", "score_answers"]
 
 Parse = Callable[[str, str], Program]
 """(text, kind) -> program, as `QuestionParser.parse`."""
-TAGS = ("observational", "inferential")
-"""Kinds of counterfactual options: those that `keep_recording` of the evaluated scene answers rightly, and those where it fails
-because the removal changes what else happens."""
 
 
 def evaluate(
@@ -37,12 +37,13 @@ def evaluate(
         types: question types to answer.
 
     Returns:
-        The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; of
-        counterfactual options also for each of `TAGS`; and where answers have probabilities, `calibration` as of
-        `nsdr.evaluation.calibration`. Under `results` every question with its answers. What fails carries its `error`: a
-        whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the number of questions
-        with either. Questions without answers in their file are answered, not scored: their results have no `correct`, and
-        `unlabelled` is their number.
+        The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; also for the
+        halves of `nsdr.evaluation.halves`; and where answers have probabilities, `calibration` as of
+        `nsdr.evaluation.calibration`. Tags are those of the question file, which are of the true scene; counterfactual options
+        without one are tagged by the scene that is evaluated. Under `results` every question with its answers. What fails
+        carries its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the
+        number of questions with either. Questions without answers in their file are answered, not scored: their results have
+        no `correct`, and `unlabelled` is their number.
     """
     results = []
     for questions, executor in scenes:
@@ -54,8 +55,8 @@ def evaluate(
                 if isinstance(executor, NsdrError):
                     raise executor
                 result = _answered(executor, question, parse)
-                if recording is not None and question.type == "counterfactual" and _labelled(question):
-                    _tag(result["choices"], _answered(recording, question, parse)["choices"])
+                if recording is not None:
+                    _tag(result, recording, question, parse)
             except NsdrError as e:
                 result = _failed(question, e)
             results.append(_result(questions, question, result))
@@ -72,7 +73,7 @@ def score_answers(
         answered: questions with the answers by question id, or why a question has none; questions that are not among them are
             left out.
         recordings: executors on `keep_recording` of the true scenes by scene index, which tag counterfactual options by the
-            programs of the question file; None for no tags.
+            programs of the question file where it has no tags; None for its tags only.
 
     Returns:
         The report, as of `evaluate`.
@@ -83,14 +84,8 @@ def score_answers(
         for question in (q for q in scene.questions if q.id in answers):
             found = answers[question.id]
             result = _failed(question, found) if isinstance(found, NsdrError) else _judged(question, found)
-            if (
-                recording is not None
-                and "error" not in result
-                and question.type == "counterfactual"
-                and _labelled(question)
-            ):
-                with suppress(NsdrError):
-                    _tag(result["choices"], _answered(recording, question, None)["choices"])
+            if recording is not None and "error" not in result:
+                _tag(result, recording, question, None)
             results.append(_result(scene, question, result))
     return _report(results)
 
@@ -111,7 +106,10 @@ def _failed(question: Question, error: NsdrError) -> dict[str, Any]:
 
 def _result(scene: SceneQuestions, question: Question, found: Mapping[str, Any]) -> dict[str, Any]:
     about = {"scene_index": scene.scene_index, "question_id": question.id}
-    result = {**about, "question_type": question.type, "question_subtype": question.subtype, **found}
+    of_question, of_choices = tags_of(question)
+    result = {**about, "question_type": question.type, "question_subtype": question.subtype, **found, **of_question}
+    if of_choices:
+        result["choices"] = [row | tags for row, tags in zip(found["choices"], of_choices, strict=True)]
     return result if _labelled(question) else _unscored(result)
 
 
@@ -127,11 +125,27 @@ def _recording(executor: Executor | NsdrError) -> Executor | None:
     return Executor(keep_recording(executor.scene))
 
 
-def _tag(choices: Sequence[dict[str, Any]], kept: Sequence[Mapping[str, Any]]) -> None:
-    """Add its tag to each choice that the recording answers in `kept`; one with an error has none."""
-    for choice, found in zip(choices, kept, strict=True):
-        if "error" not in found:
-            choice["tag"] = TAGS[not found["correct"]]
+def _tag(result: Mapping[str, Any], recording: Executor, question: Question, parse: Parse | None) -> None:
+    """Add the tags of counterfactual options that have none in the question file, where the recording can judge them."""
+    if question.type != "counterfactual" or not _labelled(question) or all(c.tag for c in question.choices):
+        return
+    with suppress(NsdrError):
+        tags = option_tags(recording, _with_programs(question, parse) if parse else question)
+        for choice, tag in zip(result["choices"], tags, strict=True):
+            if tag is not None:
+                choice["tag"] = tag
+
+
+def _with_programs(question: Question, parse: Parse) -> Question:
+    """The question with parsed programs where it has none; options that cannot be parsed stay without."""
+
+    def tokens(text: str, kind: str) -> tuple[str, ...] | None:
+        with suppress(QuestionError):
+            return parse(text, kind).tokens
+        return None
+
+    choices = tuple(replace(c, program=c.program or tokens(c.text, "choice")) for c in question.choices)
+    return replace(question, program=question.program or tokens(question.text, "multiple_choice"), choices=choices)
 
 
 def _labelled(question: Question) -> bool:
@@ -210,14 +224,12 @@ def _table(results: list[dict[str, Any]]) -> dict[str, Any]:
         if kind == "descriptive":
             names = sorted({str(r["question_subtype"]) for r in rows})
             subtypes = {n: _accuracy([r for r in rows if str(r["question_subtype"]) == n]) for n in names}
-            table[kind] = _accuracy(rows) | {"subtypes": subtypes} | _calibration(rows)
+            table[kind] = _accuracy(rows) | {"subtypes": subtypes} | _calibration(rows) | by_halves(rows, _accuracy)
         else:
             options = [{**c, "scene_index": r["scene_index"]} for r in rows for c in r["choices"]]
             table[kind] = _accuracy(options, "per_option", "options") | _accuracy(rows, "per_question", "questions")
             table[kind] |= _calibration(options)
-            if any("tag" in c for c in options):
-                tagged = {tag: [c for c in options if c.get("tag") == tag] for tag in TAGS}
-                table[kind]["tags"] = {tag: _accuracy(c, "per_option", "options") for tag, c in tagged.items()}
+            table[kind] |= by_halves(options, partial(_accuracy, name="per_option", what="options"))
     return table
 
 
@@ -260,12 +272,14 @@ def format_table(report: dict[str, Any]) -> str:
     for kind in QUESTION_TYPES:
         row = report[kind]
         if kind == "descriptive":
-            for name, part in {kind: row, **{f"  {n}": part for n, part in row["subtypes"].items()}}.items():
+            parts = row["subtypes"] | row.get("blind", {})
+            for name, part in {kind: row, **{f"  {n}": part for n, part in parts.items()}}.items():
                 lines.append(f"{name:<22}{'':>22}{cell(part):>22}{part['n']:>11}")
         else:
             option, question = cell(row, "per_option"), cell(row, "per_question")
             lines.append(f"{kind:<22}{option:>22}{question:>22}{row['n_questions']:>11}")
-            lines += [f"  {tag:<20}{cell(part, 'per_option'):>22}" for tag, part in row.get("tags", {}).items()]
+            halves = row.get("tags", {}) | row.get("blind", {})
+            lines += [f"  {name:<20}{cell(part, 'per_option'):>22}" for name, part in halves.items()]
     if found := calibration_text(report):
         lines.append(f"expected calibration error (Brier score): {found}")
     return "\n".join([*lines, *([missing] if unlabelled else []), *_failures(report)])

@@ -4,7 +4,7 @@ import logging
 import platform
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -21,6 +21,7 @@ from nsdr.clevrer.questions import without_answers, write_questions
 from nsdr.clevrer.scenes import scene_from_truth
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
+from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import Candidates, QuestionConfig, find_candidates, select_questions
@@ -40,13 +41,17 @@ from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
 from nsdr.io.video import write_video
 from nsdr.world.camera import Camera
 
-__all__ = ["DatasetConfig", "Files", "generate_dataset", "make_video"]
+__all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
 
 RENDERERS = ("preview", "blender", "none")
 VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
 """Packages whose versions the manifest records."""
 SCENES_PER_SEED = 1_000_000
 """Scene `n` of seed `s` is simulated from the number `s * SCENES_PER_SEED + n`, which `truth_N.json` keeps as `seed`."""
+LARGEST_SEED = 10**12
+"""Largest seed, so that scenes' numbers fit 64 bits."""
+MAX_SHARDS = 10_000
+"""Most shards of a command."""
 VIDEOS_PER_FOLDER = 1000
 """Videos in each sub-folder, as in the release."""
 log = logging.getLogger(__name__)
@@ -58,8 +63,8 @@ class DatasetConfig:
 
     Attributes:
         output: folder of the data set; an interrupted generation resumes there.
-        videos: number of videos over all splits.
-        seed: which scenes; data sets with different seeds have no scene in common.
+        videos: number of videos over all splits, of each shard.
+        seed: which scenes; data sets with different seeds have no scene in common. Shard `k` has seed `seed + k`.
         first_scene: number of the scene that video 0 shows; video `i` shows scene `first_scene + i` of the seed.
         splits: share of the videos in train, validation and test (normalised before use).
         renderer: "preview" (fast), "blender", or "none" for data sets without videos.
@@ -70,6 +75,8 @@ class DatasetConfig:
         render: rendering options.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
+        shards: number of data sets to make; more than 1 go into `output/shard_00000` and so on, each complete and resumable.
+        first_shard: number of the first of them, for machines that share the work without Ray.
     """
 
     output: str
@@ -84,15 +91,32 @@ class DatasetConfig:
     render: RenderConfig = field(default_factory=RenderConfig)
     engine: str = "processes"
     workers: int = 0
+    shards: int = 1
+    first_shard: int = 0
 
     def __post_init__(self) -> None:
         check_choices(self, renderer=RENDERERS, engine=ENGINES)
         check_ranges(self, splits=SHARE, videos=(1, limits().videos), seed=COUNT, workers=COUNT)
+        check_ranges(self, shards=(1, MAX_SHARDS), first_shard=COUNT)
+        last_seed = self.seed + self.first_shard + self.shards - 1
+        if last_seed > LARGEST_SEED:
+            raise DataError(
+                f"seed, first_shard and shards: the last shard has seed {last_seed}; expected up to {LARGEST_SEED}"
+            )
         if set(self.splits) - set(SPLITS) or not sum(self.splits.values()) > 0:
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
         last = SCENES_PER_SEED - SPLITS["test"].stop
         if not 0 <= self.first_scene <= last:
             raise DataError(f"first_scene: expected 0 to {last}, got {self.first_scene}; `seed` gives further scenes")
+
+    def each_shard(self) -> Iterator["DatasetConfig"]:
+        """One configuration for each data set."""
+        if self.shards == 1 and not self.first_shard:
+            yield self
+            return
+        for shard in range(self.first_shard, self.first_shard + self.shards):
+            folder = str(Path(self.output) / f"shard_{shard:05d}")
+            yield replace(self, output=folder, seed=self.seed + shard, shards=1, first_shard=0)
 
     def scene_seed(self, index: int) -> int:
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
@@ -134,9 +158,9 @@ class Files:
 
 
 def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
-    """Generate a data set and return its folder. Finished videos are kept.
+    """Generate a data set, or its shards one after the other, and return the folder. Finished videos are kept.
 
-    Writes `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `questions/`,
+    A data set has `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `questions/`,
     `truth/`, `manifest.json`, and statistics compared with the release's.
 
     Args:
@@ -147,10 +171,11 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
         DataError: the folder holds a data set with another configuration, another process writes to it, or some videos failed
             (the others are written).
     """
-    root = Path(config.output)
-    with locked(root):
-        _generate(config, root, keep_going)
-    return root
+    for shard in config.each_shard():
+        root = Path(shard.output)
+        with locked(root):
+            _generate(shard, root, keep_going)
+    return Path(config.output)
 
 
 def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
@@ -181,7 +206,7 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
     if not indices:
         return
     paths = [Files(config.output, split, i).truth for i in indices]
-    found = run_in_order(partial(_scene_candidates, config.questions.seed), paths, config.engine, config.workers)
+    found = run_in_order(partial(_scene_candidates, config.questions), paths, config.engine, config.workers)
     scenes = list(select_questions(tqdm(found, total=len(paths), unit="scene", desc="questions"), config.questions))
     root = Path(config.output)
     if split == "test":
@@ -192,15 +217,17 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
     write_questions(root / "questions" / f"{split}.json", scenes)
 
 
-def _scene_candidates(seed: int, path: Path) -> Candidates:
+def _scene_candidates(config: QuestionConfig, path: Path) -> Candidates:
     truth = read_truth_file(path)
     index = truth["scene_index"]
-    return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth)), seed)
+    simulate = TruthWorlds(truth) if config.changed_per_video else None
+    item = (index, f"video_{index:05d}.mp4", scene_from_truth(truth), simulate)
+    return find_candidates(item, config.seed, config.extensions, config.changed_per_video)
 
 
 def _manifest(config: DatasetConfig) -> dict[str, Any]:
     values = asdict(config)
-    for name in ("output", "engine", "workers"):
+    for name in ("output", "shards", "first_shard", "engine", "workers"):
         values.pop(name)
     values["render"]["assets"] = Path(config.render.assets).name
     values["scene"]["objects"] = {str(k): v for k, v in values["scene"]["objects"].items()}

@@ -94,6 +94,10 @@ def _check_sections(kind: Any, content: Any, where: str) -> None:
     """Sections of nested settings must be sections in the file, too: jsonargparse passes over other values."""
     if not isinstance(content, Mapping):
         raise DataError(f"{where}: expected settings, one `name: value` a line, got {content!r:.40}")
+    known = {field.name for field in fields(kind)}
+    for key, value in content.items():
+        if key not in known and isinstance(value, Mapping) and not all(isinstance(k, str) for k in value):
+            raise DataError(f"{where}: unknown key {key!r}")  # jsonargparse only complains about the key's own keys
     for field in fields(kind):
         inner = next((t for t in (field.type, *get_args(field.type)) if is_dataclass(t)), None)
         value = content.get(field.name)

@@ -138,20 +138,22 @@ def read_json_bytes(path: str | Path) -> bytes:
     return content.removeprefix(codecs.BOM_UTF8)
 
 
-def parse_json(data: bytes, name: str, error: ErrorKind = DataError) -> Any:
+def parse_json(data: bytes, name: str, error: ErrorKind = DataError, unique: bool = False) -> Any:
     """Parse JSON from bytes, which may be gzipped.
 
     Args:
         data: the bytes.
         name: where they come from, for the error message.
         error: makes the exception from a message that names the file.
+        unique: refuse objects that have a key twice, which takes longer.
 
     Raises:
         DataError: not JSON, or it holds NaN, Infinity or characters that are not Unicode; names `name`.
     """
     with _named(name, "JSON file", error):
         text = (_gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data).decode("utf-8-sig")
-        value = json.loads(text, parse_constant=_refuse_constant)
+        hook = _refuse_twice if unique else None
+        value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=hook)
         if "\\ud" in text or "\\uD" in text:
             json.dumps(value, ensure_ascii=False).encode()  # lone surrogates cannot be encoded
         return value
@@ -161,11 +163,11 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
     """(line number from 1, value) of each line of a JSON Lines file; empty lines are passed over.
 
     Raises:
-        DataError: a line is not JSON; names `name` and the line.
+        DataError: a line is not JSON, or has a key twice; names `name` and the line.
     """
     for number, line in enumerate(data.splitlines(), 1):
         if line.strip():
-            yield number, parse_json(line, f"{name}, line {number}")
+            yield number, parse_json(line, f"{name}, line {number}", unique=True)
 
 
 def iterate_json_list(path: str | Path) -> Iterator[Any]:
@@ -300,6 +302,15 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) ->
             raise ValueError(f"shape {shape} of {dtype} does not fit the {stored} stored bytes")
         array = np.frombuffer(file.read(), dtype, math.prod(shape))
     return array.reshape(shape[::-1]).T if fortran_order else array.reshape(shape)
+
+
+def _refuse_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object with these keys and values."""
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r:.60} is there twice")
+    return made
 
 
 def _refuse_constant(name: str) -> None:

@@ -152,7 +152,7 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
         return _decoded_array(tree, where)
     kind = tree.get("type")
     if not isinstance(kind, str) or kind not in _KINDS:
-        expected = f"a type of {', '.join(_KINDS)}, an array with dtype, shape and values, or a map"
+        expected = "an array with dtype, shape and values, a map, or a type of `nsdr.types`, such as Scene"
         raise DataError(f"{where or 'file'}: expected {expected}, got type {kind!r:.60}")
     found, hints = {k: v for k, v in tree.items() if k != "type"}, _hints(kind)
     required = {

@@ -29,6 +29,7 @@ __all__ = [
     "read_frames",
     "read_video",
     "sample_frames",
+    "video_seconds",
     "write_video",
 ]
 
@@ -133,6 +134,16 @@ def sample_frames(path: str | Path, seconds: float, spacing: int) -> VideoSample
         if not frames:
             raise undecodable(path, int(capture.get(cv2.CAP_PROP_FOURCC)))
     return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
+
+
+def video_seconds(path: str | Path) -> float:
+    """How long a video lasts by its header (seconds); 0 where that does not say. Decodes nothing.
+
+    Raises:
+        VideoError: as of `read_video`.
+    """
+    with _opened(Path(path)) as (capture, rate):
+        return max(float(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0.0) / rate
 
 
 @contextmanager

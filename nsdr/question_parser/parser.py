@@ -13,6 +13,7 @@ from nsdr.errors import CheckpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.checkpoint import load_description, load_network
 from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
+from nsdr.question_parser.beyond import extension_readings
 from nsdr.question_parser.coverage import REMEDY, check_coverage, check_text, readings, refusal
 from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
@@ -54,6 +55,7 @@ class QuestionParser(PretrainedPart):
         constrained: decode well-typed programs only.
         beam: hypotheses of the beam search; 1 is greedy search.
         unknown: what to do with an unknown word: "error", or "ignore" to leave it out with a warning.
+        extensions: also parse questions beyond CLEVRER (`grammar.extensions`), by rules alone.
 
     Raises:
         QuestionError: another value of `unknown`, or a `beam` of less than 1.
@@ -69,6 +71,7 @@ class QuestionParser(PretrainedPart):
         constrained: bool = True,
         beam: int = 1,
         unknown: str = "error",
+        extensions: bool = False,
     ) -> None:
         if unknown not in ("error", "ignore"):
             raise QuestionError(f"unknown is {unknown!r}; expected error or ignore")
@@ -78,6 +81,7 @@ class QuestionParser(PretrainedPart):
         self.min_probability = min_probability
         self.constrained, self.beam, self.unknown = constrained, beam, unknown
         self.networks = networks.eval()
+        self.extensions = extensions
 
     @classmethod
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
@@ -145,6 +149,10 @@ class QuestionParser(PretrainedPart):
         for i, text in enumerate(texts):
             try:
                 check_text(text)
+                beyond = _beyond(text, kind) if self.extensions else None
+                if beyond is not None:
+                    programs[i] = beyond
+                    continue
                 self._check_words(text, kind)
                 readable.append(i)
             except NsdrError as e:
@@ -214,3 +222,16 @@ class QuestionParser(PretrainedPart):
                 f"{text!r} fits no program (the best one has a probability of {probability:.0%}); {REMEDY}"
             )
         return program
+
+
+def _beyond(text: str, kind: str) -> Program | None:
+    """The program of a question beyond CLEVRER; None if the text is none.
+
+    Raises:
+        QuestionError: it has several readings.
+    """
+    found = extension_readings(text, kind)
+    if len(found) > 1:
+        texts = " or as ".join(repr(" ".join(tokens)) for tokens in found)
+        raise QuestionError(f"{text!r} can be read as {texts}; {REMEDY}")
+    return Program.parse(found[0]) if found else None

@@ -1,9 +1,11 @@
 """The causal graph of observed events (paper, section 3.3)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
-__all__ = ["ancestor_sets", "direct_causes"]
+from nsdr.types import Event
+
+__all__ = ["ancestor_sets", "causal_path", "direct_causes"]
 
 
 class _HasObjects(Protocol):
@@ -43,3 +45,21 @@ def ancestor_sets(events: Sequence[_HasObjects]) -> dict[int, int]:
             bits |= ancestors[cause] | 1 << cause
         ancestors.append(bits)
     return {1 << index: bits for index, bits in enumerate(ancestors)}
+
+
+def causal_path(events: Sequence[Event], starts: Callable[[Event], bool], target: Event) -> list[Event] | None:
+    """The shortest chain of direct causes that ends in an event; None if there is none.
+
+    Args:
+        events: in order of time.
+        starts: whether a chain may start at an event.
+        target: one of the events; the chain is it alone where `starts` accepts it.
+    """
+    causes = direct_causes(events)
+    frontier = [[events.index(target)]]
+    while frontier:
+        path = frontier.pop(0)
+        if starts(events[path[0]]):
+            return [events[i] for i in path]
+        frontier += [[cause, *path] for cause in causes[path[0]]]
+    return None

@@ -11,11 +11,13 @@ from nsdr.clevrer.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.joint import exactly_one, with_probabilities
-from nsdr.symbolic.modules import Kind
+from nsdr.symbolic.modules import EXTENSIONS, Kind
 from nsdr.symbolic.official import OfficialExecutor
 from nsdr.symbolic.possible_worlds import PossibleWorlds
 from nsdr.symbolic.postfix import NotQuick, PhraseTable, PostfixRunner
 from nsdr.symbolic.program import ANSWER_KINDS, SAID_KINDS, Program, ProgramSource, program_tokens
+from nsdr.symbolic.quantities import Simulate
+from nsdr.symbolic.responsibility import check_meaning, judgements
 from nsdr.symbolic.world import world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.types.answers import with_lazy
@@ -36,12 +38,25 @@ class Executor:
             executor on its prediction files, including its quirks: all methods return what those of
             `nsdr.symbolic.official.OfficialExecutor` do, and never raise an exception on a program.
         collisions: "predicted"; with the official semantics also "velocity", the variant NE.
+        responsible: meaning of "responsible" in explanatory questions: "chain" is CLEVRER's, "but_for" what would not have
+            happened without (`nsdr.symbolic.responsibility`). Choices carry both (`ChoiceAnswer.meanings`).
+        simulate: gives the collisions with an object changed, for questions beyond CLEVRER such as "what if the cube were twice
+            as heavy" (`nsdr.symbolic.quantities`); None refuses them.
 
     Raises:
-        ExecutionError: unknown semantics, or semantics that do not fit the type of the scene or the kind of collisions.
+        ExecutionError: unknown semantics or meaning, or semantics that do not fit the type of the scene, the kind of collisions
+            or the meaning.
     """
 
-    def __init__(self, scene: Scene | PredictionFile, semantics: str = "paper", collisions: str = "predicted") -> None:
+    def __init__(
+        self,
+        scene: Scene | PredictionFile,
+        semantics: str = "paper",
+        collisions: str = "predicted",
+        responsible: str = "chain",
+        simulate: Simulate | None = None,
+    ) -> None:
+        check_meaning(responsible)
         if semantics not in ("paper", "official"):
             raise ExecutionError(f"unknown semantics {semantics!r}; expected 'paper' or 'official'")
         self.semantics = semantics
@@ -51,17 +66,21 @@ class Executor:
                 f"the {semantics} semantics runs on a {expected.__name__}, got a {type(scene).__name__}"
             )
         self._official: OfficialExecutor | None = None
+        self.responsible = responsible
         if not isinstance(scene, Scene):
+            if responsible != "chain":
+                raise ExecutionError(f"responsible {responsible!r} needs the paper semantics")
             self._official = OfficialExecutor(scene, collisions)
             return
         if collisions != "predicted":
             raise ExecutionError(f"collisions {collisions!r} need the official semantics")
         self.scene = scene
-        self.world = world_of(scene)
+        self.world = world_of(scene, simulate)
         self._runner = PostfixRunner(PHRASES, self.world)
         self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
         self.unseen_scores = scene.unseen_scores
-        self._worlds = None if scene.doubts is None else PossibleWorlds(scene, Executor)
+        make = partial(Executor, responsible=responsible)
+        self._worlds = None if scene.doubts is None else PossibleWorlds(scene, make)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -135,6 +154,8 @@ class Executor:
             if found is None:
                 raise
         answer, value = found
+        if not EXTENSIONS.isdisjoint(answer.program):
+            return answer
         return with_lazy(answer, probability=partial(worlds.probability, answer.program, value))
 
     def _answered(self, program: ProgramSource, question: str) -> Answer:
@@ -150,7 +171,9 @@ class Executor:
                 f"the program gives {kind}; the program of a question ends in a count, exist, query or frame"
             )
         answer = with_lazy(Answer(question, tokens, self._answer_text(kind, value)), trace=partial(self._trace, tokens))
-        return answer if self._worlds is None else with_lazy(answer, probability=partial(self._probability, tokens))
+        if self._worlds is None or not EXTENSIONS.isdisjoint(tokens):  # doubts say nothing about speeds and masses
+            return answer
+        return with_lazy(answer, probability=partial(self._probability, tokens))
 
     def _probability(self, program: tuple[str, ...]) -> float:
         assert self._worlds is not None
@@ -174,7 +197,8 @@ class Executor:
         Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
         the scene has scores of unseen collisions, the choice with the higher score is the correct one. Hardly any
         counterfactual question has no correct choice: if all come out wrong, the scene's doubts may say which one is correct
-        (`nsdr.symbolic.joint`). What the question and each choice suppose is taken as by `answer`.
+        (`nsdr.symbolic.joint`). What the question and each choice suppose is taken as by `answer`. A choice of an explanatory
+        question of which it is not known whether the event needed it has an `error` if that is what "responsible" means.
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
@@ -197,6 +221,8 @@ class Executor:
             if found is None:
                 raise
             answers = found
+        if "filter_ancestor" in parsed.tokens:
+            answers = [self._explained(answer) for answer in answers]
         return Answer(question, parsed.tokens, None, (), tuple(self._judged_together(parsed, answers, choices)))
 
     def _all_judged(
@@ -215,6 +241,26 @@ class Executor:
                 name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
                 answers.append(self._judged_by_steps(parsed, question, text, tokens, name))
         return answers
+
+    def _explained(self, choice: ChoiceAnswer) -> ChoiceAnswer:
+        """The choice of an explanatory question with both meanings, judged by the one that is asked for."""
+        if choice.error:
+            return choice
+        if self.responsible == "chain":
+            return with_lazy(choice, meanings=lambda: judgements(choice.trace, self.scene))
+        trace = choice.trace
+        found = judgements(trace, self.scene)
+        correct = found.get("but_for")
+        if correct is None:
+            error = "whether it would have happened without it is not known in this scene"
+            return ChoiceAnswer(choice.choice, None, choice.program, (), error, meanings=found)
+        return ChoiceAnswer(choice.choice, "correct" if correct else "wrong", choice.program, trace, meanings=found)
+
+    def value_meant(self, program: tuple[str, ...]) -> Any:
+        """A program's value as of `run`; of a choice of an explanatory question, by the meaning of "responsible" asked for."""
+        if self.responsible == "chain" or "filter_ancestor" not in program:
+            return self.run(program)
+        return judgements(self._trace(program), self.scene).get("but_for")
 
     def _judged(self, question: Program, text: str, choice: tuple[str, ...]) -> ChoiceAnswer:
         """The judgement of a choice; raises `NotQuick` where `_judged_by_steps` is needed."""
@@ -260,7 +306,7 @@ class Executor:
             scores = self._scores([choice for _, choice in choices]) if unsettled else None
             if scores is not None:
                 return exactly_one(answers, scores, self._worlds is not None)
-        if self._worlds is None:
+        if self._worlds is None or not EXTENSIONS.isdisjoint(question.tokens):
             return answers
         return with_probabilities(answers, self._worlds.draws, "get_counterfact" in question.tokens)
 
@@ -332,6 +378,8 @@ class Executor:
             return self.world.event_text(value & self.world.members)
         if kind == Kind.FRAME:
             return "the whole video" if value is None else f"frame {value}"
+        if kind == Kind.SPEED:
+            return f"{value:.1f} world units per second"
         return _word(value)
 
 

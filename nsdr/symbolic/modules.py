@@ -6,58 +6,16 @@ At run time, sets of objects and of events are integers used as bit sets (bit i 
 single object or event is a one-bit set. Types are checked before a program runs, so values carry no type.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from itertools import product
-from typing import Any
 
 from nsdr.errors import ExecutionError
+from nsdr.symbolic.extensions import EXTENSION_MODULES, EXTENSION_WORDS
+from nsdr.symbolic.signature import Kind, Module
 from nsdr.symbolic.world import World
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["ARITY", "DISPATCH", "MODULES", "WORDS", "Kind", "Module"]
-
-
-class Kind(StrEnum):
-    """Types of values in a program."""
-
-    OBJECTS = "objects"
-    EVENTS = "events"
-    OBJECT = "object"
-    EVENT = "event"
-    FRAME = "frame"
-    NUMBER = "number"
-    BOOLEAN = "boolean"
-    COLOR = "color"
-    MATERIAL = "material"
-    SHAPE = "shape"
-    ORDER = "order"
-    DIRECTION = "direction"
-    UNKNOWN = "unknown"
-
-    __hash__ = str.__hash__  # an enumeration's own hash is ten times as slow
-
-
-@dataclass(frozen=True)
-class Module:
-    """A row of the signature table.
-
-    Attributes:
-        name: the program token.
-        arguments: accepted types of each argument, first argument (deepest on the stack) first.
-        result: type of the result; None for `unique`: `object` of a set of objects, `event` of a set of events.
-        run: function called as `run(world, *arguments)`.
-        meaning: one line of documentation.
-        in_data_set: whether CLEVRER's own programs use it; if not, only the released executor has it.
-    """
-
-    name: str
-    arguments: tuple[tuple[Kind, ...], ...]
-    result: Kind | None
-    run: Callable[..., Any]
-    meaning: str
-    in_data_set: bool = True
+__all__ = ["ALL_WORDS", "ARITY", "DISPATCH", "EXTENSIONS", "MODULES", "WORDS", "Kind", "Module"]
 
 
 def _unique(world: World, values: int) -> int:
@@ -112,10 +70,6 @@ def _get_object(world: World, event: int) -> int:
     return objects
 
 
-def _direction(world: World, one: int, frame: int | None) -> str:
-    raise ExecutionError("directions of motion are known to the official semantics only")
-
-
 _OBJECTS, _EVENTS, _OBJECT, _EVENT = (Kind.OBJECTS,), (Kind.EVENTS,), (Kind.OBJECT,), (Kind.EVENT,)
 _SETS = (Kind.OBJECTS, Kind.EVENTS)
 _WHO = (Kind.OBJECTS, Kind.OBJECT)
@@ -139,7 +93,7 @@ _TABLE = [
     Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda w, one: w.object(one).shape, "shape of an object"),
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "frame of an event"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "object of an entrance or exit"),
-    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, _direction, "direction in which an object moves: left, right, up or down (official semantics only)", False),
+    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the official semantics left, right, up or down", False),
     Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: w.need_counterfactual(one) & w.possible, "collisions that happen without an object", False),
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a material"),
@@ -156,6 +110,7 @@ _TABLE = [
     Module("get_col_partner", (_EVENT, _OBJECT), Kind.OBJECT, _partner, "other object of a collision"),
     Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, lambda w, events, one: events & w.need_counterfactual(one), "those of the events that happen without an object"),
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
+    *EXTENSION_MODULES,
 ]  # fmt: skip
 
 MODULES: dict[str, Module] = {module.name: module for module in _TABLE}
@@ -166,6 +121,12 @@ WORDS: dict[str, Kind] = {
     **dict.fromkeys(("first", "second", "last"), Kind.ORDER),
 }
 """Tokens that are their own value: attribute words and orders."""
+
+ALL_WORDS: dict[str, Kind] = WORDS | EXTENSION_WORDS
+"""`WORDS` and those of questions beyond CLEVRER."""
+
+EXTENSIONS = frozenset(EXTENSION_WORDS) | {"query_direction"} | {module.name for module in EXTENSION_MODULES}
+"""Tokens that programs of CLEVRER's questions do not have, with a meaning in the paper's semantics."""
 
 ARITY: dict[str, int] = {module.name: len(module.arguments) for module in _TABLE}
 """Number of arguments of each module."""

@@ -14,6 +14,10 @@ EVENT_VERBS = {"filter_in": "enters", "filter_out": "exits"}
 OBJECT_FILTERS = ("filter_color", "filter_material", "filter_shape")
 MOTION_FILTERS = {"filter_moving": "moving", "filter_stationary": "stationary"}
 """Adjective of each filter of objects by motion."""
+EXTREMES = {f"filter_{word}": word for word in ("fastest", "slowest", "heaviest", "lightest")}
+"""Adjective of each filter that keeps one object."""
+COMPARISONS = {f"get_{word}": word for word in ("faster", "slower", "heavier", "lighter")}
+"""Adjective of each choice of one of two objects."""
 
 
 def attribute_words(steps: Sequence[Step], index: int) -> tuple[str, ...]:
@@ -55,6 +59,14 @@ def noun_phrase(steps: Sequence[Step], index: int) -> str:
         return f"the object of {noun_phrase(steps, inputs[0])}"
     if step.token == "filter_ancestor":
         return f"event that led to {noun_phrase(steps, inputs[1])}"
+    if step.token in EXTREMES:
+        when = _time_clause(steps, inputs[1]) if len(inputs) > 1 else ""
+        return f"{EXTREMES[step.token]} {noun_phrase(steps, inputs[0])}{when}"
+    if step.token in COMPARISONS:
+        when = _time_clause(steps, inputs[2]) if len(inputs) > 2 else ""
+        return f"the {COMPARISONS[step.token]} of {noun_phrase(steps, inputs[0])} and {noun_phrase(steps, inputs[1])}{when}"
+    if step.token == "get_changed":
+        return f"event with {noun_phrase(steps, inputs[1])} {steps[inputs[2]].token.replace('_', ' ')}"
     if step.token in ("get_counterfact", "counterfact_events"):
         return f"event without {noun_phrase(steps, inputs[-1])}"
     return {"start": "the start of the video", "end": "the end of the video"}.get(step.token, step.token)

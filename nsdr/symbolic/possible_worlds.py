@@ -56,6 +56,7 @@ def _with(scene: Scene, happens: list[bool]) -> Scene:
         events(scene.events, None, lambda frame: frame < n_frames),
         None if unseen is None else events(unseen, None, lambda frame: frame >= n_frames),
         None if without is None else {k: events(of, k, lambda _: True) for k, of in without.items()},
+        physics=scene.physics,
     )
 
 
@@ -102,11 +103,11 @@ class PossibleWorlds:
         return [(n, self._executor(scene)) for n, scene in possible_scenes(self._scene)]
 
     def _values(self, program: Program) -> list[tuple[int, Any]]:
-        """The program's value in each world, None where it fails, and the number of draws that gave the world."""
+        """The program's value in each world, None where it fails or is not known, and the number of draws of the world."""
         values = []
         for n, executor in self._executors:
             try:
-                values.append((n, executor.run(program)))
+                values.append((n, executor.value_meant(program)))
             except ExecutionError:
                 values.append((n, None))
         return values

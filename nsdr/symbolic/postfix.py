@@ -112,7 +112,7 @@ class PhraseTable:
             if kind is None:
                 first = len(kinds) - ARITY.get(token, len(kinds) + 1)
                 found = DISPATCH.get((token, *kinds[first:])) if first >= 0 else None
-                if found is None:
+                if found is None or found[0].extension:
                     raise NotQuick
                 what = WITH_WORD if word else len(kinds) - first
                 kinds[first:] = [found[1]]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from nsdr.errors import ProgramError
 from nsdr.io.limits import limits
-from nsdr.symbolic.modules import ARITY, DISPATCH, MODULES, WORDS, Kind, Module
+from nsdr.symbolic.modules import ALL_WORDS, ARITY, DISPATCH, MODULES, Kind, Module
 
 __all__ = ["STOP_TOKENS", "Program", "ProgramSource", "Step", "data_set_names", "program_tokens"]
 
@@ -27,9 +27,12 @@ RESEARCH_NAMES = {
 """The released executor's names -> the data set's tokens; it also writes `events filter_start` and `events filter_end` for
 `start` and `end`."""
 
-KNOWN_TOKENS = frozenset(MODULES) | frozenset(WORDS)
+KNOWN_TOKENS = frozenset(MODULES) | frozenset(ALL_WORDS)
 """Tokens of well-formed programs in the data set's spelling."""
-ANSWER_KINDS = (Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE, Kind.DIRECTION)
+ANSWER_KINDS = (
+    *(Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE),
+    *(Kind.DIRECTION, Kind.SPEED, Kind.NAME),
+)
 """Result types of programs that answer a question."""
 SAID_KINDS = (*ANSWER_KINDS, Kind.FRAME, Kind.EVENTS)
 """Result types that can be said in words: of the programs of descriptive questions."""
@@ -139,8 +142,8 @@ def _checked(source: tuple[str, ...]) -> Program:
     stack: list[int] = []
     needs_choice = False
     for index, token in enumerate(tokens):
-        if token in WORDS:
-            steps.append(Step(token, None, (), WORDS[token]))
+        if token in ALL_WORDS:
+            steps.append(Step(token, None, (), ALL_WORDS[token]))
         else:
             arity = ARITY.get(token)
             if arity is None:

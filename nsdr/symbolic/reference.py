@@ -1,19 +1,19 @@
 """The reference page of program modules, generated from the signature table: `python -m nsdr.symbolic.reference`."""
 
+from collections.abc import Mapping
+
+from nsdr.symbolic.extensions import EXTENSION_WORDS
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
 
-__all__ = ["reference_page"]
+__all__ = ["extension_page", "reference_page"]
+
+HEAD = "| token | arguments | result | meaning |\n|---|---|---|---|\n"
 
 
 def reference_page() -> str:
-    """The reference page as Markdown."""
+    """The modules and words of CLEVRER's programs and the released executor, as Markdown."""
     rows = [_row(m) for m in MODULES.values() if m.in_data_set]
-    released_only = [_row(m) for m in MODULES.values() if not m.in_data_set]
-    words = "\n".join(
-        f"- {kind}: {', '.join(f'`{w}`' for w, k in WORDS.items() if k == kind)}"
-        for kind in dict.fromkeys(WORDS.values())
-    )
-    head = "| token | arguments | result | meaning |\n|---|---|---|---|\n"
+    released_only = [_row(m) for m in MODULES.values() if not m.in_data_set and not m.extension]
     return f"""# Program modules
 
 <!-- Generated from the signature table: python -m nsdr.symbolic.reference > docs/modules.md -->
@@ -24,16 +24,37 @@ released executor's names.
 
 ## Modules
 
-{head}{chr(10).join(rows)}
+{HEAD}{chr(10).join(rows)}
 
 ## Modules of the released executor only
 
-{head}{chr(10).join(released_only)}
+{HEAD}{chr(10).join(released_only)}
 
 ## Words
 
-{words}
+{_words(WORDS)}
 """
+
+
+def extension_page() -> str:
+    """What is beyond CLEVRER, as Markdown."""
+    rows = [_row(m) for m in MODULES.values() if m.extension]
+    return f"""
+## Beyond CLEVRER
+
+For questions that CLEVRER does not ask (see [question forms](questions.md#beyond-clevrer)); `query_direction` above has a
+meaning, too. What a scene does not know, or not surely enough, is an error. No program of the data set has them, nor does
+the trained question parser.
+
+{HEAD}{chr(10).join(rows)}
+
+{_words(EXTENSION_WORDS)}
+"""
+
+
+def _words(words: Mapping[str, Kind]) -> str:
+    kinds = dict.fromkeys(words.values())
+    return "\n".join(f"- {kind}: {', '.join(f'`{w}`' for w, k in words.items() if k == kind)}" for kind in kinds)
 
 
 def _row(module: Module) -> str:
@@ -43,4 +64,4 @@ def _row(module: Module) -> str:
 
 
 if __name__ == "__main__":
-    print(reference_page(), end="")
+    print(reference_page() + extension_page(), end="")

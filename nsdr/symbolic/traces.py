@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from nsdr.symbolic.causal import direct_causes
+from nsdr.symbolic.causal import causal_path
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
-__all__ = ["explain", "format_probability", "format_trace", "format_tree"]
+__all__ = ["disagreement", "explain", "format_probability", "format_trace", "format_tree"]
 
 
 def format_trace(trace: Sequence[TraceStep]) -> str:
@@ -59,7 +59,30 @@ def explain(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
         return f"error: {answer.error}"
     if not trace:
         return f"{answer.answer}: no trace was kept"
-    return f"{answer.answer}: {_reason(trace, len(trace) - 1, scene)}"
+    meaning = _meaning(answer) if isinstance(answer, ChoiceAnswer) else ""
+    return f"{answer.answer}: {_reason(trace, len(trace) - 1, scene)}{meaning}"
+
+
+def _meaning(choice: ChoiceAnswer) -> str:
+    """By which meaning of "responsible" a choice was judged, and what the other one says; "" for other questions."""
+    if not choice.meanings:
+        return ""
+    if choice.meanings["chain"] == choice.meanings["but_for"]:
+        return "; by the causal chain and by what would have happened without it"
+    if choice.meanings["but_for"] is None:
+        return "; by the causal chain (by what would have happened without it: not known)"
+    judged = choice.meanings["chain"] == (choice.answer == "correct")
+    return f"; by {'the causal chain' if judged else 'what would have happened without it'}{disagreement(choice)}"
+
+
+def disagreement(choice: ChoiceAnswer) -> str:
+    """What the other meaning of "responsible" says, as " (…)"; "" where both say the same, or one is not known."""
+    chain, needed = (choice.meanings.get(name) for name in ("chain", "but_for"))
+    if chain is None or needed is None or chain == needed:
+        return ""
+    if chain == (choice.answer == "correct"):
+        return f" (by what would have happened without it: {'correct' if needed else 'wrong'})"
+    return f" (by the causal chain: {'correct' if chain else 'wrong'})"
 
 
 def _reason(trace: Sequence[TraceStep], index: int, scene: Scene) -> str:
@@ -97,26 +120,18 @@ def _membership(trace: Sequence[TraceStep], index: int, scene: Scene) -> str:
     what = "happens after the video" if group.module == "unseen_events" else "happens"
     if group.module == "get_counterfact":
         what = f"happens without the {trace[group.inputs[1]].text}"
+    if group.module == "get_changed":
+        what = f"happens with the {trace[group.inputs[1]].text} {trace[group.inputs[2]].text.replace('_', ' ')}"
     return f'"{chosen.text}" is {"" if inside else "not "}among what {what}'
 
 
 def _causal_path(chosen: TraceStep, target: Event, scene: Scene) -> list[Event] | None:
     """The shortest chain of direct causes from an event (or an event of an object) to the target."""
-    events = list(scene.events)
-    causes = direct_causes(events)
-
-    def matches(event: Event) -> bool:
-        if isinstance(chosen.value, Event):
-            return (event.kind, event.objects) == (chosen.value.kind, chosen.value.objects)
-        return chosen.value in event.objects
-
-    frontier = [[events.index(target)]]
-    while frontier:
-        path = frontier.pop(0)
-        if matches(events[path[0]]) and (len(path) > 1 or not isinstance(chosen.value, Event)):
-            return [events[i] for i in path]
-        frontier += [[cause, *path] for cause in causes[path[0]]]
-    return None
+    value = chosen.value
+    if not isinstance(value, Event):
+        return causal_path(scene.events, lambda e: value in e.objects, target)
+    same = (value.kind, value.objects)
+    return causal_path(scene.events, lambda e: (e.kind, e.objects) == same and e != target, target)
 
 
 def _event_clause(event: Event, scene: Scene) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
+from nsdr.symbolic.quantities import Quantities, Simulate
 from nsdr.types import Event, Scene, SceneObject
 
 __all__ = ["MotionTable", "World", "world_of"]
@@ -101,6 +102,7 @@ class World:
         counterfactual: collisions without an object, by that object's id; None where they are not known.
         end_frame: frame of the event `end`.
         motion: makes the motion table; called when it is first needed.
+        quantities: speeds, masses and changes, for questions beyond CLEVRER.
     """
 
     def __init__(
@@ -111,8 +113,10 @@ class World:
         counterfactual: Mapping[int, Sequence[Event]] | None,
         end_frame: int,
         motion: Callable[[], MotionTable],
+        quantities: Quantities,
     ) -> None:
         self.objects = objects
+        self.quantities = quantities
         self._observed_events = observed
         self._unseen_events = unseen
         self._counterfactual = counterfactual
@@ -231,8 +235,12 @@ class World:
         object_id = removed.bit_length() - 1
         if known is None or object_id not in known:
             raise ExecutionError(f"events without {self.object_text(removed)} are not known in this scene")
+        return self.like_any(known[object_id])
+
+    def like_any(self, events: Sequence[Event]) -> int:
+        """Every event of the same kind and objects as one of these."""
         result = 0
-        for event in known[object_id]:
+        for event in events:
             result |= self._same[event.kind, event.objects]
         return result
 
@@ -271,8 +279,8 @@ class World:
         return what if event.frame < 0 else f"{what} (frame {event.frame})"
 
 
-def world_of(scene: Scene) -> World:
-    """The world of a scene with the paper's semantics."""
+def world_of(scene: Scene, simulate: Simulate | None = None) -> World:
+    """The world of a scene with the paper's semantics; `simulate` is as of `nsdr.symbolic.quantities.Quantities`."""
     return World(
         scene.objects,
         scene.events,
@@ -280,6 +288,7 @@ def world_of(scene: Scene) -> World:
         scene.counterfactual,
         end_frame=scene.n_frames - 1,
         motion=lambda: _motion(scene),
+        quantities=Quantities(scene, simulate),
     )
 
 

@@ -1,6 +1,7 @@
 """The data types that stages exchange. All are frozen dataclasses, validated on construction.
 
-video -> `VideoProposals` -> `VideoTracks` -> `DynamicsPrediction` -> `Scene` -> `Answer`
+video -> `VideoProposals` -> `VideoTracks` -> `DynamicsPrediction` -> `Scene` -> `Answer`;
+`VideoTracks` + interventions -> `Simulation`
 
 Frames count from 0; the video shows frames below `n_frames`, later ones are unseen. Pixels are those of the 480x320
 image, (column, row); world units are CLEVRER's ground plane (x towards the camera, y to the right of the image).
@@ -9,18 +10,30 @@ Arrays are stored as read-only views of the arrays passed in.
 """
 
 from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
+from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelocity
+from nsdr.types.object_physics import ObjectPhysics
 from nsdr.types.scenes import Doubt, DynamicsPrediction, Event, Rollout, Scene
+from nsdr.types.simulations import EventChange, Simulation
 from nsdr.types.tracks import SceneObject, Track, VideoProposals, VideoTracks
 
 __all__ = [
+    "Add",
     "Answer",
     "ChoiceAnswer",
     "Doubt",
     "DynamicsPrediction",
     "Event",
+    "EventChange",
+    "Freeze",
+    "Move",
+    "ObjectPhysics",
+    "Remove",
     "Rollout",
     "Scene",
     "SceneObject",
+    "SetMass",
+    "SetVelocity",
+    "Simulation",
     "TraceStep",
     "Track",
     "VideoProposals",

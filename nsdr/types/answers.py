@@ -1,6 +1,6 @@
 """Answers and how they were found."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import NoneType
 from typing import Any, TypeVar
@@ -62,6 +62,8 @@ class ChoiceAnswer(_Lazy):
         trace: executed steps; empty if it failed.
         error: why it failed; "" if it did not.
         probability: that the choice is correct, in 0-1; None if it failed, or where the scene knows no doubts (`Scene.doubts`).
+        meanings: of a choice of an explanatory question, whether it is correct by each meaning of "responsible"
+            (`nsdr.symbolic.responsibility`), None where that is not known; else empty.
     """
 
     choice: str
@@ -70,6 +72,7 @@ class ChoiceAnswer(_Lazy):
     trace: tuple[TraceStep, ...]
     error: str = ""
     probability: float | None = field(default_factory=NoneType)  # a plain default would be found in place of `_Lazy`'s
+    meanings: Mapping[str, bool | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ T = TypeVar("T", Answer, ChoiceAnswer)
 
 
 def with_lazy(answer: T, **makers: Callable[[], Any]) -> T:
-    """The same answer, whose `trace` or `probability` is made when it is first read.
+    """The same answer, some of whose fields are made when they are first read.
 
     Args:
         answer: a new answer, which is changed.

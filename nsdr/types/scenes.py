@@ -8,6 +8,7 @@ import numpy as np
 
 from nsdr.errors import DataError
 from nsdr.types.checks import ArrayHolder, BoolArray, FloatArray, check, check_values, check_whole, store_array
+from nsdr.types.object_physics import ObjectPhysics
 from nsdr.types.tracks import SceneObject, check_objects
 
 __all__ = ["Doubt", "DynamicsPrediction", "Event", "Rollout", "Scene"]
@@ -109,12 +110,14 @@ class DynamicsPrediction(ArrayHolder):
         n_frames: number of frames of the video; rollouts continue beyond it.
         observed: the rollout with all objects: the video and its continuation.
         counterfactual: rollouts with one object removed, by that object's id.
+        physics: velocities during the video and masses; None where the backend does not know them.
     """
 
     objects: tuple[SceneObject, ...]
     n_frames: int
     observed: Rollout
     counterfactual: Mapping[int, Rollout] = field(default_factory=dict)
+    physics: ObjectPhysics | None = None
 
     def __post_init__(self) -> None:
         check_objects("DynamicsPrediction", self.objects)
@@ -123,6 +126,7 @@ class DynamicsPrediction(ArrayHolder):
         for rollout in (self.observed, *self.counterfactual.values()):
             expected, got = len(self.objects), len(rollout.visible)
             check(got == expected, f"DynamicsPrediction: expected rollouts of {expected} objects, got {got}")
+        _check_physics("DynamicsPrediction", self.physics, len(self.objects), self.n_frames)
         object.__setattr__(self, "counterfactual", MappingProxyType(dict(self.counterfactual)))
 
 
@@ -142,6 +146,7 @@ class Scene(ArrayHolder):
         dynamics: the trajectories that the scene was made from, which pictures show; None where they were not kept.
         doubts: collisions that are uncertain: observed, unseen (those after the video) and counterfactual ones; None where
             nothing is known about that.
+        physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
     """
 
     objects: tuple[SceneObject, ...]
@@ -154,6 +159,7 @@ class Scene(ArrayHolder):
     unseen_scores: FloatArray | None = None
     dynamics: DynamicsPrediction | None = None
     doubts: tuple[Doubt, ...] | None = None
+    physics: ObjectPhysics | None = None
 
     def __post_init__(self) -> None:
         check_objects("Scene", self.objects)
@@ -171,6 +177,7 @@ class Scene(ArrayHolder):
             store_array(self, "unseen_scores", (n, n), "f")
             check_values("Scene", "unseen_scores", self.unseen_scores, 0, 1)
         _check_removed("Scene", self.counterfactual or {}, n)
+        _check_physics("Scene", self.physics, n, self.n_frames)
         for event in self.events:
             if event.frame >= self.n_frames:
                 raise DataError(f"Scene.events: {event} is after the video's {self.n_frames} frames")
@@ -193,6 +200,12 @@ def _check_removed(owner: str, counterfactual: Mapping[int, object], n: int) -> 
     for removed in counterfactual:
         check_whole(f"{owner}.counterfactual", "keys", removed, 0)
         check(removed < n, f"{owner}.counterfactual: expected object ids from 0 to {n - 1} as keys, got {removed}")
+
+
+def _check_physics(owner: str, physics: ObjectPhysics | None, n: int, n_frames: int) -> None:
+    if physics is not None:
+        got = physics.velocity_world_per_s.shape[:2]
+        check(got == (n, n_frames), f"{owner}.physics: expected {n} objects and {n_frames} frames, got {got}")
 
 
 def _check_dynamics(scene: Scene, dynamics: DynamicsPrediction) -> None:

@@ -6,6 +6,7 @@ from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.visualize.annotate import annotated_image, write_annotated_image
+    from nsdr.visualize.comparison import comparison_frames
     from nsdr.visualize.distributions import program_curve, question_figure, training_curves
     from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
     from nsdr.visualize.report import write_report
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "nsdr.visualize.annotate": ["annotated_image", "write_annotated_image"],
+    "nsdr.visualize.comparison": ["comparison_frames"],
     "nsdr.visualize.distributions": ["program_curve", "question_figure", "training_curves"],
     "nsdr.visualize.figures": ["causal_figure", "figure_png", "plan_figure"],
     "nsdr.visualize.samples": ["sample_image"],
@@ -26,6 +28,7 @@ _HOME = {
 __all__ = [
     "annotated_image",
     "causal_figure",
+    "comparison_frames",
     "figure_png",
     "plan_figure",
     "program_curve",

@@ -6,21 +6,22 @@ import importlib.util
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics.interventions import simulate_removal
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
-from nsdr.symbolic import format_probability, format_tree
-from nsdr.symbolic.traces import explain
-from nsdr.types import Answer, DynamicsPrediction, Event, Scene, TraceStep
+from nsdr.types import Answer, DynamicsPrediction, Event, Remove, Scene, Simulation
 from nsdr.visualize.annotate import annotated_image
+from nsdr.visualize.differences import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
 from nsdr.visualize.impacts import event_text
+from nsdr.visualize.plan_frames import draw_plan
 from nsdr.visualize.strobe import EVERY, stroboscopic_image
+from nsdr.visualize.timeline import TIMELINE_STYLE, timeline_html
 from nsdr.visualize.video import write_annotated_video
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -32,14 +33,6 @@ MAX_VIDEO_FRAMES = 600
 """A longer one, too, before it is encoded."""
 SHOWN_FRAMES = 6
 """Number of these frames."""
-OBSERVED_FRAMES_PER_STEP = 3
-"""Maximum number of frames shown beside a step of the trace."""
-THUMBNAIL_SIZE_PX = (240, 160)
-"""Width and height of these frames."""
-HIGHLIGHT_COLOR = (255, 210, 60)
-"""Colour of the boxes around a step's objects, RGB."""
-HIGHLIGHT_WIDTH_PX = 3
-"""Line width of these boxes (pixels of the video)."""
 STYLE = """
 :root { color-scheme: light dark; --text: #222; --faint: #666; --line: #ddd; --back: #fff; --code: #f4f4f4; --good: #177245;
 --bad: #a33 }
@@ -77,13 +70,14 @@ def write_report(
     """
     scene, dynamics = perception.scene, perception.dynamics
     title = html.escape(answers[0].question if len(answers) == 1 else "What was seen in the video")
-    body = [f"<h1>{title}</h1>", *(_summary(answer, len(answers) > 1) for answer in answers)]
+    body = [f"<h1>{title}</h1>", *(summary_html(answer, len(answers) > 1) for answer in answers)]
     if frames is not None and perception.tracks is not None:
         body += ["<h2>Video</h2>", _video(frames, perception)]
     body += [
         "<h2>Objects</h2>",
         _objects(scene),
         "<h2>Events</h2>",
+        timeline_html(perception, frames, "#video video"),
         _events(scene, dynamics),
         "<h2>Pictures</h2><div class=row>",
     ]
@@ -91,13 +85,13 @@ def write_report(
         body += _pictures(frames, perception)
     if dynamics is not None:
         caption = "From above: observed trajectories solid, predicted ones dashed."
-        body.append(_figure(figure_png(plan_figure(dynamics)), caption))
-    body += [_figure(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
+        body.append(figure_html(figure_png(plan_figure(dynamics)), caption))
+    body += [figure_html(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
     if dynamics is not None:
-        body += ["<h2>Without each object</h2><div class=row>", *_removals(dynamics, answers), "</div>"]
-    body += [_answer(answer, perception, frames) for answer in answers]
+        body += ["<h2>Without each object</h2>", *_removals(perception, frames, answers)]
+    body += [answer_html(answer, perception, frames) for answer in answers]
     head = f"<meta charset=utf-8><meta name=viewport content='width=device-width'><title>NS-DR: {title}</title>"
-    page = f"<!doctype html><html lang=en>{head}<style>{STYLE}</style>{''.join(body)}</html>"
+    page = f"<!doctype html><html lang=en>{head}<style>{STYLE}{TIMELINE_STYLE}</style>{''.join(body)}</html>"
     with atomic_path(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
@@ -113,15 +107,14 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
         if len(content) <= MAX_VIDEO_BYTES:
             source = "data:video/mp4;base64," + base64.b64encode(content).decode()
             caption = "Masks, names and trails in every frame; flashes mark collisions."
-            return (
-                f"<figure><video controls loop muted src='{source}'></video><figcaption>{caption}</figcaption></figure>"
-            )
+            player = f"<video controls loop muted src='{source}'></video>"
+            return f"<figure id=video>{player}<figcaption>{caption}</figcaption></figure>"
     shown = np.linspace(0, len(frames) - 1, SHOWN_FRAMES).astype(int).tolist()
     scene = perception.scene
     images = [
         annotated_image(frames[f], f, perception.proposals, perception.tracks, scene) for f in dict.fromkeys(shown)
     ]
-    return f"<div class=row>{''.join(_figure(_jpeg(image), '') for image in images)}</div>"
+    return f"<div class=row>{''.join(figure_html(jpeg(image), '') for image in images)}</div>"
 
 
 def _objects(scene: Scene) -> str:
@@ -157,21 +150,42 @@ def _pictures(frames: NDArray[np.uint8], perception: Perception) -> list[str]:
     assert perception.tracks is not None
     last = len(frames) - 1
     image = annotated_image(frames[last], last, perception.proposals, perception.tracks, perception.scene)
-    figures = [_figure(_jpeg(image), "Frame parser and tracker: masks, ids and trails; stars mark collisions.")]
+    figures = [figure_html(jpeg(image), "Frame parser and tracker: masks, ids and trails; stars mark collisions.")]
     if perception.proposals is not None:
         strobe = stroboscopic_image(frames, perception.proposals, perception.tracks, EVERY)
         caption = f"The video as a stroboscopic image: one copy every {EVERY} frames."
-        figures.insert(0, _figure(_jpeg(strobe), caption))
+        figures.insert(0, figure_html(jpeg(strobe), caption))
     return figures
 
 
-def _removals(dynamics: DynamicsPrediction, answers: Sequence[Answer]) -> list[str]:
-    """The plan without each object that the questions remove, or without each of all."""
+def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers: Sequence[Answer]) -> list[str]:
+    """What is different without each object that the questions remove, or without each of all, with pictures."""
+    dynamics = perception.dynamics
+    assert dynamics is not None
     chosen = sorted((_removed_objects(answers) or set(dynamics.counterfactual)) & set(dynamics.counterfactual))
-    return [
-        _figure(figure_png(plan_figure(dynamics, i)), f"Without the {dynamics.objects[i].name}; gray: with it.")
-        for i in chosen
-    ]
+    parts = []
+    for i in chosen:
+        name = dynamics.objects[i].name
+        simulation = simulate_removal(dynamics, [Remove(i)], 0, "report")
+        plan = figure_html(figure_png(plan_figure(dynamics, i)), "From above; gray: with it.")
+        changes = _changes(simulation, perception, frames) or "<p>Nothing else changes.</p>"
+        parts.append(f"<h3>Without the {name}</h3><div class=row>{plan}<div>{changes}</div></div>")
+    return parts
+
+
+def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
+    """A picture and a line for each difference: what no longer happens in the video's frame, else from above."""
+    cards = []
+    for change in simulation.differences():
+        event, gone = change.event, change.kind == "no longer"
+        if gone and frames is not None and perception.tracks is not None and event.frame < len(frames):
+            picture = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects)
+        else:
+            rollout = simulation.original if gone else simulation.changed
+            picture = data_uri(jpeg(draw_plan(simulation.objects, rollout, simulation.changed_yaw, event.frame)))
+        image = f"<img alt='frame {event.frame}' src='{picture}'>"
+        cards.append(f"<div>{image}{html.escape(change_text(simulation, change))}</div>")
+    return f"<div class=cards>{''.join(cards)}</div>" if cards else ""
 
 
 def _removed_objects(answers: Sequence[Answer]) -> set[int]:
@@ -183,80 +197,3 @@ def _removed_objects(answers: Sequence[Answer]) -> set[int]:
             if step.module == "get_counterfact":
                 removed |= set(trace[step.inputs[1]].objects)
     return removed
-
-
-def _summary(answer: Answer, named: bool) -> str:
-    """The answer, or a table of the choices; after the question, if it is to be named."""
-    question = f"<p>{html.escape(answer.question)}</p>" if named else ""
-    if answer.answer is not None:
-        said = html.escape(answer.answer).replace("\n", "<br>")
-        return f"{question}<p class=answer>Answer: <b>{said}</b>{html.escape(format_probability(answer))}</p>"
-    rows = (
-        f"<tr class={c.answer or 'error'}><td>{c.answer or 'error'}{html.escape(format_probability(c))}"
-        f"<td>{html.escape(c.choice)}" + (f"<br>{html.escape(c.error)}" if c.error else "")
-        for c in answer.choices
-    )
-    return f"{question}<table>{''.join(rows)}</table>"
-
-
-def _answer(answer: Answer, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
-    parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
-    parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
-    scene = perception.scene
-    if answer.answer is not None:
-        parts.append(f"<p>{html.escape(explain(answer, scene))}</p>" + _trace(answer.trace, perception, frames))
-    for choice in answer.choices:
-        parts.append(
-            f"<h3 class={choice.answer or 'error'}>{html.escape(choice.choice)}: {choice.answer or 'error'}</h3>"
-        )
-        if choice.error:
-            parts.append(f"<p>{html.escape(choice.error)}</p>")
-        else:
-            parts.append(f"<p>{html.escape(explain(choice, scene))}</p>" + _trace(choice.trace, perception, frames))
-    return "".join(parts)
-
-
-def _trace(trace: Sequence[TraceStep], perception: Perception, frames: NDArray[np.uint8] | None) -> str:
-    """The steps, collapsed; words such as `cube` are no steps but stand among the inputs."""
-    is_word = [not step.inputs and step.module == step.text for step in trace]
-    numbers = np.cumsum([not word for word in is_word]).tolist()
-    rows = []
-    for index, step in enumerate(trace):
-        if is_word[index]:
-            continue
-        inputs = ", ".join(trace[i].text if is_word[i] else str(numbers[i]) for i in step.inputs)
-        observed = sorted({e.frame for e in step.events if e in perception.scene.events})[:OBSERVED_FRAMES_PER_STEP]
-        shown = observed if frames is not None and perception.tracks is not None else []
-        images = "".join(f"<img alt='frame {f}' src='{_thumbnail(frames[f], perception, step, f)}'>" for f in shown)  # type: ignore[index]
-        call = f"<code>{step.module}</code>{f' ({inputs})' if inputs else ''}"
-        rows.append(f"<tr><td class=number>{numbers[index]}<td>{call}<td>{html.escape(step.text)}<td>{images}")
-    tree = html.escape(format_tree(trace))
-    head = "<tr><th class=number>step<th>module (inputs)<th>result<th>frames of its events"
-    table = f"<details><summary>{len(rows)} steps</summary><table>{head}{''.join(rows)}</table></details>"
-    return f"{table}<details><summary>program tree</summary><pre>{tree}</pre></details>"
-
-
-def _thumbnail(frame: NDArray[np.uint8], perception: Perception, step: TraceStep, frame_index: int) -> str:
-    """A small copy of the frame as a data URI, with boxes around the objects of the step's events in this frame."""
-    image = frame.copy()
-    assert perception.tracks is not None
-    for i in {i for e in step.events if e.frame == frame_index for i in e.objects}:
-        track = perception.tracks.tracks[i]
-        box = track.box_xyxy_px[int(np.abs(track.frame_index - frame_index).argmin())].tolist()
-        cv2.rectangle(image, box[:2], box[2:], HIGHLIGHT_COLOR, HIGHLIGHT_WIDTH_PX)
-    return _data_uri(_jpeg(cv2.resize(image, THUMBNAIL_SIZE_PX, interpolation=cv2.INTER_AREA)))
-
-
-def _jpeg(image: Any) -> bytes:
-    """An RGB image as the bytes of a JPEG file, which is a tenth of a PNG's size for frames."""
-    return bytes(cv2.imencode(".jpg", image[..., ::-1])[1])
-
-
-def _data_uri(image: bytes) -> str:
-    kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
-    return f"data:image/{kind};base64," + base64.b64encode(image).decode()
-
-
-def _figure(image: bytes, caption: str) -> str:
-    text = html.escape(caption)
-    return f"<figure><img alt='{text}' src='{_data_uri(image)}'><figcaption>{text}</figcaption></figure>"

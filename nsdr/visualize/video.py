@@ -29,7 +29,12 @@ FLASH_OPACITY = 0.9
 
 
 def write_annotated_video(
-    path: str | Path, frames: NDArray[np.uint8], proposals: VideoProposals | None, tracks: VideoTracks, scene: Scene
+    path: str | Path,
+    frames: NDArray[np.uint8],
+    proposals: VideoProposals | None,
+    tracks: VideoTracks,
+    scene: Scene,
+    preset: str = "slow",
 ) -> None:
     """Write an mp4 of twice the video's width and height.
 
@@ -39,6 +44,7 @@ def write_annotated_video(
         proposals: masks whose outlines are drawn; None draws no outlines.
         tracks: objects whose names and trails are drawn.
         scene: source of the collisions.
+        preset: as of `nsdr.io.video.write_video`.
 
     Raises:
         DataError: PyAV is missing.
@@ -53,7 +59,7 @@ def write_annotated_video(
                     _draw_flash(image, [tracks.tracks[i] for i in event.objects], event.frame, age)
             yield image
 
-    write_video(path, images())
+    write_video(path, images(), preset=preset)
 
 
 def _draw_flash(image: NDArray[Any], pair: list[Any], frame_index: int, age: int) -> None:

@@ -6,11 +6,13 @@ collisions (`pytest -m real_data -k simulated_again`). Objects are 0.4 world uni
 
 __all__ = [
     "ANGULAR_DAMPING",
+    "CONTACT_PAUSE_STEPS",
     "CONTACT_THRESHOLD_WORLD",
     "ERROR_REDUCTION",
     "FRAME_SECONDS",
     "GRAVITY",
     "GROUND_FRICTION",
+    "GROUND_HALF_WIDTH_WORLD",
     "GROUND_RESTITUTION",
     "HULL_MARGIN_WORLD",
     "LINEAR_DAMPING",
@@ -47,12 +49,16 @@ OBJECT_RESTITUTION = 0.8
 """Coefficient of restitution of each object; Bullet multiplies those of two colliding bodies."""
 PAIR_RESTITUTION = 0.64
 """Coefficient of restitution of a collision of two objects, `OBJECT_RESTITUTION` squared."""
+GROUND_HALF_WIDTH_WORLD = 15.0
+"""The ground reaches this far from the origin along x and y (world units)."""
 GROUND_RESTITUTION = 0.5
 """Coefficient of restitution of the ground."""
 ERROR_REDUCTION = 0.08
 """Bullet's default error reduction parameter (ERP): the fraction of a penetration that is corrected per step."""
 CONTACT_THRESHOLD_WORLD = 0.02 * 0.348
 """Gap below which Bullet handles a contact (world units): 0.02 of the hulls' angular motion disc (0.348)."""
+CONTACT_PAUSE_STEPS = 70
+"""Two objects that touch after more than this number of steps without contact have collided again."""
 MIN_REBOUND_SPEED = 0.2
 """Approach speed (world units/s) below which Bullet applies no restitution."""
 HULL_MARGIN_WORLD = 0.001

@@ -3,12 +3,15 @@
 import random
 from collections.abc import Iterator
 
+from tests.robustness.answers import answer_file_cases
 from tests.robustness.archives import archive_cases
 from tests.robustness.case import Case
 from tests.robustness.checkpoints import checkpoint_cases
 from tests.robustness.configurations import configuration_cases
+from tests.robustness.data_sets import data_set_cases
 from tests.robustness.documents import document_cases
 from tests.robustness.files import file_cases
+from tests.robustness.library import library_cases
 from tests.robustness.options import option_cases
 from tests.robustness.texts import text_cases
 
@@ -30,6 +33,9 @@ def _cases() -> Iterator[Case]:
     yield from configuration_cases()
     yield from text_cases()
     yield from checkpoint_cases()
+    yield from answer_file_cases()
+    yield from library_cases()
+    yield from data_set_cases()
 
 
 def sample_cases(count: int, seed: int) -> list[Case]:

@@ -95,6 +95,10 @@ FIELDS: dict[str, list[Field]] = {
     "scenes": _fields(*SCENE),
     "scene questions": _fields(*SCENE[-6:]),
     "manifest": _fields("splits: object", "splits.train: list", "splits.validation: list", "kinds: list", "n_frames: count"),
+    "submission": _fields(
+        "0.scene_index: id", "0.questions: list", "0.questions.0.question_id: id", "0.questions.0.answer: text",
+        "0.questions.1.choices: list", "0.questions.1.choices.0.choice_id: id", "0.questions.1.choices.0.answer: word"),
+    "questions to tag": _fields("0.questions.1.choices.0.program: tokens", "0.questions.1.choices.0.answer: word"),
 }  # fmt: skip
 """The fields of each format that a reader needs (`docs/formats.md` and the readers' documentation)."""
 CHANGES: dict[str, dict[str, Change]] = {
@@ -212,6 +216,21 @@ CHANGES: dict[str, dict[str, Change]] = {
         "unknown kind": replaced("kinds", ["zebra"]),
         "number as kind": replaced("kinds", [5]),
         "overlapping splits": replaced("splits", "train", [10000, 10001]),
+    },
+    "submission": {
+        "scene twice": repeated(0),
+        "question twice": repeated(0, "questions", 0),
+        "choice twice": repeated(0, "questions", 1, "choices", 0),
+        "no scene": lambda d: d.clear(),
+        "no question": replaced(0, "questions", []),
+        "no question of the file": lambda d: d[0].update(scene_index=10007),
+    },
+    "questions to tag": {
+        "scene without truth": replaced(0, "scene_index", 10001),
+        "no counterfactual question": lambda d: d[0]["questions"].pop(),
+        "unknown tag": lambda d: d[0]["questions"][1]["choices"][0].update(tag="zebra"),
+        "number as blind": lambda d: d[0]["questions"][1]["choices"][0].update(blind=5),
+        "unknown object": lambda d: d[0]["questions"][1]["program"].__setitem__(2, "purple"),
     },
 }  # fmt: skip
 """Documents whose fields are right one by one, but not together."""

@@ -16,20 +16,30 @@ from nsdr.clevrer.example import TRUTH, VIDEO
 __all__ = [
     "ANSWER",
     "COMMANDS",
+    "CONTROLS",
     "COUNT",
     "DOCUMENTS",
+    "DUMMY",
     "EVALUATE",
     "EVALUATE_TRUTH",
+    "EXPORT",
     "GENERATE",
+    "MCP",
     "MOTION",
     "PARSE",
     "PARSE_ONE",
     "PREDICT",
     "QUESTIONS_OF",
     "ROW",
+    "SCORE",
+    "SERVE",
+    "SIMULATE",
+    "TAG",
     "TRAIN",
     "compact_arrays",
+    "csv_answers",
     "gray_video",
+    "json_line_answers",
     "write_good",
 ]
 
@@ -155,6 +165,32 @@ def manifest() -> dict[str, Any]:
     return {"splits": splits, "kinds": ["videos", "annotations", "questions", "proposals"], "n_frames": FRAMES}
 
 
+def data_set_manifest() -> dict[str, Any]:
+    """`manifest.json` of the data set with videos and truth files."""
+    config = {"seed": 0, "first_scene": 0, "render": {"width": 480, "height": 320, "fps": 25}}
+    return {**manifest(), "kinds": ["videos", "questions"], "config": config}
+
+
+def submission() -> list[dict[str, Any]]:
+    """An EvalAI submission."""
+    choices = [{"choice_id": 0, "answer": "wrong"}]
+    rows = [{"question_id": 0, "answer": "1"}, {"question_id": 1, "choices": choices}]
+    return [{"scene_index": SCENE, "questions": rows}]
+
+
+def json_line_answers() -> list[dict[str, Any]]:
+    """The rows of a JSON Lines file of answers."""
+    return [
+        {"id": f"{SCENE}-0", "scene_index": SCENE, "question_id": 0, "response": "<answer>1</answer>"},
+        {"id": f"{SCENE}-1", "scene_index": SCENE, "question_id": 1, "response": "<answer>none</answer>"},
+    ]
+
+
+def csv_answers() -> str:
+    """A CSV file of answers."""
+    return f"id,response\n{SCENE}-0,1\n{SCENE}-1,none\n"
+
+
 def scene() -> dict[str, Any]:
     """A scene saved by `nsdr parse-video`."""
     return dict(json.loads(TRUTH.read_text()))
@@ -172,10 +208,25 @@ def write_good(folder: Path) -> None:
         path = folder / "release" / file
         path.parent.mkdir(parents=True)
         path.write_text(json.dumps(document()))
+    _write_data_set(folder / "dataset")
+    (folder / "answers.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in json_line_answers()))
+    (folder / "answers.csv").write_text(csv_answers())
     save(load(Scene, TRUTH), folder / "scene.npz")
     shutil.copy(VIDEO, folder / "video.mp4")
     compact_proposals(folder / "proposals.npz")
     gray_video(folder / "gray.mp4")
+
+
+def _write_data_set(folder: Path) -> None:
+    """A generated data set of one video."""
+    for file, document in {"manifest.json": data_set_manifest, "questions/validation.json": questions,
+                           "truth/validation/truth_10000.json": truth}.items():  # fmt: skip
+        path = folder / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(document()))
+    video = folder / "videos/validation/video_10000.mp4"
+    video.parent.mkdir(parents=True)
+    gray_video(video, FRAMES)
 
 
 def gray_video(path: Path, count: int = 12, size_px: tuple[int, int] = (480, 320), rate: float = 25.0) -> None:
@@ -224,6 +275,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "scenes": ("execute", "--scene", "scene.json", *COUNT),
     "scene questions": ("answer", "scene.json", "-q", "How many collisions happen?"),
     "manifest": (*EVALUATE, "--root", ".", "--source", "annotations", "--types", "descriptive"),
+    "submission": ("score", "submission.json", *QUESTIONS_OF, "-o", "report.json"),
+    "questions to tag": ("tag", "questions.json", "--truth", "{good}/truth", "--no-blind", "-o", "tagged.json"),
 }  # fmt: skip
 """A command that reads each format, from the name in `DOCUMENTS`."""
 
@@ -236,6 +289,14 @@ PARSE_ONE = ("parse-video", "{good}/video.mp4")
 MOTION = ("data", "motion", "{good}/release", "--split", "validation", "-o", "out", "--workers", "1")
 GENERATE = ("generate", "dataset", "-o", "out", "--videos", "1", "--renderer", "none", "--workers", "1")
 TRAIN = ("train", "question-parser", "--run_dir", "run", "--loop.steps", "1", "--loop.device", "cpu")
+SCORE = ("score", "{good}/answers.jsonl", *QUESTIONS_OF, "-o", "report.json")
+DUMMY = ("dummy", "keep-recording", *QUESTIONS_OF, "--source", "truth", "--data", "{good}/truth", "-o", "dummy.jsonl")
+CONTROLS = ("controls", "{good}/dataset", "--kinds", "blind", "-o", "out", "--workers", "1")
+TAG = ("tag", "{good}/questions/questions.json", "--truth", "{good}/truth", "--no-blind", "-o", "tagged.json")
+EXPORT = ("export", "{good}/dataset", "--format", "grpo", "-o", "out")
+SIMULATE = ("simulate", "{good}/video.mp4", "--remove", "brown cylinder", "-o", "out.mp4", "--json", "out.json")
+SERVE = ("serve", "{good}/dataset")
+MCP = ("mcp", "{good}/dataset")
 """Commands that are right as they are."""
 ROW = {"name": "x", "questions": "{good}/questions/questions.json", "source": "truth", "data": "{good}/truth",
        "programs": "gold", "cache": "cache"}  # fmt: skip
@@ -254,5 +315,7 @@ DOCUMENTS: dict[str, tuple[str, Any, str]] = {
     "scenes": ("scene.json", scene, "object"),
     "scene questions": ("scene.json", scene, "object"),
     "manifest": ("manifest.json", manifest, "object"),
+    "submission": ("submission.json", submission, "list"),
+    "questions to tag": ("questions.json", questions, "list"),
 }
 """File name, good document and its type, of each format."""

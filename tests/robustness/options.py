@@ -7,14 +7,34 @@ import yaml
 
 from nsdr.clevrer.example import TRUTH
 from tests.robustness.case import Case, Write, text_writer
-from tests.robustness.good import ANSWER, COUNT, EVALUATE_TRUTH, GENERATE, MOTION, PARSE, PARSE_ONE, PREDICT, ROW, TRAIN
+from tests.robustness.good import (
+    ANSWER,
+    CONTROLS,
+    COUNT,
+    DUMMY,
+    EVALUATE_TRUTH,
+    EXPORT,
+    GENERATE,
+    MCP,
+    MOTION,
+    PARSE,
+    PARSE_ONE,
+    PREDICT,
+    QUESTIONS_OF,
+    ROW,
+    SCORE,
+    SERVE,
+    SIMULATE,
+    TAG,
+    TRAIN,
+)
 
 __all__ = ["option_cases"]
 
 OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", "hf://a/b", "hf://../x@main", "hf://a/b@main", ""),
                         "--device": ("zebra", "cuda:99", "cuda:x", ""), "--zebra": ("1",), "--set": ("tracker.score",),
-                        "--dynamics": ("zebra",)}),
+                        "--dynamics": ("zebra",), "--responsible": ("zebra", ""), "--extensions": ("zebra",)}),
     "evaluate": (EVALUATE_TRUTH, {
         "--types": ("zebra", ""), "--limit": ("-1", "x", "1.5", ""), "--every": ("0", "-1", "x"),
         "--stride": ("0", "-1", "x", "2"), "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
@@ -45,6 +65,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "data frames": (("data", "frames", "{good}", "--proposals", "{good}/release/derender_proposals", "-o", "out"),
                     {"--every": ("0", "-1", "x"), "--proposals": ("nowhere",)}),
     "generate dataset": (GENERATE, {
+        "--shards": ("0", "-1", "x", "1.5", "1000000"), "--first_shard": ("-1", "x", "1.5", "1000000000001"),
         "--videos": ("0", "-1", "x", "1000000"), "--seed": ("-1", "x"), "--first_scene": ("-1", "1000000"),
         "--renderer": ("zebra",), "--workers": ("-1",), "--engine": ("zebra",), "--zebra": ("1",),
         "--splits": ("{zebra: 1}", "{train: 0}", "{train: -1}", "{train: x}", "5", "{}", "{train: .nan}"),
@@ -67,6 +88,30 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--loop.seed": ("-1", "x"), "--loop.device": ("zebra", "cuda:99"), "--device": ("zebra",), "--zebra": ("1",),
         "--paraphrase": ("-1", "1.5", "nan"), "--other": ("-1", "1.5"), "--samples": ("-1",),
         "--evaluation_texts": ("0", "-1"), "--ablation": ("zebra", "-1", "0", ",")}),
+    "score": (SCORE, {"--questions": ("nowhere.json", "/dev/null", ".", ""), "--allow-missing": ("zebra",), "--zebra": ("1",)}),
+    "dummy": (DUMMY, {"--source": ("zebra", "videos", "proposals", "tracks", ""), "--data": ("nowhere", "/dev/null", ".", ""),
+                      "--questions": ("nowhere.json", "")}),
+    "controls": (CONTROLS, {"--split": ("zebra", "train", "test"), "--kinds": ("zebra", "", "shuffled"), "--seed": ("-1", "x"),
+                            "--limit": ("-1", "x", "1.5"), "--workers": ("-1", "x"), "--engine": ("zebra",)}),
+    "tag": (TAG, {"--truth": ("nowhere", "/dev/null", ".", ""), "--train": ("nowhere.json",), "--seed": ("-1", "x", "1.5")}),
+    "export": (EXPORT, {"--format": ("zebra", ""), "--split": ("zebra", "train", "test"), "--questions": ("nowhere.json", "."),
+                        "--videos": ("zebra", ""), "--limit": ("-1", "x"), "--shard-mb": ("0", "-1", "x", "1.5", "10000000"),
+                        "--reasoning": ("zebra",)}),
+    "simulate": (SIMULATE, {
+        "--remove": ("", " ", "zebra", "red cube sphere", "-1"), "--freeze": ("", "zebra"),
+        "--mass": ("cube", "cube=", "cube=x", "cube=0", "cube=-1", "cube=1e9", "cube=nan", "cube=1,2", "=2", "zebra=2"),
+        "--velocity": ("cube=1", "cube=x", "cube=9,9", "cube=nan,0", "cube=inf,0", "cube=1,2,3", "cube=xx2", "cube=xnan",
+                       "=1,0"),
+        "--move": ("cube", "cube=1", "cube=99,0", "cube=nan,0", "cube=x,y", "=1,0"),
+        "--shift": ("cube", "cube=1", "cube=inf,0", "cube=99,0"),
+        "--add": ("red metal cube", "red metal=1,0", "red metal pyramid=1,0", "red metal cube=1", "red metal cube=1,0,1",
+                  "red metal cube=99,0", "red metal cube=1,0,99,0", "cube metal red=1,0", "=1,0", "red metal cube=nan,0"),
+        "--from-frame": ("-1", "x", "1.5", "100000"), "--dynamics": ("zebra",), "--set": ("zebra=1",),
+        "--background": ("nowhere.png",), "--json": ("x.txt", "out.mp4")}),
+    "serve": (SERVE, {"--port": ("0", "-1", "65536", "x"), "--max-seconds": ("0", "-1", "x", "nan", "inf"),
+                      "--max-megabytes": ("0", "-1", "1.5"), "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
+    "mcp": (MCP, {"--transport": ("zebra",), "--port": ("0", "-1", "65536", "x"), "--host": ("0.0.0.0",),
+                  "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
 }  # fmt: skip
 """Wrong values of options, with a command that is right without them."""
 COMMANDS_WRONG = {
@@ -79,6 +124,36 @@ COMMANDS_WRONG = {
     "missing data set": ("data", "motion", "nowhere", "-o", "out"),
     "missing proposals": ("predict-dynamics", "nowhere", "-o", "out"),
     "missing scenes": ("generate", "questions", "--scenes", "nowhere", "-o", "out.json"),
+    "missing answers": ("score", "nowhere.jsonl", *QUESTIONS_OF),
+    "answers without questions": ("score", "{good}/answers.jsonl"),
+    "unknown dummy": ("dummy", "zebra", *QUESTIONS_OF, "-o", "out.jsonl"),
+    "dummy without scenes": ("dummy", "keep-recording", *QUESTIONS_OF, "-o", "out.jsonl"),
+    "dummy with scenes too much": ("dummy", "always-yes", *DUMMY[2:]),
+    "controls of no data set": ("controls", "nowhere", "-o", "out"), "controls of no videos": ("controls", ".", "-o", "out"),
+    "controls in the data set": ("controls", "{good}/dataset", "-o", "{good}/dataset"),
+    "controls below the videos": ("controls", "{good}/dataset", "--kinds", "blind", "-o", "{good}/dataset/videos/validation"),
+    "nothing to tag": ("tag", "{good}/questions/questions.json", "--no-blind", "-o", "out.json"),
+    "tag learns from the same scenes": ("tag", "{good}/questions/questions.json", "--train", "{good}/questions/questions.json",
+                                        "-o", "out.json"),
+    "tag with too few scenes": ("tag", "{good}/questions/questions.json", "-o", "out.json"),
+    "tag learns nothing": (*TAG, "--train", "{good}/questions/questions.json"),
+    "export of no data set": ("export", "nowhere", "--format", "grpo", "-o", "out"),
+    "export of no questions": ("export", "{good}/truth", "--format", "grpo", "-o", "out"),
+    "export without a format": ("export", "{good}/dataset", "-o", "out"),
+    "export into the data set": ("export", "{good}/dataset", "--format", "grpo", "-o", "{good}/dataset"),
+    "export a split twice": (*EXPORT, "--split", "validation", "validation"),
+    "export links in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--videos", "link", "-o", "out"),
+    "export scenes in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--scenes", "-o", "out"),
+    "export questions of no split": (*EXPORT, "--questions", "{good}/questions/questions.json"),
+    "simulate nothing": ("simulate", "{good}/video.mp4"), "simulate a scene": ("simulate", str(TRUTH), "--remove", "cube"),
+    "simulate no video": ("simulate", "nowhere.mp4", "--remove", "cube"),
+    "simulate gray frames": ("simulate", "{good}/gray.mp4", "--remove", "cube"),
+    "simulate one output twice": (*SIMULATE[:4], "-o", "out.mp4", "--json", "out.mp4"),
+    "simulate into the input": (*SIMULATE[:4], "-o", "{good}/video.mp4"),
+    "serve no folder": ("serve", "nowhere"), "serve a file": ("serve", "{good}/video.mp4"),
+    "serve no clips": ("serve", "{good}/truth"),
+    "mcp of no folder": ("mcp", "nowhere"), "mcp of a file": ("mcp", "{good}/video.mp4"),
+    "shards over seeds": (*GENERATE, "--shards", "2", "--seed", str(10**12)),
 }  # fmt: skip
 
 
@@ -112,6 +187,11 @@ WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "visualize video": (("visualize", "{good}/video.mp4"), "-o", "out.mp4"),
     "demo": (("demo",), "-o", "demo.png"),
     "generate scene": (("generate", "scene"), "--output", "out.json"),
+    "score": (SCORE[:-2], "-o", "out.json"),
+    "dummy": (DUMMY[:-2], "-o", "out.jsonl"),
+    "tag": (TAG[:-2], "-o", "out.json"),
+    "simulate": (SIMULATE[:4], "-o", "out.mp4"),
+    "simulate document": (SIMULATE[:4], "--json", "out.json"),
     "generate questions": (("generate", "questions", "--scenes", "{good}/truth", "--workers", "1"), "--output", "out.json"),
 }  # fmt: skip
 FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -121,6 +201,9 @@ FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {
     "generate dataset": (("generate", "dataset", *GENERATE[4:]), "--output"),
     "experiment": (("experiment", "rows.yaml"), "-o"),
     "train": (("train", "question-parser", *TRAIN[4:]), "--run_dir"),
+    "shards": (("generate", "dataset", *GENERATE[4:], "--shards", "2"), "--output"),
+    "controls": ((*CONTROLS[:4], "--workers", "1"), "-o"),
+    "export": (EXPORT[:4], "-o"),
 }
 ENDING_DECIDES = ("parse-video", "parse-video image", "visualize", "demo")
 """Outputs whose form the ending decides."""

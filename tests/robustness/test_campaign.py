@@ -6,14 +6,18 @@ from pathlib import Path
 import pytest
 
 from nsdr.io.limits import Limits
+from tests.robustness.answers import answer_controls
 from tests.robustness.campaign import run_case
 from tests.robustness.case import Case
 from tests.robustness.cases import all_cases, sample_cases
+from tests.robustness.data_sets import data_set_controls
 from tests.robustness.documents import control_cases
 from tests.robustness.good import write_good
+from tests.robustness.library import library_controls
 from tests.robustness.worker import Worker
 
 SAMPLE, SEED = 150, 16
+CONTROLS = [*control_cases(), *answer_controls(), *data_set_controls(), *library_controls()]
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "robustness.md"
 
 
@@ -37,7 +41,7 @@ def test_bad_input_is_one_line_that_names_it(case: Case, worker: Worker, good: P
     assert not wrong, f"nsdr {' '.join(case.argv)}\n{wrong}\n{result}"
 
 
-@pytest.mark.parametrize("case", list(control_cases()), ids=lambda case: case.name)
+@pytest.mark.parametrize("case", CONTROLS, ids=lambda case: case.name)
 def test_the_good_inputs_are_accepted(case: Case, worker: Worker, good: Path, tmp_path: Path) -> None:
     result, _ = run_case(case, worker, tmp_path / "case", good)
     assert result.status == 0, result

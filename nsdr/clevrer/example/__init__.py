@@ -8,7 +8,7 @@ __all__ = ["QUESTIONS", "TRUTH", "VIDEO"]
 _FOLDER = Path(str(files(__name__)))
 VIDEO = _FOLDER / "video_500002.mp4"
 """The video."""
-TRUTH = _FOLDER / "truth_500002.json"
+TRUTH = _FOLDER / "scene_500002.json"
 """The true scene, for `nsdr.load(nsdr.Scene, TRUTH)`."""
 QUESTIONS = _FOLDER / "questions_500002.json"
 """The question file, for `nsdr.clevrer.read_questions`."""

@@ -3,8 +3,9 @@
 All objects stand upright at one height, so what Bullet does in space happens in the plane: they slide, lose speed, and cubes
 spin. Bullet steps 0.004 s at a time and handles contacts at a distance: once the gap is below a threshold, the speed after a
 contact is at most the rebound minus gap / step. So the same collision rebounds with anything from 0 to 0.64 of the approach
-speed, depending on where in a step it falls. `rebound` replaces this rule for a pair by a given rebound at a given gap, so that
-the motion is a smooth function of the initial state, as a fit needs it.
+speed, depending on where in a step it falls; where cubes and cylinders tip it depends less (`speed_after`). `rebound` replaces
+this rule for a pair by a given rebound at a given gap, so that the motion is a smooth function of the initial state, as a fit
+needs it.
 """
 
 from dataclasses import dataclass
@@ -15,13 +16,10 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push
+from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push, speed_after
 from nsdr.dynamics.physics.flight import slow_down
 from nsdr.world.physics_constants import (
     CONTACT_THRESHOLD_WORLD,
-    ERROR_REDUCTION,
-    MIN_REBOUND_SPEED,
-    PAIR_RESTITUTION,
     STEP_SECONDS,
     STEPS_PER_FRAME,
 )
@@ -169,11 +167,12 @@ def simulate_perturbed(
     perturbations: Perturbations,
     rebound: FloatArray | None = None,
     prescribed: PrescribedMotion | None = None,
+    start: int = 0,
 ) -> tuple[SimulatedMotion, IntArray]:
-    """Run the bodies from frame 0 as they are, and again with each of R perturbations.
+    """Run the bodies from frame `start` as they are, and again with each of R perturbations.
 
     Args:
-        bodies, exists, n_frames, rebound, prescribed: as of `simulate`.
+        bodies, exists, n_frames, rebound, prescribed, start: as of `simulate`.
         perturbations: of the further runs.
 
     Returns:
@@ -187,7 +186,7 @@ def simulate_perturbed(
     changes[1:, :, 4] = perturbations.yaw
     masses = mass * np.concatenate([np.ones((1, len(mass))), perturbations.mass])
     runs = [
-        _run(shape, state, change, own_mass, exists, rebounds, rows, until, collisions, 0, n_frames)
+        _run(shape, state, change, own_mass, exists, rebounds, rows, until, collisions, start, n_frames)
         for change, own_mass in zip(changes, masses, strict=True)
     ]
     return _motion(*runs[0]), np.stack([contact for _, contact, _ in runs])
@@ -235,8 +234,7 @@ def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-
     if np.isnan(given):
         if gap > CONTACT_THRESHOLD_WORLD:
             return False, gap - CONTACT_THRESHOLD_WORLD
-        wanted = -PAIR_RESTITUTION * apart if apart < -MIN_REBOUND_SPEED else 0.0
-        wanted -= gap / STEP_SECONDS if gap > 0 else gap * ERROR_REDUCTION / STEP_SECONDS
+        wanted = speed_after(shape, i, j, gap, apart)
     else:
         if apart >= 0 or gap + apart * STEP_SECONDS > GIVEN_GAP_WORLD:
             return False, gap - GIVEN_GAP_WORLD

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.fit_objective import MAX_FITTED_REBOUND, FitProblem, cube_edges_px, evaluate
+from nsdr.dynamics.physics.mass_uncertainty import log_mass_covariance
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
 from nsdr.dynamics.physics.trust_region import minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
@@ -99,6 +100,7 @@ class TrajectoryFit:
         motion: the run over the video.
         error_world: (n,) median distance from each object's reliable positions; NaN without any.
         cost: half the sum of squared, robust residuals for each datum.
+        log_mass_covariance: (n, n) covariance of the log masses' errors; see `mass_uncertainty`.
     """
 
     bodies: BodyStates
@@ -106,6 +108,7 @@ class TrajectoryFit:
     motion: SimulatedMotion
     error_world: FloatArray
     cost: float
+    log_mass_covariance: FloatArray
 
 
 def fit_trajectories(
@@ -311,7 +314,7 @@ class _Problem:
         return np.asarray(best)
 
     def result(self, x: FloatArray) -> TrajectoryFit:
-        cost, _, _, states, contact = evaluate(self.problem, x, self.frames)
+        cost, _, curvature, states, contact = evaluate(self.problem, x, self.frames)
         n = len(self.objects)
         position, velocity = states[..., :2], states[..., 2:4]
         mass, rebound = np.ones(n), np.full((n, n), np.nan)
@@ -327,7 +330,8 @@ class _Problem:
             good = d.weight == 1
             distance = np.linalg.norm(position[i, d.frame[good]] - d.position[good], axis=1)
             errors.append(float(np.median(distance)) if good.any() else float("nan"))
-        return TrajectoryFit(bodies, rebound, motion, np.array(errors), float(cost))
+        covariance = log_mass_covariance(self.problem, self.names, curvature, float(cost))
+        return TrajectoryFit(bodies, rebound, motion, np.array(errors), float(cost), covariance)
 
     def _compiled(self) -> FitProblem:
         """The same for the compiled objective."""

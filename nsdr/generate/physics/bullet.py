@@ -15,8 +15,10 @@ from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
 from nsdr.io.validation import NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
 from nsdr.world.physics_constants import (
+    CONTACT_PAUSE_STEPS,
     GRAVITY,
     GROUND_FRICTION,
+    GROUND_HALF_WIDTH_WORLD,
     GROUND_RESTITUTION,
     OBJECT_RADIUS_WORLD,
     OBJECT_RESTITUTION,
@@ -31,9 +33,7 @@ __all__ = ["Body", "BulletConfig", "BulletMotion", "Contact", "Simulator"]
 FloatArray = NDArray[np.floating[Any]]
 NEAR_WORLD = 6 * OBJECT_RADIUS_WORLD
 """Objects whose centres are farther apart than this when a frame starts are not checked for contacts in that frame."""
-CONTACT_PAUSE_STEPS = 70
-"""Two objects that touch after more than this number of steps without contact have collided again."""
-GROUND_HALF_EXTENTS_WORLD = (15.0, 15.0, 5.0)
+GROUND_HALF_EXTENTS_WORLD = (GROUND_HALF_WIDTH_WORLD, GROUND_HALF_WIDTH_WORLD, 5.0)
 """Half-size of the box whose top face is the ground."""
 GROUND_BOX_FRICTION = 1.0
 """Friction coefficient of the ground box. Bullet multiplies it by the object's coefficient."""

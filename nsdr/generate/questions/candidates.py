@@ -3,9 +3,12 @@
 import random
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations
 
+from nsdr.baselines.recording import keep_recording
+from nsdr.clevrer.questions import OPTION_TAGS
 from nsdr.errors import ExecutionError
 from nsdr.question_parser.grammar.templates import Chooser, Grammar, Pair, every
 from nsdr.symbolic import Executor
@@ -57,12 +60,14 @@ class Option:
         program: its program.
         correct: whether it is correct.
         kind: the grammar's symbol that it was made from, such as "presence" or "collision".
+        tag: one of `OPTION_TAGS` of an option of a counterfactual question.
     """
 
     text: str
     program: tuple[str, ...]
     correct: bool
     kind: str
+    tag: str | None = None
 
 
 @dataclass(frozen=True)
@@ -122,7 +127,8 @@ class SceneWords:
         return choose.pick([words for words in options if without not in _attributes(words)])
 
 
-def _attributes(words: Sequence[str]) -> tuple[str, ...]:
+@cache
+def _attributes(words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for word in words for name, known in ATTRIBUTES.items() if word in known)
 
 
@@ -210,7 +216,7 @@ def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
 def _both_ways(text: str, program: Sequence[str], kind: str, options: Sequence[Option]) -> Iterator[MultipleChoice]:
     """The question in its affirmative and its negated form; "{}" in the text is where "not" goes."""
     yield MultipleChoice(text.format(""), tuple(program), kind, False, tuple(options))
-    negated = tuple(Option(o.text, o.program, not o.correct, o.kind) for o in options)
+    negated = tuple(replace(o, correct=not o.correct) for o in options)
     yield MultipleChoice(text.format("not "), (*program, "negate"), kind, True, negated)
 
 
@@ -223,11 +229,13 @@ def _predictive(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
 
 
 def _counterfactual(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
-    name = _Namer(scene, rng)
+    name, recording = _Namer(scene, rng), Executor(keep_recording(scene))
     for removed in range(len(scene.objects)):
         pairs = combinations([i for i in range(len(scene.objects)) if i != removed], 2)
         text, program = name(Grammar.counterfactual, [removed])
         options = [name.option(program, Grammar.happens, _shuffled(pair, rng)) for pair in pairs]
+        kept = [bool(recording.run([*o.program, *program])) for o in options]
+        options = [replace(o, tag=OPTION_TAGS[k != o.correct]) for k, o in zip(kept, options, strict=True)]
         yield from _both_ways(text.replace(" will happen", " will {}happen"), program, "counterfactual", options)
 
 

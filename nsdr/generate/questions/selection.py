@@ -2,13 +2,13 @@
 
 `nsdr.generate.questions.candidates` lists all questions of a scene. The selection goes through the scenes in order and takes
 the questions that bring the data set's answers closest to their target shares, so that a question's type says nothing about
-its answer.
+its answer, nor does "not" about its options'.
 """
 
 import random
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions
@@ -20,7 +20,10 @@ from nsdr.generate.questions.candidates import (
     descriptive_questions,
     multiple_choice_questions,
 )
+from nsdr.generate.questions.extensions import ExtensionSelection, changed_questions, extension_questions
+from nsdr.generate.questions.inferential import CounterfactualConfig, InferentialSelection
 from nsdr.io.validation import COUNT, MAX_SIZE, NOT_NEGATIVE, check_ranges
+from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 
 __all__ = ["Candidates", "QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
@@ -72,16 +75,26 @@ class QuestionConfig:
         per_video: mean number of questions per video, by descriptive subtype or other type. Defaults to the train split's.
         max_options: max number of options of a question (predictive ones have two).
         seed: seed of the wordings and of ties.
+        counterfactual: what counterfactual questions ask.
+        extensions: whether each video also gets questions beyond CLEVRER (`nsdr.generate.questions.extensions`).
+        changed_per_video: max number of what-if questions about changed objects, for truth files of scenes with CLEVRER's
+            physics; each takes seconds of simulation.
     """
 
     per_video: Mapping[str, float] = field(default_factory=lambda: dict(PER_VIDEO))
     max_options: int = 4
     seed: int = 0
+    counterfactual: CounterfactualConfig = field(default_factory=CounterfactualConfig)
+    extensions: bool = False
+    changed_per_video: int = 0
 
     def __post_init__(self) -> None:
         if set(self.per_video) - set(PER_VIDEO):
             raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
         check_ranges(self, per_video=NOT_NEGATIVE, max_options=(MIN_OPTIONS, MAX_SIZE), seed=COUNT)
+        check_ranges(self, changed_per_video=COUNT)
+        if self.changed_per_video and not self.extensions:
+            raise DataError("changed_per_video: expected 0 without extensions; such questions are beyond CLEVRER")
 
 
 @dataclass(frozen=True)
@@ -93,28 +106,55 @@ class Candidates:
         video_filename: file name of the video.
         descriptive: descriptive questions with their answers.
         multiple_choice: multiple-choice questions with all options.
+        extensions: descriptive questions beyond CLEVRER.
+        changed: what-if questions about changed objects, with all options.
     """
 
     scene_index: int
     video_filename: str
     descriptive: tuple[Descriptive, ...]
     multiple_choice: tuple[MultipleChoice, ...]
+    extensions: tuple[Descriptive, ...] = ()
+    changed: tuple[MultipleChoice, ...] = ()
 
 
-def find_candidates(item: tuple[int, str, Scene], seed: int = 0) -> Candidates:
-    """Candidate questions of a scene (index, file name, scene), at most `KEPT_PER_ANSWER` per family and answer."""
-    index, filename, scene = item
+def find_candidates(
+    item: tuple[int, str, Scene] | tuple[int, str, Scene, Simulate | None],
+    seed: int = 0,
+    extensions: bool = False,
+    changed_per_video: int = 0,
+) -> Candidates:
+    """Candidate questions of a scene, at most `KEPT_PER_ANSWER` per family and answer.
+
+    Args:
+        item: index, file name and scene; for what-if questions also what gives the true collisions with a change.
+        seed, extensions, changed_per_video: as of `QuestionConfig`.
+    """
+    index, filename, scene, *simulate = item
     rng = random.Random(f"{seed} questions {index}")
-    kept: list[Descriptive] = []
+    kept = _kept(descriptive_questions(scene, rng), rng)
+    options = tuple(multiple_choice_questions(scene, rng))
+    if not extensions:
+        return Candidates(index, filename, kept, options)
+    rng = random.Random(f"{seed} extensions {index}")
+    beyond = _kept(extension_questions(scene, rng), rng)
+    changed: tuple[MultipleChoice, ...] = ()
+    if changed_per_video and simulate and simulate[0] is not None:
+        changed = tuple(changed_questions(scene, simulate[0], rng, changed_per_video))
+    return Candidates(index, filename, kept, options, beyond, changed)
+
+
+def _kept(questions: Iterable[Descriptive], rng: random.Random) -> tuple[Descriptive, ...]:
+    """At most `KEPT_PER_ANSWER` per family and answer, drawn at random."""
+    found, kept = list(questions), []
     seen: Counter[tuple[str, str]] = Counter()
-    found = list(descriptive_questions(scene, rng))
     rng.shuffle(found)
     for question in found:
         key = (question.family, question.answer)
         if seen[key] < KEPT_PER_ANSWER:
             seen[key] += 1
             kept.append(question)
-    return Candidates(index, filename, tuple(kept), tuple(multiple_choice_questions(scene, rng)))
+    return tuple(kept)
 
 
 def generate_questions(
@@ -125,14 +165,22 @@ def generate_questions(
     Predictive, counterfactual and motion questions are omitted for scenes that lack the ground truth they need.
     """
     config = config or QuestionConfig()
-    return select_questions(map(partial(find_candidates, seed=config.seed), scenes), config)
+    find = partial(find_candidates, seed=config.seed, extensions=config.extensions)
+    return select_questions(map(find, scenes), config)
 
 
 def select_questions(candidates: Iterable[Candidates], config: QuestionConfig) -> Iterator[SceneQuestions]:
-    """Select from the candidates of each scene, in order, the questions that balance the data set."""
-    selection = _Selection(config)
+    """Select from the candidates of each scene, in order, the questions that balance the data set.
+
+    Warns at the end if the scenes did not allow `CounterfactualConfig.inferential_share`.
+    """
+    selection, beyond = _Selection(config), ExtensionSelection(config.seed)
     for scene in candidates:
-        yield selection.scene(scene)
+        found = selection.scene(scene)
+        more = beyond.questions(scene.extensions, scene.changed, len(found.questions))
+        yield replace(found, questions=(*found.questions, *more))
+    if selection.inferential is not None:
+        selection.inferential.warn_if_missed()
 
 
 class _Selection:
@@ -143,8 +191,14 @@ class _Selection:
         self.owed = dict.fromkeys(config.per_video, 0.0)
         self.answers: Counter[tuple[str, str]] = Counter()
         self.families: Counter[tuple[str, ...]] = Counter()
-        self.correct: Counter[tuple[str, int]] = Counter()
+        self.correct: Counter[tuple[str, bool, int]] = Counter()
         self.options: Counter[tuple[str, bool, str, bool]] = Counter()
+        self.inferential: InferentialSelection | None = None
+        if (share := config.counterfactual.inferential_share) is not None:
+            kind, n_options = "counterfactual", (MIN_OPTIONS, config.max_options)
+            self.inferential = InferentialSelection(
+                share, CORRECT_SHARES[kind], n_options, MIN_WRONG[kind], MAX_SURPLUS, self.rng
+            )
 
     def scene(self, candidates: Candidates) -> SceneQuestions:
         questions: list[Question] = []
@@ -156,9 +210,7 @@ class _Selection:
         return SceneQuestions(
             candidates.scene_index,
             candidates.video_filename,
-            tuple(
-                Question(i, q.text, q.type, q.subtype, q.program, q.answer, q.choices) for i, q in enumerate(ordered)
-            ),
+            tuple(replace(q, id=i) for i, q in enumerate(ordered)),
         )
 
     def _descriptive(self, kind: str, candidates: Candidates) -> list[Question]:
@@ -194,10 +246,17 @@ class _Selection:
         selected: list[Question] = []
         limit = PREDICTIVE_PER_SCENE if kind == "predictive" else len(remaining)
         while remaining and self.owed[kind] >= MIN_OWED and len(selected) < limit:
-            # Each question is asked in one form only: affirmative or negated, whichever was used less.
-            remaining.sort(key=lambda c: self.families[kind, str(c.negated)])
-            candidate = remaining.pop(0)
-            options = self._options(candidate)
+            if kind == "counterfactual" and self.inferential is not None:
+                found = self.inferential.choose(remaining, self.owed[kind])
+                if found is None:
+                    break
+                candidate, options = found
+                remaining.remove(candidate)
+            else:
+                # Each question is asked in one form only: affirmative or negated, whichever was used less.
+                remaining.sort(key=lambda c: self.families[kind, str(c.negated)])
+                candidate = remaining.pop(0)
+                options = self._options(candidate)
             if not options:
                 continue
             other = candidate.program[:-1] if candidate.negated else (*candidate.program, "negate")
@@ -205,27 +264,27 @@ class _Selection:
             self.families[kind, str(candidate.negated)] += 1
             self.owed[kind] -= 1
             choices = tuple(
-                Choice(i, o.text, o.program, "correct" if o.correct else "wrong") for i, o in enumerate(options)
+                Choice(i, o.text, o.program, "correct" if o.correct else "wrong", o.tag) for i, o in enumerate(options)
             )
             selected.append(Question(0, candidate.text, kind, None, candidate.program, None, choices))
         return selected
 
-    def _options(self, question: MultipleChoice) -> Sequence[Option]:
+    def _options(self, question: MultipleChoice) -> list[Option]:
         """Options in random order, with the number of correct ones that is most below its target share; [] when none fits."""
-        kind = question.type
+        kind, form = question.type, (question.type, question.negated)
         correct = [o for o in question.options if o.correct]
         wrong = [o for o in question.options if not o.correct]
         max_options = PREDICTIVE_OPTIONS if kind == "predictive" else self.config.max_options
         shares = CORRECT_SHARES[kind]
-        total = sum(self.correct[kind, k] for k in shares) + 1
+        total = sum(self.correct[*form, k] for k in shares) + 1
         feasible = {k: min(max_options - k, len(wrong)) for k in shares if k <= min(len(correct), max_options)}
         feasible = {k: w for k, w in feasible.items() if k + w >= MIN_OPTIONS and w >= MIN_WRONG[kind]}
         if not feasible:
             return []
-        count = max(feasible, key=lambda k: (shares[k] - self.correct[kind, k] / total, self.rng.random()))
-        if self.correct[kind, count] > (shares[count] + MAX_SURPLUS) * total:
+        count = max(feasible, key=lambda k: (shares[k] - self.correct[*form, k] / total, self.rng.random()))
+        if self.correct[*form, count] > (shares[count] + MAX_SURPLUS) * total:
             return []
-        self.correct[kind, count] += 1
+        self.correct[*form, count] += 1
         options = self._least_used(question, correct, count) + self._least_used(question, wrong, feasible[count])
         self.rng.shuffle(options)
         return options

@@ -1,7 +1,7 @@
 """Statistics of a question set compared with the release: a Markdown page and charts like the paper's two figures."""
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,8 @@ RELEASED_QUESTIONS: dict[str, dict[str, float]] = {
 """Counts over the train split's 10,000 videos."""
 
 
-def count_questions(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, float]]:
-    """The counts of `RELEASED_QUESTIONS`, and those of the answers to each descriptive subtype."""
+def count_questions(scenes: Iterable[SceneQuestions]) -> dict[str, dict[str, float]]:
+    """The counts of `RELEASED_QUESTIONS`, those of the answers to each descriptive subtype, and those of tagged options."""
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for question in (q for scene in scenes for q in scene.questions):
         counts["questions by kind"][question.subtype or question.type] += 1
@@ -42,6 +42,9 @@ def count_questions(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, flo
             counts["options of a question"][str(len(question.choices))] += 1
             counts[f"correct options, {question.type}"][str(correct)] += 1
             counts["options by answer"].update(str(c.answer) for c in question.choices)
+            for choice in (c for c in question.choices if c.tag is not None):
+                counts["counterfactual options by tag"][str(choice.tag)] += 1
+                counts[f"{choice.tag} options by answer"][str(choice.answer)] += 1
         else:
             counts[f"answers, {question.subtype}"][str(question.answer)] += 1
     names = [*RELEASED_QUESTIONS, *sorted(name for name in counts if name not in RELEASED_QUESTIONS)]

@@ -6,12 +6,14 @@ from nsdr.io.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from nsdr.generate.render.blender import Blender
+    from nsdr.generate.render.motion import render_motion
     from nsdr.generate.render.preview import render_preview
     from nsdr.generate.render.raycast import Solid, instance_ids
     from nsdr.generate.render.view import RenderConfig, View, view_of
 
 _HOME = {
     "nsdr.generate.render.blender": ["Blender"],
+    "nsdr.generate.render.motion": ["render_motion"],
     "nsdr.generate.render.preview": ["render_preview"],
     "nsdr.generate.render.raycast": ["Solid", "instance_ids"],
     "nsdr.generate.render.view": ["RenderConfig", "View", "view_of"],
@@ -23,6 +25,7 @@ __all__ = [
     "Solid",
     "View",
     "instance_ids",
+    "render_motion",
     "render_preview",
     "view_of",
 ]

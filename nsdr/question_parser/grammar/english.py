@@ -6,12 +6,12 @@ the program says all that the text says.
 
 from nsdr.question_parser.grammar.rules import Rules
 
-__all__ = ["ENGLISH", "START_SYMBOLS"]
+__all__ = ["ENGLISH", "ENGLISH_RULES", "START_SYMBOLS"]
 
 START_SYMBOLS = {"descriptive": "DESCRIPTIVE", "multiple_choice": "MULTIPLE", "choice": "CHOICE"}
 """The symbol of each kind of text."""
 
-_RULES = """
+ENGLISH_RULES = """
 # A single object, classes of objects, orders, entrances and exits, motion.
 ONE: [the] N => objects N unique
 CLASS: NS => NS
@@ -287,5 +287,5 @@ PAIRA: ONEA1 (hitting|hit by) ONEA2 => ONEA1 filter_collision ONEA2 filter_colli
 PAIRA: ONEA1 and ONEA2 colliding => ONEA1 filter_collision ONEA2 filter_collision
 """
 
-ENGLISH = Rules(_RULES)
+ENGLISH = Rules(ENGLISH_RULES)
 """The rules of all texts in normal form."""

@@ -3,7 +3,7 @@
 `FORMS` maps single words; `OTHER_WORDS` are words that are no misspelling of a known one. Phrases are in `phrases`.
 """
 
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.nouns import ADJECTIVES, NOUNS
 
 __all__ = [
     "ADJECTIVES",
@@ -15,22 +15,6 @@ __all__ = [
     "SHORT_CORRECTABLE",
 ]
 
-ADJECTIVES = {
-    **{w: w for name in ("color", "material") for w in ATTRIBUTES[name]},
-    **{"grey": "gray", "metallic": "metal", "shiny": "metal", "rubbery": "rubber"},
-    **{"cubic": "cube", "cubical": "cube", "spherical": "sphere", "cylindrical": "cylinder"},
-}
-"""Attribute words before a noun, and what they mean."""
-
-NOUNS = {
-    **{form: (shape, "N") for shape in ATTRIBUTES["shape"] for form in (shape,)},
-    **{f"{shape}s": (shape, "NS") for shape in ATTRIBUTES["shape"]},
-    **{"ball": ("sphere", "N"), "balls": ("sphere", "NS"), "block": ("cube", "N"), "blocks": ("cube", "NS")},
-    **{"box": ("cube", "N"), "boxes": ("cube", "NS")},
-    **dict.fromkeys(("object", "thing", "item"), ("", "N")),
-    **dict.fromkeys(("objects", "things", "items"), ("", "NS")),
-}
-"""Nouns for objects: their shape, or "" for any, and whether they are singular (N) or plural (NS)."""
 
 _FORMS = """
 be: is are was were been am isnt

@@ -1,0 +1,299 @@
+"""What the agent server offers, as plain functions with typed results; it knows nothing of the protocol."""
+
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import MISSING, asdict, dataclass, fields
+from pathlib import Path
+from threading import Lock
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.errors import DataError
+from nsdr.io.listing import find_files
+from nsdr.pipeline import Perception, Pipeline
+from nsdr.symbolic import explain, format_tree
+from nsdr.types import (
+    Add,
+    Answer,
+    Event,
+    Freeze,
+    Move,
+    Remove,
+    Scene,
+    SceneObject,
+    SetMass,
+    SetVelocity,
+)
+from nsdr.types.interventions import Intervention, intervention_text
+
+__all__ = [
+    "AgentTools",
+    "AnswerView",
+    "Change",
+    "ChoiceView",
+    "DifferenceView",
+    "EventView",
+    "SceneView",
+    "SimulationView",
+    "check_folder",
+]
+
+KINDS = {
+    "remove": Remove,
+    "set_mass": SetMass,
+    "set_velocity": SetVelocity,
+    "move": Move,
+    "freeze": Freeze,
+    "add": Add,
+}
+VIDEOS_NAMED = 20
+"""Videos that a message names."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change of the scene. `kind` says which of the other fields it takes.
+
+    - remove, freeze: `object`, by words that only one object has, such as "red cube"
+    - set_mass: `object`, `factor`
+    - set_velocity: `object`, and `vx` and `vy`, or `speed` and/or `direction` (degrees), or `factor`
+    - move: `object`, and `x` and `y`, or `dx` and `dy`
+    - add: `color`, `material`, `shape`, `x`, `y`; optional `vx`, `vy`, `yaw` (radians), `mass`
+
+    x points towards the camera, y to the right of the image. Lengths are world units (an object is 0.4 wide), speeds world
+    units per second (objects start with up to 3).
+    """
+
+    kind: Literal["remove", "set_mass", "set_velocity", "move", "freeze", "add"]
+    object: str | None = None
+    factor: float | None = None
+    vx: float | None = None
+    vy: float | None = None
+    speed: float | None = None
+    direction: float | None = None
+    x: float | None = None
+    y: float | None = None
+    dx: float | None = None
+    dy: float | None = None
+    color: str | None = None
+    material: str | None = None
+    shape: str | None = None
+    yaw: float | None = None
+    mass: float | None = None
+
+    def intervention(self) -> Intervention:
+        """The change as the pipeline takes it.
+
+        Raises:
+            DataError: a field that the kind lacks or does not take, or a value that is impossible.
+        """
+        made = KINDS[self.kind]
+        given = {name: value for name, value in asdict(self).items() if name != "kind" and value is not None}
+        known = {f.name: f.default is MISSING for f in fields(made)}
+        surplus = sorted(set(given) - set(known))
+        if surplus:
+            raise DataError(f"{self.kind} takes {', '.join(known)}, not {', '.join(surplus)}")
+        missing = [name for name, needed in known.items() if needed and name not in given]
+        if missing:
+            raise DataError(f"{self.kind} needs {', '.join(missing)}")
+        return made(**given)
+
+
+@dataclass(frozen=True)
+class EventView:
+    """An event: "in", "out" or "collision", its frame (25 a second), the objects' names, and how probable a collision is."""
+
+    kind: str
+    frame: int
+    objects: list[str]
+    probability: float | None = None
+
+
+@dataclass(frozen=True)
+class SceneView:
+    """What was seen in a video: objects, events of the video, and collisions predicted after its last frame."""
+
+    video: str
+    n_frames: int
+    objects: list[str]
+    events: list[EventView]
+    after_video: list[EventView]
+    possible: list[EventView]
+
+
+@dataclass(frozen=True)
+class ChoiceView:
+    """The judgement of a choice: "correct" or "wrong", how probable it is to be correct, why; or why there is none."""
+
+    choice: str
+    answer: str | None
+    probability: float | None
+    explanation: str
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class AnswerView:
+    """An answer, how probable it is right, why, and the executed program. Multiple choice has `choices` and no `answer`."""
+
+    answer: str | None
+    probability: float | None
+    explanation: str
+    program: str
+    choices: list[ChoiceView]
+
+
+@dataclass(frozen=True)
+class DifferenceView:
+    """How an event differs: "no longer", "new" or "other frame" (then `before` is its frame in the video)."""
+
+    difference: str
+    event: EventView
+    before: int | None
+
+
+@dataclass(frozen=True)
+class SimulationView:
+    """What changes in a video, and after it, with the interventions."""
+
+    interventions: list[str]
+    from_frame: int
+    differences: list[DifferenceView]
+    events: list[EventView]
+
+
+class AgentTools:
+    """The tools on the videos of a folder.
+
+    Calls are done one after the other. What was perceived is kept as by the pipeline.
+
+    Args:
+        pipeline: answers.
+        folder: videos in it and below it can be named, and no others.
+
+    Raises:
+        DataError: there is no such folder.
+    """
+
+    def __init__(self, pipeline: Pipeline, folder: str | Path) -> None:
+        self._pipeline, self._folder, self._lock = pipeline, Path(folder).resolve(), Lock()
+        check_folder(folder)
+
+    def videos(self) -> list[str]:
+        """Names of the folder's videos, as the tools take them."""
+        return sorted(str(p.relative_to(self._folder)) for p in find_files(self._folder, "*.mp4"))
+
+    def perceive(self, video: str) -> SceneView:
+        """Objects, events and predicted collisions of a video."""
+        with self._working():
+            scene = self._perceived(video).scene
+        doubts = [d for d in scene.doubts or () if d.removed is None]
+        known = {d.event: d.probability for d in doubts}
+        happens = {*scene.events, *(scene.unseen or ())}
+        return SceneView(
+            video,
+            scene.n_frames,
+            [o.name for o in scene.objects],
+            [_event(e, scene.objects, known) for e in scene.events],
+            [_event(e, scene.objects, known) for e in scene.unseen or ()],
+            [_event(d.event, scene.objects, known) for d in doubts if d.event not in happens],
+        )
+
+    def ask(self, video: str, question: str, choices: Sequence[str] = ()) -> AnswerView:
+        """The answer to a question in English."""
+        with self._working():
+            scene = self._perceived(video).scene
+            return _answer(self._pipeline.answer(self._path(video), question, choices or None), scene)
+
+    def run_program(self, video: str, program: str, choices: Sequence[str] = ()) -> AnswerView:
+        """The result of a program, and of programs of choices."""
+        with self._working():
+            scene = self._perceived(video).scene
+            found = self._pipeline.answer(self._path(video), program=program, choice_programs=choices or None)
+            return _answer(found, scene)
+
+    def simulate(self, video: str, changes: Sequence[Change], from_frame: int = 0) -> SimulationView:
+        """What changes of the scene change in its future."""
+        with self._working():
+            s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
+        known = s.probabilities or {}
+        differences = [
+            DifferenceView(d.kind, EventView(*_event_fields(d.event, s.objects), d.probability), d.before)
+            for d in s.differences()
+        ]
+        done = [intervention_text(change) for change in s.interventions]
+        return SimulationView(done, s.from_frame, differences, [_event(e, s.objects, known) for e in s.events])
+
+    def render_frame(
+        self, video: str, frame: int, changes: Sequence[Change] = (), from_frame: int = 0
+    ) -> NDArray[np.uint8]:
+        """A frame: annotated; after the video, or with changes, as the simulator renders it. (H, W, 3) uint8 RGB."""
+        from nsdr.generate.render import render_motion
+        from nsdr.visualize import annotated_image
+
+        with self._working():
+            perception = self._perceived(video)
+            n_frames = perception.scene.n_frames
+            if 0 <= frame < n_frames and not changes:
+                assert perception.tracks is not None
+                for index, image in enumerate(self._pipeline.frames(self._path(video))):
+                    if index == frame:
+                        return annotated_image(image, frame, perception.proposals, perception.tracks, perception.scene)
+            if changes:
+                s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
+            else:  # of the video as it is, the simulator knows what follows
+                s = self._pipeline.simulate(self._path(video), [SetMass(0, 1.0)])
+            if not 0 <= frame < s.changed.location_world.shape[1]:
+                last = s.changed.location_world.shape[1] - 1
+                raise DataError(f"frame {frame}: expected 0 to {last}; the video ends at {n_frames - 1}")
+            shown = slice(frame, frame + 1)
+            return next(render_motion(s.objects, s.changed.location_world[:, shown], s.changed_yaw[:, shown]))
+
+    @contextmanager
+    def _working(self) -> Iterator[None]:
+        with self._lock, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+
+    def _perceived(self, video: str) -> Perception:
+        return self._pipeline.perceive(self._path(video))
+
+    def _path(self, video: str) -> Path:
+        """The file of a video of the folder, by its name there; links that lie in the folder are followed."""
+        names, name = self.videos(), os.path.normpath(video)
+        if name in names:
+            return self._folder / name
+        more = f" and {len(names) - VIDEOS_NAMED} more" if len(names) > VIDEOS_NAMED else ""
+        raise DataError(
+            f"{video!r} is no video of the folder; it has {', '.join(names[:VIDEOS_NAMED]) or 'none'}{more}"
+        )
+
+
+def check_folder(folder: str | Path) -> None:
+    """Raise a `DataError` unless the folder is there."""
+    if not Path(folder).is_dir():
+        raise DataError(f"{folder}: no such folder")
+
+
+def _event_fields(event: Event, objects: Sequence[SceneObject]) -> tuple[str, int, list[str]]:
+    return event.kind, event.frame, [objects[i].name for i in event.objects]
+
+
+def _event(event: Event, objects: Sequence[SceneObject], known: Any) -> EventView:
+    """An event with its probability: 1 for collisions that are not in doubt."""
+    probability = known.get(event, 1.0) if event.kind == "collision" else None
+    return EventView(*_event_fields(event, objects), probability)
+
+
+def _answer(found: Answer, scene: Scene) -> AnswerView:
+    choices = [
+        ChoiceView(c.choice, c.answer, c.probability, "" if c.error else explain(c, scene), c.error)
+        for c in found.choices
+    ]
+    why = "" if choices else explain(found, scene)
+    trace = format_tree(found.trace) if found.trace else " ".join(found.program)
+    return AnswerView(found.answer, found.probability, why, trace, choices)

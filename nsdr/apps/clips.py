@@ -1,0 +1,129 @@
+"""Clips that several visitors ask about at the same time, over one pipeline."""
+
+import threading
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.errors import VideoError
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.video import video_seconds
+from nsdr.io.video_kinds import check_is_video
+from nsdr.pipeline import Perception, Pipeline
+from nsdr.types import Answer, Simulation
+from nsdr.types.interventions import Intervention
+from nsdr.visualize.html_parts import jpeg
+from nsdr.world.timeline import FPS
+
+__all__ = ["Clip", "Clips", "Progress"]
+
+KEPT_CLIPS = 16
+"""Perceptions that are kept, as by a pipeline."""
+Progress = Callable[[float, str], Any]
+"""Called with the share that is done (0-1) and what is being done."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A clip that was looked at.
+
+    Attributes:
+        path: its video file.
+        perception: what was found in it.
+        notes: what is doubtful about it, a sentence each.
+        jpegs: its frames as JPEG files, which takes a hundredth of the memory.
+    """
+
+    path: Path
+    perception: Perception
+    notes: tuple[str, ...]
+    jpegs: tuple[bytes, ...]
+
+    def frames(self) -> NDArray[np.uint8]:
+        """(T, 320, 480, 3) uint8 RGB."""
+        images = [cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR) for file in self.jpegs]
+        return np.stack(images)[..., ::-1]  # type: ignore[arg-type,return-value]
+
+
+class Clips:
+    """One pipeline for several threads, with the perceptions of the last clips.
+
+    One thread at a time perceives or simulates, and one answers; looking up what is known waits for nobody.
+
+    Args:
+        pipeline: does the work; nothing else may use it.
+        max_seconds: length of the longest clip that is taken (seconds).
+    """
+
+    def __init__(self, pipeline: Pipeline, max_seconds: float) -> None:
+        self.pipeline, self.max_seconds = pipeline, max_seconds
+        self._working, self._asking, self._table = threading.Lock(), threading.Lock(), threading.Lock()
+        self._kept: OrderedDict[str, Clip] = OrderedDict()
+
+    def watch(self, path: str | Path, progress: Progress | None = None) -> Clip:
+        """What is in a video file; at once if the same content was asked for before.
+
+        Raises:
+            VideoError: it is too long, or `Pipeline.perceive` refuses it.
+        """
+        path = Path(path)
+        check_is_video(path)
+        key = fingerprint(inputs=[path], code=False)
+        if (known := self._known(key)) is not None:
+            return known
+        seconds = video_seconds(path)
+        if seconds > self.max_seconds:
+            raise VideoError(
+                f"{path}: lasts {seconds:.0f} s; clips of up to {self.max_seconds:g} s are taken, so cut it"
+            )
+        with self._working:
+            if (known := self._known(key)) is not None:  # another visitor's, meanwhile
+                return known
+            clip = self._perceived(path, seconds, progress or (lambda share, text: None))
+        with self._table:
+            self._kept[key] = clip
+            while len(self._kept) > KEPT_CLIPS:
+                self._kept.popitem(last=False)
+        return clip
+
+    def answer(self, clip: Clip, question: str, choices: Sequence[str] = (), **programs: Any) -> Answer:
+        """`Pipeline.answer` about a clip, with its errors."""
+        scene = clip.perception.scene_with_dynamics
+        with self._asking:
+            return self.pipeline.answer(scene, question, list(choices) or None, **programs)
+
+    def simulate(self, clip: Clip, interventions: Sequence[Intervention], from_frame: int) -> Simulation:
+        """`Pipeline.simulate` of a clip, with its errors."""
+        assert clip.perception.tracks is not None
+        with self._working:
+            return self.pipeline.simulate(clip.perception.tracks, interventions, from_frame)
+
+    def _known(self, key: str) -> Clip | None:
+        with self._table:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+            return self._kept.get(key)
+
+    def _perceived(self, path: Path, seconds: float, progress: Progress) -> Clip:
+        jpegs: list[bytes] = []
+
+        def frames() -> Iterator[NDArray[np.uint8]]:
+            for index, frame in enumerate(self.pipeline.frames(path)):
+                progress(min(index / max(seconds * FPS, 1), 1.0), f"looking at frame {index}")
+                jpegs.append(jpeg(frame))
+                yield frame
+
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            proposals = self.pipeline.frame_parser.parse(frames())
+            progress(1.0, "fitting the motion")
+            perception = self.pipeline.perceive(path, proposals=proposals)
+        notes = [str(w.message).removeprefix(f"{path}: ") for w in said if w.category is UserWarning]
+        return Clip(path, perception, tuple(dict.fromkeys(notes)), tuple(jpegs))

@@ -1,0 +1,92 @@
+"""What the page shows as HTML: the answer with the frames it rests on, what differs in a simulation, and the style sheet."""
+
+import html
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.apps.clips import Clip
+from nsdr.types import Answer, Scene, Simulation, TraceStep
+from nsdr.visualize.differences import change_text, interventions_text
+from nsdr.visualize.html_parts import answer_html, summary_html, thumbnail
+from nsdr.visualize.timeline import TIMELINE_STYLE
+
+__all__ = ["STYLE", "answer_panel", "difference_panel", "notes_panel", "rests_on"]
+
+MAX_FRAMES = 6
+"""Frames that are shown beside an answer."""
+STYLE = (
+    TIMELINE_STYLE
+    + """
+.gradio-container { max-width: 1500px !important }
+.panel { line-height: 1.45 } .panel .answer { font-size: 1.3em; margin: .2em 0 } .panel h2 { display: none }
+.panel h3 { font-size: 1em; margin: .8em 0 .1em }
+.panel table { border-collapse: collapse; width: 100%; border: 0 !important }
+.panel td, .panel th { padding: .2em .5em; text-align: left; vertical-align: top; border: solid #8884 !important;
+border-width: 1px 0 0 !important }
+.panel tr.correct td:first-child, .panel tr.wrong td:first-child, .panel tr.error td:first-child { white-space: nowrap;
+color: inherit }
+.panel pre { overflow-x: auto; font-size: .85em; line-height: 1.35; padding: .6em; background: #8881 }
+.panel code { overflow-wrap: anywhere; font-size: .85em } .panel td img { width: 110px }
+.panel summary { cursor: pointer; opacity: .7 }
+.panel .correct { color: #177245 } .panel .wrong, .panel .error { color: #a33 }
+.dark .panel .correct { color: #6cc796 } .dark .panel .wrong, .dark .panel .error { color: #e58a8a }
+.panel .cards > div { padding: 4px }
+"""
+)
+"""Style sheet of the page."""
+
+
+def answer_panel(answer: Answer, clip: Clip) -> str:
+    """Answer and probability or the judged choices, the frames it rests on, and why: explanation, steps and program tree."""
+    frames = clip.frames()
+    shown = _frames(answer, clip, frames)
+    why = answer_html(answer, clip.perception, frames, show_tree=True)
+    return f"<div class=panel>{summary_html(answer, named=True)}{shown}{why}</div>"
+
+
+def rests_on(trace: Sequence[TraceStep], scene: Scene) -> dict[int, tuple[int, ...]]:
+    """Frames of the video that an answer rests on, each with the ids of the objects that it is about.
+
+    They are those of the last events or frame among the steps; of an answer about neither, the frame in the video's middle.
+    """
+    objects = next((step.objects for step in reversed(trace) if step.objects), ())
+    for step in reversed(trace):
+        observed = [event for event in step.events if event in scene.events]
+        if observed:
+            return {event.frame: event.objects for event in observed}
+        if step.kind == "frame" and step.value is not None:
+            return {min(int(step.value), scene.n_frames - 1): objects}
+    return {scene.n_frames // 2: objects} if objects else {}
+
+
+def _frames(answer: Answer, clip: Clip, frames: NDArray[np.uint8]) -> str:
+    traces = [choice.trace for choice in answer.choices if choice.answer == "correct"] or [answer.trace]
+    found: dict[int, tuple[int, ...]] = {}
+    for trace in traces:
+        found |= rests_on(trace, clip.perception.scene)
+    tracks = clip.perception.tracks
+    if not found or tracks is None:
+        return ""
+    cards = []
+    for f, objects in sorted(found.items())[:MAX_FRAMES]:
+        names = html.escape(", ".join(tracks.tracks[i].object.name for i in objects))
+        image = thumbnail(frames[f], f, tracks, objects)
+        cards.append(f"<div><img alt='frame {f}' src='{image}'><b>frame {f}</b>{names}</div>")
+    return f"<div class=cards>{''.join(cards)}</div>"
+
+
+def difference_panel(simulation: Simulation) -> str:
+    """What was changed, and what happens otherwise, with probabilities."""
+    lines = [f"<li>{html.escape(change_text(simulation, change))}" for change in simulation.differences()]
+    what = "".join(lines) or "<li>nothing else changes"
+    head = html.escape(interventions_text(simulation))
+    return f"<div class=panel><p><b>{head[:1].upper()}{head[1:]}</b></p><ul>{what}</ul></div>"
+
+
+def notes_panel(clip: Clip) -> str:
+    """Name and length of the clip, and what is doubtful about it, as Markdown."""
+    scene = clip.perception.scene
+    head = f"**{clip.path.name}**: {scene.n_frames} frames, {len(scene.objects)} objects"
+    return "\n\n".join([head, *(f"Note: {note}" for note in clip.notes)])

@@ -1,0 +1,386 @@
+"""The page to ask on: pick or upload a clip, see what was found, ask, and try interventions. Made with Gradio.
+
+Everything stays on this machine: no analytics, no fonts or scripts from outside (a Content-Security-Policy forbids them), and
+uploads are deleted when the server ends.
+"""
+
+import logging
+import os
+import re
+import tempfile
+import threading
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial, wraps
+from itertools import count
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from nsdr.apps import changes, menus
+from nsdr.apps.clips import Clip, Clips
+from nsdr.apps.comparison_video import write_comparison
+from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
+from nsdr.errors import DataError, NsdrError
+from nsdr.types.interventions import Intervention
+from nsdr.visualize.timeline import timeline_html
+from nsdr.visualize.video import write_annotated_video
+
+__all__ = ["ServerConfig", "serve"]
+
+log = logging.getLogger(__name__)
+
+QUEUE = 20
+"""Visitors whose work waits; later ones are told to come back."""
+UPLOAD_SECONDS = (600, 24 * 3600)
+"""How often uploads and videos are looked through, and the age at which they are deleted (seconds)."""
+KEPT_VIDEOS = 30
+"""Videos that are kept on the disk, besides those of clips."""
+ERROR_SECONDS = 20
+"""How long an error is shown, unless the visitor closes it (seconds)."""
+EXAMPLES = 4
+"""Buttons with questions about the clip."""
+PRESET = "veryfast"
+"""Of the videos, as of `nsdr.io.video.write_video`: visitors wait for them."""
+INTRODUCTION = """# Ask a video
+Pick or upload a clip of colliding objects, look at what was found in it, then ask, or change something and see what happens."""
+POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; media-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; form-action 'self'"
+)
+"""Content-Security-Policy of every reply: browsers fetch nothing from other hosts."""
+
+
+@dataclass(frozen=True)
+class ServerConfig:
+    """Where the page is, and what it takes.
+
+    Attributes:
+        host: address to listen on.
+        port: TCP port.
+        max_megabytes: size of the largest upload.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 7860
+    max_megabytes: int = 50
+
+
+def serve(clips: Clips, files: Mapping[str, Path], config: ServerConfig, started: Callable[[str], None]) -> None:
+    """Run the page until the process is interrupted.
+
+    Args:
+        clips: does the work.
+        files: clips to pick from, by the names that visitors see.
+        config: where, and what it takes.
+        started: called with the page's address when it is there.
+
+    Raises:
+        DataError: the address cannot be listened on.
+    """
+    with tempfile.TemporaryDirectory(prefix="nsdr-page-") as folder, _environment(folder):
+        import gradio as gr
+
+        page = _Page(gr, clips, files, Path(folder)).build()
+        page.queue(max_size=QUEUE)
+        try:
+            _, address, _ = page.launch(
+                server_name=config.host,
+                server_port=config.port,
+                max_file_size=f"{config.max_megabytes}mb",
+                share=False,
+                prevent_thread_lock=True,
+                quiet=True,
+                ssr_mode=False,
+                enable_monitoring=False,
+                footer_links=[],
+                theme=gr.themes.Default(font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]),
+                css=STYLE,
+                app_kwargs={"middleware": [(_Policy, (), {})]},
+            )
+        except OSError as e:
+            where = f"--host {config.host} --port {config.port}"
+            raise DataError(f"{where}: cannot be listened on, or is in use; choose another port") from e
+        try:
+            started(address)
+            threading.Event().wait()
+        finally:
+            page.close(verbose=False)
+
+
+@contextmanager
+def _environment(folder: str) -> Iterator[None]:
+    """Gradio sends no analytics, and keeps its files in a folder."""
+    changed = {"GRADIO_ANALYTICS_ENABLED": "False", "GRADIO_TEMP_DIR": str(Path(folder) / "uploads")}
+    before = {name: os.environ.get(name) for name in changed}
+    os.environ.update(changed)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+class _Policy:
+    """ASGI middleware that adds the Content-Security-Policy to every reply."""
+
+    def __init__(self, app: Callable[..., Awaitable[None]]) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        async def send_with_policy(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], (b"content-security-policy", POLICY.encode())]
+            await send(message)
+
+        await self.app(scope, receive, send_with_policy)
+
+
+class _Page:
+    """The page's components and what they do. A visitor's state is the path of the clip."""
+
+    def __init__(self, gr: Any, clips: Clips, files: Mapping[str, Path], folder: Path) -> None:
+        self.gr, self.clips, self.files, self.folder = gr, clips, files, folder
+        self.shown: WeakKeyDictionary[Clip, tuple[Path, str]] = WeakKeyDictionary()
+        self.names = count()
+
+    def build(self) -> Any:
+        gr = self.gr
+        with gr.Blocks(title="nsdr", analytics_enabled=False, fill_width=True, delete_cache=UPLOAD_SECONDS) as page:
+            gr.Markdown(INTRODUCTION)
+            self.clip = gr.State("")
+            with gr.Row():
+                with gr.Column(scale=6):
+                    self._clip_column()
+                with gr.Column(scale=5):
+                    with gr.Tab("Ask"):
+                        self._ask_tab()
+                    with gr.Tab("What if"):
+                        self._what_if_tab()
+            self._connect()
+        return page
+
+    def _clip_column(self) -> None:
+        gr = self.gr
+        with gr.Row(equal_height=True):
+            self.pick = gr.Dropdown(list(self.files), value=None, label="Clip", elem_id="pick", scale=3)
+            self.upload = gr.UploadButton("Upload a clip", file_types=["video"], elem_id="upload", scale=1)
+        self.video = gr.Video(label="What was found", interactive=False, buttons=[], elem_id="tracks")
+        self.notes = gr.Markdown(elem_id="notes")
+        self.timeline = gr.HTML(elem_id="timeline")
+
+    def _ask_tab(self) -> None:
+        gr = self.gr
+        with gr.Group():
+            hint = "How many collisions happen?"
+            self.question = gr.Textbox(label="Question", placeholder=hint, max_length=500, elem_id="question")
+            self.choices = gr.Textbox(
+                label="Choices, one a line (of questions such as: what caused …, what happens next, what if …)",
+                lines=2,
+                max_lines=10,
+                max_length=3000,
+                elem_id="choices",
+            )
+        self.ask = gr.Button("Ask", variant="primary", elem_id="ask")
+        self.buttons = [gr.Button(visible=False, size="sm", elem_id=f"example-{i}") for i in range(EXAMPLES)]
+        with gr.Accordion("Build a question from menus", open=False, elem_id="menus"):
+            with gr.Row():
+                self.kind = gr.Dropdown(list(menus.KINDS), label="Question", elem_id="menu-kind")
+                self.about = gr.Dropdown([], label="about", visible=False, elem_id="menu-about")
+                self.verb = gr.Dropdown([], label="that", visible=False, elem_id="menu-verb")
+                self.time = gr.Dropdown([], label="when", visible=False, elem_id="menu-time")
+            self.built = gr.Markdown(elem_id="built")
+            self.ask_built = gr.Button("Ask this", elem_id="ask-built")
+        self.answer = gr.HTML(elem_id="answer")
+
+    def _what_if_tab(self) -> None:
+        gr = self.gr
+        with gr.Row():
+            self.change = gr.Dropdown(list(changes.CHANGES), label="Change", elem_id="change")
+            self.object = gr.Dropdown([], label="Object", elem_id="object")
+        self.sliders = [gr.Slider(visible=False, elem_id=f"slider-{i}") for i in range(changes.MAX_SLIDERS)]
+        self.from_frame = gr.Slider(0, 127, 0, step=1, label="From frame", elem_id="from-frame")
+        self.simulate = gr.Button("Simulate", variant="primary", elem_id="simulate")
+        self.compared = gr.Video(
+            label="Original and changed world, from the camera and from above",
+            interactive=False,
+            buttons=[],
+            autoplay=True,
+            elem_id="compared",
+        )
+        self.difference = gr.HTML(elem_id="difference")
+
+    def _connect(self) -> None:
+        told = self._told
+        bar = self.gr.Progress()
+
+        def picked(name: str, progress: Any = bar) -> Any:
+            return self._watch(self.files[name], progress)
+
+        def uploaded(path: str, progress: Any = bar) -> Any:
+            return self._watch(Path(path), progress)
+
+        def simulated(
+            path: str, kind: str, name: str, frame: float, a: float, b: float, c: float, d: float, progress: Any = bar
+        ) -> Any:
+            return self._simulate(path, changes.intervention(kind, name, [a, b, c, d]), int(frame), progress)
+
+        private = {"api_visibility": "private"}
+        work = {**private, "concurrency_id": "work", "concurrency_limit": 1}
+        quick = {**private, "concurrency_id": "quick", "concurrency_limit": 4}
+        silent = {**quick, "show_progress": "hidden"}
+        menu = [self.kind, self.about, self.verb, self.time]
+        menu_parts = [self.about, self.verb, self.time, self.built]
+        change_parts = [self.object, *self.sliders]
+        found = [self.clip, self.video, self.notes, self.timeline, self.answer, self.compared, self.difference]
+        found += [*self.buttons, self.from_frame, self.kind, *menu_parts, self.change, *change_parts]
+        self.pick.input(told(picked), self.pick, found, show_progress_on=self.video, **work)
+        self.upload.upload(told(uploaded), self.upload, found, show_progress_on=self.video, **work)
+        asked = [self.clip, self.question, self.choices]
+        self.ask.click(told(self._ask), asked, self.answer, **quick)
+        self.question.submit(told(self._ask), asked, self.answer, **quick)
+        for index, button in enumerate(self.buttons):
+            filled = button.click(
+                told(partial(self._example, index)), self.clip, [self.question, self.choices], **silent
+            )
+            filled.success(told(self._ask), asked, self.answer, **quick)
+        for part in menu:
+            part.input(told(self._menus), [self.clip, *menu], menu_parts, **silent)
+        self.ask_built.click(told(self._ask_built), [self.clip, *menu], self.answer, **quick)
+        self.change.input(told(self._change), [self.clip, self.change], change_parts, **silent)
+        given = [self.clip, self.change, self.object, self.from_frame, *self.sliders]
+        outputs = [self.difference, self.compared]
+        self.simulate.click(told(simulated), given, outputs, show_progress_on=self.compared, **work)
+
+    def _told(self, work: Callable[..., Any]) -> Callable[..., Any]:
+        """The work, whose errors visitors see as one line; those of the program's own are only logged in full."""
+
+        @wraps(work)
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return work(*arguments)
+            except NsdrError as e:
+                raise self.gr.Error(_without_folders(str(e)), print_exception=False, duration=ERROR_SECONDS) from e
+            except Exception as e:
+                log.exception("a visitor's request failed")
+                message = "That failed by a bug in nsdr; the server's output says where."
+                raise self.gr.Error(message, print_exception=False) from e
+
+        return guarded
+
+    def _clip(self, path: str) -> Clip:
+        """The visitor's clip."""
+        if not path:
+            raise DataError("there is no clip yet; pick or upload one")
+        return self.clips.watch(path)
+
+    def _watch(self, path: Path, progress: Callable[..., Any]) -> dict[Any, Any]:
+        """Look at a clip; new values of everything that depends on it."""
+        update = self.gr.update
+        clip = self.clips.watch(path, lambda share, text: progress(share, desc=text))
+        if clip not in self.shown:
+            progress(1.0, desc="drawing what was found")
+            p, video = clip.perception, self._new_file()
+            frames = clip.frames()
+            assert p.tracks is not None
+            write_annotated_video(video, frames, p.proposals, p.tracks, p.scene, PRESET)
+            self.shown[clip] = (video, timeline_html(p, frames, "#tracks video"))
+        video, timeline = self.shown[clip]
+        scene = clip.perception.scene
+        texts = [built.question[0] for built in menus.examples(scene)[:EXAMPLES]]
+        buttons = [update(value=text, visible=True) for text in texts]
+        buttons += [update(visible=False)] * (EXAMPLES - len(texts))
+        kind, change = menus.KINDS[0], next(iter(changes.CHANGES))
+        return {
+            **dict.fromkeys([self.answer, self.difference], ""),
+            self.clip: str(path),
+            self.video: str(video),
+            self.notes: notes_panel(clip),
+            self.timeline: timeline,
+            self.compared: None,
+            **dict(zip(self.buttons, buttons, strict=True)),
+            self.kind: kind,
+            **self._menus(str(path), kind, "", "", ""),
+            self.change: change,
+            **self._change(str(path), change),
+            self.from_frame: update(maximum=scene.n_frames - 1, value=0),
+        }
+
+    def _ask(self, path: str, question: str, choices: str) -> str:
+        clip = self._clip(path)
+        texts = [line.strip() for line in choices.splitlines() if line.strip()]
+        return answer_panel(self.clips.answer(clip, question, texts), clip)
+
+    def _example(self, index: int, path: str) -> tuple[str, str]:
+        """Question and choices of an example's button."""
+        built = menus.examples(self._clip(path).perception.scene)[index]
+        return built.question[0], "\n".join(text for text, _ in built.choices)
+
+    def _menus(self, path: str, kind: str, about: str, verb: str, time: str) -> dict[Any, Any]:
+        """The menus that fit the chosen entries, and the question that these make."""
+        scene = self._clip(path).perception.scene
+        options = [menus.objects_menu(kind, scene), menus.verb_menu(kind)]
+        about, verb = (menus.entry(chosen, menu) for chosen, menu in zip((about, verb), options, strict=True))
+        options.append(menus.time_menu(kind, verb, scene))
+        time = menus.entry(time, options[-1])
+        parts = zip((self.about, self.verb, self.time), options, (about, verb, time), strict=True)
+        updates = {
+            part: self.gr.update(choices=menu, value=chosen or None, visible=bool(menu)) for part, menu, chosen in parts
+        }
+        built = menus.build(kind, about, verb, time, scene)
+        return {
+            **updates,
+            self.built: "\n".join([f"**{built.question[0]}**", "", *(f"- {text}" for text, _ in built.choices)]),
+        }
+
+    def _ask_built(self, path: str, kind: str, about: str, verb: str, time: str) -> str:
+        clip = self._clip(path)
+        built = menus.build(kind, about, verb, time, clip.perception.scene)
+        texts, programs = [text for text, _ in built.choices], [program for _, program in built.choices]
+        question, program = built.question
+        given = {"program": program, "choice_programs": programs or None}
+        return answer_panel(self.clips.answer(clip, question, texts, **given), clip)
+
+    def _change(self, path: str, kind: str) -> dict[Any, Any]:
+        """The objects and sliders of a kind of change."""
+        names = changes.changed_objects(kind, self._clip(path).perception.scene)
+        updates = {self.object: self.gr.update(choices=names, value=next(iter(names), None))}
+        sliders = changes.CHANGES[kind].sliders
+        for part, slider in zip(self.sliders, sliders, strict=False):
+            numbers = {"minimum": slider.low, "maximum": slider.high, "step": slider.step, "value": slider.start}
+            updates[part] = self.gr.update(label=slider.label, visible=True, **numbers)
+        return updates | {part: self.gr.update(visible=False) for part in self.sliders[len(sliders) :]}
+
+    def _simulate(self, path: str, change: Intervention, frame: int, progress: Callable[..., Any]) -> tuple[str, str]:
+        clip = self._clip(path)
+        progress(0.0, desc="simulating")
+        simulation = self.clips.simulate(clip, [change], frame)
+        video = self._new_file()
+        draw = partial(_drawing, progress)
+        write_comparison(video, list(clip.frames()), simulation, PRESET, draw)
+        return difference_panel(simulation), str(video)
+
+    def _new_file(self) -> Path:
+        """A file for a video; the oldest ones are deleted, of which Gradio keeps copies for a while."""
+        files = sorted(self.folder.glob("*.mp4"), key=lambda file: file.stat().st_mtime)
+        for old in files[: max(len(files) - KEPT_VIDEOS, 0)]:
+            if all(old != video for video, _ in self.shown.values()):
+                old.unlink()
+        return self.folder / f"{next(self.names)}.mp4"
+
+
+def _drawing(progress: Callable[..., Any], done: int, total: int) -> None:
+    progress(done / total, desc=f"drawing frame {done}")
+
+
+def _without_folders(message: str) -> str:
+    """The message with the names of files for their paths, which are of no use to visitors.
+
+    Folders with spaces are told from words only at the start, where errors name their file.
+    """
+    message = re.sub(r"\A/(?:[^/:\n]+/)+", "", message)
+    return re.sub(r"(?<!\S)/(?:[^\s/:]+/)+(?=[^\s/:]+)", "", message)

@@ -1,0 +1,207 @@
+"""`nsdr simulate`: what would happen in a video with an object removed, heavier, faster, elsewhere, fixed or added."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from typing import Any
+
+from jsonargparse.typing import NonNegativeInt
+
+from nsdr.cli.common import is_scene, make_pipeline
+from nsdr.errors import DataError, NsdrError
+from nsdr.io.outputs import check_installed, check_output
+from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
+from nsdr.types.interventions import Intervention
+from nsdr.world.timeline import FPS
+from nsdr.world.vocabulary import ATTRIBUTES
+
+__all__ = ["add_options", "simulate"]
+
+PLACE, PLACE_AND_VELOCITY = 2, 4
+"""Numbers after an object of `--add`."""
+ID_DIGITS = 9
+"""Longest text that is read as an id (characters)."""
+DECIMALS = 3
+"""Decimals of positions (world units) in the JSON file."""
+WORDS = 3
+"""Words of an added object: color, material and shape."""
+
+
+def add_options(parser: Any) -> None:
+    """Add the options of `nsdr simulate` to its parser."""
+    add = parser.add_argument
+    add("video", help="video file")
+    add(
+        "--remove", action="append", default=[], metavar="OBJECT", help="words such as 'red cube', or an id; repeatable"
+    )
+    add("--mass", action="append", default=[], metavar="OBJECT=FACTOR", help="'blue sphere=2': twice as heavy")
+    velocity = (
+        "'red cube=1.5,0': velocity towards the camera and to the right (world units/s); 'red cube=x2': twice as fast"
+    )
+    add("--velocity", action="append", default=[], metavar="OBJECT=VX,VY", help=velocity)
+    place = "'red cube=0.5,-1': position towards the camera and to the right of the middle (world units)"
+    add("--move", action="append", default=[], metavar="OBJECT=X,Y", help=place)
+    add("--shift", action="append", default=[], metavar="OBJECT=DX,DY", help="'red cube=0,0.4': from where it is")
+    add("--freeze", action="append", default=[], metavar="OBJECT", help="stop an object and fix it to the ground")
+    new = "'red metal cube=1,0' or 'red metal cube=1,0,-2,0': a new object with its position, and its velocity"
+    add("--add", action="append", default=[], metavar="OBJECT=X,Y[,VX,VY]", help=new)
+    add(
+        "--from-frame", type=NonNegativeInt, default=0, help="frame of the video at which all this happens (default: 0)"
+    )
+    add("-o", "--output", default=None, help="video to write, .mp4: original and changed world side by side")
+    add("--json", default=None, help="also write events, probabilities and positions, .json")
+
+
+def simulate(options: Any) -> int:
+    """`nsdr simulate`: what differs in a video with interventions, printed, as a video and as JSON."""
+    taken = [options.video]
+    for path, suffix in ((options.output, ".mp4"), (options.json, ".json")):
+        if path is not None:
+            check_output(path, (suffix,), taken)
+            taken.append(path)
+    if options.output is not None:
+        check_installed("av", "writing videos needs PyAV", "visualize")
+    if is_scene(options.video):
+        raise DataError(f"{options.video}: is a saved scene, to which no simulator was fitted; give the video")
+    interventions = _interventions(options)
+    if not interventions:
+        raise DataError("no intervention: expected --remove, --mass, --velocity, --move, --shift, --freeze or --add")
+    if options.from_frame:
+        _check_frame(options.video, options.from_frame)
+    pipeline = make_pipeline(options)
+    simulation = pipeline.simulate(options.video, interventions, options.from_frame)
+    for line in _report(simulation):
+        print(line)
+    if options.json is not None:
+        from nsdr.io.files import write_json
+
+        write_json(options.json, _document(simulation))
+        print(options.json)
+    if options.output is not None:
+        _write_video(options.output, pipeline, options.video, simulation)
+        print(options.output)
+    return 0
+
+
+def _interventions(options: Any) -> list[Intervention]:
+    def each(name: str, make: Callable[[str], Intervention]) -> Iterator[Intervention]:
+        for text in options[name]:
+            try:
+                yield make(text)
+            except NsdrError as e:
+                raise DataError(f"--{name} {text}: {e}") from e
+
+    return [
+        *each("remove", lambda text: Remove(_object(text))),
+        *each("mass", lambda text: SetMass(_object(_name(text)), *_numbers(text, 1))),
+        *each("velocity", _velocity),
+        *each("move", lambda text: Move(_object(_name(text)), *_numbers(text, PLACE))),
+        *each("shift", lambda text: Move(_object(_name(text)), None, None, *_numbers(text, PLACE))),
+        *each("freeze", lambda text: Freeze(_object(text))),
+        *each("add", _added),
+    ]
+
+
+def _check_frame(video: str, frame: int) -> None:
+    """Refuse a frame after the video's end by its header, before it is looked at; the simulation checks exactly."""
+    from nsdr.io.video import video_seconds
+
+    frames = round(video_seconds(video) * FPS)
+    if frames and frame > frames:
+        raise DataError(f"--from-frame {frame}: expected a frame of {video}, which has {frames} at {FPS} a second")
+
+
+def _object(text: str) -> str | int:
+    """Words or an id; words that no object has are refused before the video is looked at."""
+    if text.strip().isdecimal() and len(text) <= ID_DIGITS:
+        return int(text)
+    words = set(text.lower().removeprefix("the ").split())
+    of_each = [words & set(known) for known in ATTRIBUTES.values()]
+    if not words or sum(map(len, of_each)) < len(words) or max(map(len, of_each)) > 1:
+        raise DataError("expected the words of one object, such as 'red metal cube', or its id")
+    return text
+
+
+def _name(text: str) -> str:
+    """What stands before the equals sign."""
+    return text.partition("=")[0]
+
+
+def _numbers(text: str, *counts: int) -> list[float]:
+    """The numbers behind the equals sign."""
+    values = text.partition("=")[2].split(",")
+    try:
+        numbers = [float(value) for value in values]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts:
+        expected = " or ".join(str(count) for count in counts)
+        raise DataError(f"expected OBJECT={'NUMBER' if counts == (1,) else f'{expected} numbers with commas'}")
+    return numbers
+
+
+def _velocity(text: str) -> SetVelocity:
+    name, _, value = text.partition("=")
+    if value.startswith("x"):
+        return SetVelocity(_object(name), factor=_numbers(f"={value[1:]}", 1)[0])
+    return SetVelocity(_object(name), *_numbers(text, PLACE))
+
+
+def _added(text: str) -> Add:
+    words = _name(text).split()
+    if len(words) != WORDS:
+        raise DataError("expected color, material and shape, such as 'red metal cube=1,0'")
+    color, material, shape = words
+    return Add(color, material, shape, *_numbers(text, PLACE, PLACE_AND_VELOCITY))
+
+
+def _report(s: Simulation) -> Iterator[str]:
+    """What differs, line by line."""
+    from nsdr.visualize.differences import change_text, interventions_text
+
+    yield interventions_text(s)
+    differences = s.differences()
+    if not differences:
+        yield "  nothing else changes"
+    for change in differences:
+        yield f"  {change_text(s, change)}"
+
+
+def _document(s: Simulation) -> dict[str, Any]:
+    """Events, probabilities and positions of a simulation."""
+    known = s.probabilities
+
+    def row(event: Event) -> dict[str, Any]:
+        content: dict[str, Any] = {"type": event.kind, "frame": event.frame, "objects": list(event.objects)}
+        if known is not None and event in known:
+            content["probability"] = known[event]
+        return content
+
+    def positions(location: Any) -> list[Any]:
+        return [
+            [None if x != x else [round(x, DECIMALS), round(y, DECIMALS)] for x, y in path]
+            for path in location.tolist()
+        ]
+
+    possible = [] if known is None else [row(e) for e in known if e not in s.events]
+    return {
+        "from_frame": s.from_frame,
+        "n_frames": s.n_frames,
+        "interventions": [{"type": type(c).__name__, **asdict(c)} for c in s.interventions],
+        "objects": [asdict(o) for o in s.objects],
+        "original_events": [{k: v for k, v in row(e).items() if k != "probability"} for e in s.original_events],
+        "events": [row(e) for e in s.events],
+        "possible_collisions": possible,
+        "original_location_world": positions(s.original.location_world),
+        "location_world": positions(s.changed.location_world),
+    }
+
+
+def _write_video(path: str, pipeline: Any, video: str, s: Simulation) -> None:
+    import warnings
+
+    from nsdr.apps.comparison_video import write_comparison
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # perception has given them
+        frames = list(pipeline.frames(video))
+    write_comparison(path, frames, s)

@@ -1,0 +1,300 @@
+"""Videos with the truth about them as a PyTorch data set, for models that learn how the world moves."""
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from numbers import Integral
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from nsdr.clevrer.annotations import read_truth_file
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.schema import get
+from nsdr.errors import DataError
+from nsdr.generate.render.flow import optical_flow
+from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.view import RenderConfig, view_of
+from nsdr.io.limits import check_limit
+from nsdr.io.video import sample_frames
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.shapes import rendered_rotation
+from nsdr.world.timeline import FPS
+from nsdr.world.vocabulary import ATTRIBUTES
+
+__all__ = ["STATE", "VideoDataset"]
+
+STATE = {"location": slice(0, 3), "rotation": slice(3, 7), "velocity": slice(7, 10), "angular_velocity": slice(10, 13)}
+"""Columns of `states`: centre (world units), quaternion (x, y, z, w) of the shape with its axis along z, velocity (world
+units/s), angular velocity (rad/s)."""
+VECTORS = ("location", "orientation", "velocity", "angular_velocity")
+NEAREST = cv2.INTER_NEAREST_EXACT
+"""Takes the value at a pixel's centre."""
+KEPT_SCENES = 64
+"""Scenes whose truth a process keeps."""
+
+
+@dataclass(frozen=True)
+class _Truth:
+    """What is known of a video of n objects and F frames, some of them after its end.
+
+    Attributes:
+        attributes: (n, 3).
+        mass: (n,), NaN where it is not known.
+        states: (F, n, 13).
+        visible: (F, n).
+        collisions: (frame, objects).
+        eye_world: position of the camera.
+    """
+
+    attributes: NDArray[np.int64]
+    mass: NDArray[np.float32]
+    states: NDArray[np.float64]
+    visible: NDArray[np.bool_]
+    collisions: tuple[tuple[int, tuple[int, int]], ...]
+    eye_world: tuple[float, float, float]
+
+    def solids(self, frame: int) -> list[Solid]:
+        """Geometry of the objects in a frame."""
+        shapes = [ATTRIBUTES["shape"][i] for i in self.attributes[:, 2]]
+        places = self.states[frame, :, STATE["location"]]
+        turns = Rotation.from_quat(self.states[frame, :, STATE["rotation"]]).as_matrix()
+        return [Solid(shape, place, turn) for shape, place, turn in zip(shapes, places, turns, strict=True)]
+
+
+class VideoDataset(Dataset[dict[str, Tensor]]):
+    """Clips of CLEVRER's videos, or of a generated data set, with the truth about every frame.
+
+    Items are dictionaries of tensors of the same shapes, which the default `collate_fn` stacks (T frames, N = `max_objects`):
+
+    - `video` (T, 3, H, W) uint8 RGB
+    - `masks` (T, H, W) uint8, what is seen at each pixel's centre by ray casting: 0 the ground, i + 1 the object of row i
+    - `states` (T, N, 13) float32, columns as of `STATE`; `visible` (T, N) bool, whether the object is in the image
+    - `contacts` (T, N, N) bool, symmetric: pairs that begin to collide after the clip's previous frame, up to this one
+    - `attributes` (N, 3) int64, color, material and shape (`nsdr.world.vocabulary.ATTRIBUTES`), -1 in rows without an object;
+      `mass` (N,) float32, relative, NaN where it is not known (the release withholds it); `present` (N,) bool
+    - `flow` (T, 2, H, W) float32, displacement of what is seen until the video's next frame (pixels to the right, down); 0 in
+      the last frame of a released video, after which nothing is known
+    - `frames` (T,) int64, numbers of the frames; `scene_index` int64
+
+    Generated data sets give all of it from their truth files; the release's `train` and `validation` from its annotations.
+
+        >>> data = VideoDataset("data", "train", length=16, step=2, image_size=(64, 96))
+        >>> batch = next(iter(torch.utils.data.DataLoader(data, batch_size=8, shuffle=True, num_workers=4)))
+
+    Args:
+        root: folder of the data set (`nsdr.clevrer.CLEVRER`).
+        split: "train", "validation" or "test".
+        length: frames of a clip; 0 for all that the video has.
+        step: frames from one frame of a clip to its next.
+        hop: frames from the start of a clip to that of the next clip of the same video; 0 for clips that do not overlap.
+        image_size: height and width (pixels); None for the video's own, at most 320x480.
+        images, masks, flow: whether items have them. Without `images`, videos need not be there, and `image_size` must be given
+            where masks or flow are wanted.
+        max_objects: rows of the objects.
+
+    Raises:
+        DataError: a file is missing or malformed, an option does not fit, or (when it is read) a scene has more objects.
+    """
+
+    def __init__(
+        self,
+        root: str | Path,
+        split: str = "train",
+        length: int = 0,
+        step: int = 1,
+        hop: int = 0,
+        image_size: tuple[int, int] | None = None,
+        images: bool = True,
+        masks: bool = True,
+        flow: bool = False,
+        max_objects: int = 8,
+    ) -> None:
+        for name, value, least in (
+            ("length", length, 0),
+            ("step", step, 1),
+            ("hop", hop, 0),
+            ("max_objects", max_objects, 1),
+        ):
+            if not _is_whole(value) or value < least:
+                raise DataError(f"{name} is {value!r}; expected a whole number, {least} or more")
+        if image_size is not None:
+            _check_size(image_size)
+        if not images and (masks or flow) and image_size is None:
+            raise DataError("image_size: masks and flow without images need a size")
+        self._root, self._split = Path(root), CLEVRER(root).split(split)
+        manifest = CLEVRER(root).manifest
+        self._render = None if manifest is None else _render_config(manifest, self._root)
+        self.image_size, self.images, self.masks, self.flow = image_size, images, masks, flow
+        self.max_objects, self.step = max_objects, step
+        n_frames = self._split.n_frames
+        self.length = length or -(-n_frames // step)
+        span = (self.length - 1) * step + 1
+        if span > n_frames:
+            raise DataError(f"length: {length} frames with step {step} span {span}; the videos have {n_frames}")
+        starts = range(0, n_frames - span + 1, hop or span)
+        self.clips = [(video, start) for video in self._videos() for start in starts]
+        self._kept: OrderedDict[int, _Truth] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self.clips)
+
+    def __getitem__(self, index: int) -> dict[str, Tensor]:
+        video, start = self.clips[index]
+        truth = self._truth(video)
+        frames = np.arange(self.length) * self.step + start
+        item: dict[str, Any] = {"frames": frames, "scene_index": np.int64(video), **self._objects(truth, frames)}
+        size = self.image_size
+        if self.images:
+            images = self._images(video, frames)
+            size = size or images[0].shape[:2]
+            resized = [_resized(image, size, cv2.INTER_AREA) for image in images]
+            item["video"] = np.stack(resized).transpose(0, 3, 1, 2)
+        if size is not None and (self.masks or self.flow):
+            item |= self._pixels(truth, frames, size)
+        return {name: torch.from_numpy(np.array(value)) for name, value in item.items()}
+
+    def _videos(self) -> list[int]:
+        """Indices of the videos that are there, or of those with a truth file where no images are wanted."""
+        split = self._split
+        if self._render is None:
+            known = sorted(split.entries("annotations"))
+        else:
+            known = [i for i in split.indices if self._truth_file(i).exists()]
+        found = sorted(set(known) & set(split.entries("videos"))) if self.images else known
+        if not found:
+            wanted = "truth" if self._render is not None else "annotations"
+            raise DataError(
+                f"{self._root}: has no {split.name} videos with {wanted}; `nsdr generate dataset` makes both"
+            )
+        return found
+
+    def _truth_file(self, video: int) -> Path:
+        return self._root / "truth" / self._split.name / f"truth_{video:05d}.json"
+
+    def _truth(self, video: int) -> _Truth:
+        if video not in self._kept:
+            if self._render is None:
+                annotation = self._split.annotation(video)
+                rows, frames, collisions = (
+                    annotation[k] for k in ("object_property", "motion_trajectory", "collision")
+                )
+                eye = Camera().eye_world
+            else:
+                file = read_truth_file(self._truth_file(video), motion=True)
+                if file["scene_index"] != video:
+                    raise DataError(
+                        f"{self._truth_file(video)}: scene_index: expected {video}, got {file['scene_index']}"
+                    )
+                rows, frames, collisions = file["objects"], file["frames"], file["collisions"]
+                eye = view_of(self._render, file["seed"]).camera.eye_world
+            if len(rows) > self.max_objects:
+                raise DataError(f"video {video} has {len(rows)} objects; max_objects is {self.max_objects}")
+            self._kept[video] = _truth_of(rows, frames, collisions, eye)
+            if len(self._kept) > KEPT_SCENES:
+                self._kept.popitem(last=False)
+        return self._kept[video]
+
+    def _objects(self, truth: _Truth, frames: NDArray[np.int64]) -> dict[str, Any]:
+        n, most = len(truth.mass), self.max_objects
+        contacts = np.zeros((len(frames), most, most), bool)
+        for frame, (i, j) in truth.collisions:
+            at = int(np.searchsorted(frames, frame))
+            if frames[0] - self.step < frame <= frames[-1]:
+                contacts[at, i, j] = contacts[at, j, i] = True
+        return {
+            "states": _padded(truth.states[frames].astype(np.float32), most, 1, 0.0),
+            "visible": _padded(truth.visible[frames], most, 1, False),
+            "contacts": contacts,
+            "attributes": _padded(truth.attributes, most, 0, -1),
+            "mass": _padded(truth.mass, most, 0, np.nan),
+            "present": np.arange(most) < n,
+        }
+
+    def _images(self, video: int, frames: NDArray[np.int64]) -> list[NDArray[np.uint8]]:
+        path = self._split.video(video)
+        decoded = sample_frames(path, (int(frames[-1]) + 1) / FPS, 1).frames
+        if len(decoded) <= frames[-1]:
+            raise DataError(f"{path}: has {len(decoded)} frames; expected {self._split.n_frames}")
+        return list(decoded[frames])
+
+    def _pixels(self, truth: _Truth, frames: NDArray[np.int64], size: tuple[int, int]) -> dict[str, Any]:
+        """Masks and flow, cast at the release's aspect ratio and scaled to the size wanted."""
+        height = max(size[0], -(-size[1] * HEIGHT_PX // WIDTH_PX))
+        camera = Camera(truth.eye_world, round(height * WIDTH_PX / HEIGHT_PX), height)
+        scale = np.array([size[1] / camera.width, size[0] / camera.height], np.float32)
+        masks, flows = [], []
+        for frame in frames:
+            now = truth.solids(frame)
+            if self.masks:
+                ids = (instance_ids(now, camera) + 1).astype(np.uint8)
+                masks.append(_resized(ids, size, NEAREST))
+            if self.flow:
+                following = truth.solids(min(frame + 1, len(truth.states) - 1))
+                flow = _resized(optical_flow(now, following, camera), size, NEAREST)
+                flows.append((flow * scale).transpose(2, 0, 1))
+        return {name: np.stack(rows) for name, rows in (("masks", masks), ("flow", flows)) if rows}
+
+
+def _truth_of(
+    rows: list[dict[str, Any]],
+    frames: list[dict[str, Any]],
+    collisions: list[dict[str, Any]],
+    eye_world: tuple[float, float, float],
+) -> _Truth:
+    """The content of a truth or annotation file as arrays."""
+    rows = sorted(rows, key=lambda row: row["object_id"])
+    ordered = [sorted(frame["objects"], key=lambda row: row["object_id"]) for frame in frames]
+    vectors = np.array([[[row[name] for name in VECTORS] for row in frame] for frame in ordered])
+    location, orientation, velocity, spin = vectors.transpose(2, 0, 1, 3)
+    turns = [rendered_rotation(row["shape"], orientation[:, i]).as_quat() for i, row in enumerate(rows)]
+    return _Truth(
+        np.array([[words.index(row[name]) for name, words in ATTRIBUTES.items()] for row in rows]),
+        np.array([row.get("mass", np.nan) for row in rows], np.float32),
+        np.concatenate([location, np.stack(turns, 1), velocity, spin], -1),
+        np.array([[row["inside_camera_view"] for row in frame] for frame in ordered]),
+        tuple((c["frame_id"], (c["object_ids"][0], c["object_ids"][1])) for c in collisions),
+        eye_world,
+    )
+
+
+def _render_config(manifest: Mapping[str, Any], root: Path) -> RenderConfig:
+    """The rendering options of a generated data set."""
+    where = f"{root / 'manifest.json'}"
+    values = get(get(manifest, "config", dict, where), "render", dict, f"{where}: config")
+    try:
+        config = RenderConfig(**{f.name: values[f.name] for f in fields(RenderConfig) if f.name in values})
+    except DataError as e:
+        raise DataError(f"{where}: config.render: {e}") from e
+    if config.fps != FPS:
+        raise DataError(f"{root}: its videos have {config.fps} frames per second; expected {FPS}")
+    return config
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _check_size(image_size: Any) -> None:
+    """Masks are cast at the release's aspect ratio, in a size around the one wanted."""
+    is_pair = isinstance(image_size, tuple | list) and len(image_size) == 2
+    if not is_pair or not all(_is_whole(n) and n >= 1 for n in image_size):
+        raise DataError(f"image_size is {image_size!r:.60}; expected height and width")
+    height = max(image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX)
+    check_limit(height * height * WIDTH_PX // HEIGHT_PX, "image_pixels", f"image_size {tuple(image_size)}")
+
+
+def _resized(image: NDArray[Any], size: tuple[int, int], how: int) -> NDArray[Any]:
+    return image if image.shape[:2] == size else np.asarray(cv2.resize(image, size[::-1], interpolation=how))
+
+
+def _padded(values: NDArray[Any], length: int, axis: int, fill: float) -> NDArray[Any]:
+    widths = [(0, length - n if i == axis else 0) for i, n in enumerate(values.shape)]
+    return np.pad(values, widths, constant_values=fill)

@@ -1,0 +1,282 @@
+"""Interventions on a video's objects: which objects they mean, what contradicts, and the simulation that backends return."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Protocol, TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.scenes import enter_exit_events
+from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.errors import DataError
+from nsdr.types import (
+    Add,
+    DynamicsPrediction,
+    Event,
+    Freeze,
+    Move,
+    Remove,
+    Rollout,
+    Scene,
+    SceneObject,
+    SetMass,
+    SetVelocity,
+    Simulation,
+    VideoTracks,
+)
+from nsdr.types.interventions import Intervention
+
+__all__ = [
+    "Changes",
+    "Intervenes",
+    "find_object",
+    "intervenes",
+    "make_simulation",
+    "resolve",
+    "simulate_removal",
+]
+
+FloatArray = NDArray[np.floating[Any]]
+BoolArray = NDArray[np.bool_]
+EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
+"""Interventions of which an object takes one. `Remove` excludes all others."""
+
+
+class Intervenes(Protocol):
+    """A dynamics backend that takes interventions of every kind."""
+
+    def simulate(self, tracks: VideoTracks, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
+        """The video's motion with interventions, beside that without.
+
+        Args:
+            tracks: the video's objects.
+            interventions: changes of the scene, all at `from_frame`.
+            from_frame: a frame of the video.
+
+        Raises:
+            DataError: an object that is not there, or a change that is impossible; says why with the numbers.
+        """
+
+
+def intervenes(backend: Any) -> TypeGuard[Intervenes]:
+    """Whether a backend is an `Intervenes`."""
+    return hasattr(backend, "simulate")
+
+
+class Changes:
+    """Interventions with the ids of their objects. `resolve` makes it.
+
+    Attributes:
+        of: (id, intervention) of each one; added objects get the ids after the scene's.
+        objects: the scene's identities, then those of added objects.
+        removed, added: ids.
+    """
+
+    def __init__(self, of: Sequence[tuple[int, Intervention]], objects: Sequence[SceneObject]) -> None:
+        self.of = tuple(of)
+        self.removed = [i for i, change in of if isinstance(change, Remove)]
+        new = [(i, change) for i, change in of if isinstance(change, Add)]
+        self.added = [i for i, _ in new]
+        self.objects = (*objects, *(SceneObject(i, a.color, a.material, a.shape) for i, a in new))
+
+
+def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:
+    """Id of the object that words or an id mean.
+
+    Raises:
+        DataError: none or several fit; lists the objects.
+    """
+    known = ", ".join(f"{o.id} {o.name}" for o in objects)
+    if not isinstance(wanted, str):
+        if wanted in range(len(objects)) and not isinstance(wanted, bool):
+            return int(wanted)
+        raise DataError(f"object {wanted}: expected an id of the scene's objects: {known}")
+    words = set(wanted.lower().removeprefix("the ").split())
+    fitting = [o.id for o in objects if words and words <= set(o.name.split())]
+    if len(fitting) == 1:
+        return fitting[0]
+    found = "no object fits" if not fitting else f"{len(fitting)} objects fit; add words or give the id"
+    raise DataError(f"{wanted!r}: {found}; the scene has {known}")
+
+
+def resolve(
+    interventions: Sequence[Intervention], objects: Sequence[SceneObject], visible: BoolArray, from_frame: int
+) -> Changes:
+    """Interventions with the ids of their objects, checked against each other and the video.
+
+    Args:
+        interventions: changes of the scene.
+        objects: the video's.
+        visible: (n, F) bool, whether each object is in the image at each frame of the video.
+        from_frame: frame of the interventions.
+
+    Raises:
+        DataError: no intervention, a frame outside of the video, an object that is unknown or not in the image at that frame,
+            contradicting interventions, or a new object that is there already.
+    """
+    frames = visible.shape[1]
+    if type(from_frame) is not int or not 0 <= from_frame < frames:
+        raise DataError(f"from_frame: expected a frame of the video, 0 to {frames - 1}, got {from_frame!r:.60}")
+    if not interventions:
+        raise DataError("interventions: expected at least one, such as nsdr.Remove('red cube'), got none")
+    found: list[tuple[int, Intervention]] = []
+    n_added = 0
+    for change in interventions:
+        if isinstance(change, Add):
+            found.append((len(objects) + n_added, change))
+            n_added += 1
+        elif isinstance(change, Remove | SetMass | SetVelocity | Move | Freeze):
+            i = find_object(objects, change.object)
+            _check_there(change, objects[i], visible[i], from_frame)
+            found.append((i, change))
+        else:
+            known = "Remove, SetMass, SetVelocity, Move, Freeze, Add"
+            raise DataError(f"interventions: expected instances of {known}, got {change!r:.60}")
+    changes = Changes(found, objects)
+    _check_contradictions(changes, from_frame)
+    return changes
+
+
+def _check_there(change: Intervention, o: SceneObject, visible: BoolArray, frame: int) -> None:
+    """Removal and masses also concern objects that enter later."""
+    seen = np.flatnonzero(visible)
+    later = isinstance(change, Remove | SetMass)
+    if visible[frame] or (later and len(seen) and frame < seen[0]):
+        return
+    if not len(seen):
+        raise DataError(f"{type(change).__name__} {o.name}: it is never in the image")
+    when = f"enters at frame {seen[0]}" if frame < seen[0] else f"leaves after frame {seen[-1]}"
+    what = f"{type(change).__name__} {o.name}: it is not in the image at frame {frame}, it {when}"
+    raise DataError(f"{what}; expected a from_frame from {seen[0]} to {seen[-1]}")
+
+
+def _check_contradictions(changes: Changes, from_frame: int) -> None:
+    kinds: dict[int, list[type]] = {}
+    for i, change in changes.of:
+        mine = kinds.setdefault(i, [])
+        mine.append(type(change))
+        for one_of in EXCLUSIVE:
+            _check_one(changes.objects[i], [k for k in mine if k in one_of])
+        if Remove in mine:
+            _check_one(changes.objects[i], mine)
+    if len(changes.removed) == len(changes.objects):
+        raise DataError(f"interventions: all {len(changes.objects)} objects are removed; nothing is left to simulate")
+    names: dict[str, int] = {}
+    for o in changes.objects:
+        gone = o.id in changes.removed and from_frame == 0
+        if not gone and o.name in names:
+            raise DataError(f"Add {o.name}: the scene has one already; objects differ in color, material or shape")
+        if not gone:
+            names[o.name] = o.id
+
+
+def _check_one(o: SceneObject, kinds: Sequence[type]) -> None:
+    if len(kinds) > 1:
+        names = " and ".join(kind.__name__ for kind in kinds)
+        raise DataError(f"{o.name}: {names} contradict each other; give one of them")
+
+
+def make_simulation(
+    changes: Changes,
+    n_frames: int,
+    from_frame: int,
+    original: Rollout,
+    changed: Rollout,
+    yaws: tuple[FloatArray, FloatArray],
+) -> Simulation:
+    """A simulation with its events and scene.
+
+    Args:
+        changes: the interventions.
+        n_frames: frames of the video.
+        from_frame: frame of the interventions.
+        original, changed: rollouts of the scene's objects and the added ones.
+        yaws: (n, F) rotations of both (radians).
+    """
+    placed = {i for i, change in changes.of if isinstance(change, Remove | Move | Add)}
+
+    def happens(event: Event, first: int) -> bool:
+        """Not that an intervention puts an object there or takes it away."""
+        return event.kind == "collision" or event.frame != from_frame or first not in placed
+
+    kept = [o.id for o in changes.objects if from_frame > 0 or o.id not in changes.removed]
+    scene = _scene(changes.objects, n_frames, changed, kept)
+    return Simulation(
+        changes.objects,
+        n_frames,
+        from_frame,
+        tuple(_named(change, changes.objects[i].name) for i, change in changes.of),
+        original,
+        changed,
+        *yaws,
+        tuple(_events(original)),
+        tuple(e for e in _events(changed) if happens(e, e.objects[0])),
+        replace(scene, events=tuple(e for e in scene.events if happens(e, kept[e.objects[0]]))),
+    )
+
+
+def _named(change: Intervention, name: str) -> Intervention:
+    """The intervention with its object's full name."""
+    return change if isinstance(change, Add) else replace(change, object=name)
+
+
+def _events(rollout: Rollout) -> list[Event]:
+    return sorted(
+        [*enter_exit_events(rollout.visible), *rollout.collisions], key=lambda e: (e.frame, e.kind == "collision")
+    )
+
+
+def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int]) -> Scene:
+    """The scene of a rollout with some of its objects, renumbered."""
+    new = {old: i for i, old in enumerate(kept)}
+
+    def renumbered(event: Event) -> Event:
+        return replace(event, objects=tuple(new[i] for i in event.objects))
+
+    doubts = rollout.doubts
+    if doubts is not None:
+        doubts = tuple(replace(d, event=renumbered(d.event)) for d in doubts)
+    speed = rollout.speed_world_per_s
+    part = Rollout(
+        rollout.location_world[kept],
+        rollout.visible[kept],
+        tuple(renumbered(e) for e in rollout.collisions),
+        None,
+        None if speed is None else speed[kept],
+        doubts,
+    )
+    prediction = DynamicsPrediction(tuple(replace(objects[i], id=new[i]) for i in kept), n_frames, part)
+    return replace(scene_from_prediction(prediction), counterfactual=None, dynamics=prediction)
+
+
+def simulate_removal(
+    prediction: DynamicsPrediction, interventions: Sequence[Intervention], from_frame: int, backend: str
+) -> Simulation:
+    """The simulation of a backend that takes no interventions: one object is removed from frame 0.
+
+    Yaws are not known, and are 0.
+
+    Args:
+        prediction: of the video.
+        interventions: changes of the scene.
+        from_frame: their frame.
+        backend: its name, for the error.
+
+    Raises:
+        DataError: other interventions, or those that `resolve` refuses.
+    """
+    n_frames = prediction.n_frames
+    changes = resolve(interventions, prediction.objects, prediction.observed.visible[:, :n_frames], from_frame)
+    if from_frame != 0 or len(changes.of) > 1 or not changes.removed:
+        asked = ", ".join(type(change).__name__ for _, change in changes.of)
+        raise DataError(
+            f"{asked} from frame {from_frame}: the dynamics backend {backend} can only remove one object from frame 0; "
+            "use the backend physics"
+        )
+    changed = prediction.counterfactual[changes.removed[0]]
+    if changed.doubts is not None:
+        changed = replace(changed, doubts=tuple(replace(doubt, removed=None) for doubt in changed.doubts))
+    original = replace(prediction.observed, unseen_scores=None)
+    none = np.zeros(changed.visible.shape)
+    return make_simulation(changes, n_frames, 0, original, changed, (none, none))

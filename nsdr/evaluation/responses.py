@@ -1,0 +1,158 @@
+"""Scores files of answers by one protocol: what cannot be read or is missing counts as wrong, and is counted and listed."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from nsdr.clevrer.answer_files import GivenAnswer, read_given
+from nsdr.clevrer.prompts import option_letters
+from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.errors import DataError, NsdrError
+from nsdr.evaluation.references import format_references, reference_rows
+from nsdr.evaluation.score import format_table, score_answers
+from nsdr.types import Answer, ChoiceAnswer
+
+__all__ = ["answer_of", "format_report", "score_responses"]
+
+MISSING, UNREAD = "missing: the file has no answer", "unread"
+"""How the errors of missing and of unread answers begin."""
+SHOWN_CHARACTERS = 300
+"""Characters of an unread response that the report keeps."""
+LISTED = 5
+"""Unread responses, and missing or unknown questions, that the printed report names; the JSON report has them all."""
+
+
+def score_responses(
+    scenes: Sequence[SceneQuestions], given: Sequence[GivenAnswer], allow_missing: bool = False
+) -> dict[str, Any]:
+    """Read and score a system's answers.
+
+    Args:
+        scenes: questions with their answers.
+        given: the system's answers, each question at most once.
+        allow_missing: score the answered questions only; else those without an answer count as wrong.
+
+    Returns:
+        The report of `nsdr.evaluation.score.score_answers`, and
+        `references`: systems that see nothing on the same questions, as of `reference_rows`;
+        `responses`: numbers of `questions`, `answered` ones and `scored` ones; ids of the `missing` and of the `unknown`
+        questions; `read_as`, how often answers were found in which form; `unread_by_type`; and `unread`, each with its id,
+        place in the file, type, problem and first characters.
+
+    Raises:
+        DataError: no answer is about one of the questions, or these have no answers in their file.
+    """
+    by_id = {(g.scene_index, g.question_id): g for g in given}
+    asked = {(s.scene_index, q.id) for s in scenes for q in s.questions}
+    if not asked & set(by_id):
+        raise DataError(
+            f"none of the {len(by_id)} answers is about one of the {len(asked)} questions; is it another split?"
+        )
+    answered = list(asked & set(by_id))
+    unread: list[dict[str, Any]] = []
+    read_as: Counter[str] = Counter()
+
+    def answers() -> Iterator[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]:
+        for scene in scenes:
+            found: dict[int, Answer | NsdrError] = {}
+            for question in scene.questions:
+                given_answer = by_id.get((scene.scene_index, question.id))
+                if given_answer is None:
+                    if not allow_missing:
+                        found[question.id] = DataError(MISSING)
+                    continue
+                response = read_given(question, given_answer.given)
+                if response.answer is None:
+                    unread.append(_unread(question, given_answer, response.problem))
+                    found[question.id] = DataError(f"{UNREAD}: {response.problem.split(':')[0]}")
+                else:
+                    read_as[response.how] += 1
+                    found[question.id] = answer_of(question, response.answer)
+            yield scene, found
+
+    report = score_answers(answers())
+    if report["unlabelled"]:
+        raise DataError(f"{report['unlabelled']} questions have no answers in their file; score on train or validation")
+    kept = asked if not allow_missing else set(answered)
+    return report | {
+        "references": reference_rows(_only(scenes, kept)),
+        "responses": {
+            "questions": len(asked),
+            "answered": len(answered),
+            "scored": len(kept),
+            "missing": [_id(*key) for key in sorted(asked - set(by_id))],
+            "unknown": [_id(*key) for key in sorted(set(by_id) - asked)],
+            "read_as": dict(sorted(read_as.items())),
+            "unread_by_type": {kind: sum(u["question_type"] == kind for u in unread) for kind in QUESTION_TYPES},
+            "unread": unread,
+        },
+    }
+
+
+def answer_of(question: Question, answer: str | frozenset[str]) -> Answer:
+    """An answer as it was read, as a result of a system: a word, or judgements of the options by their letters."""
+    if isinstance(answer, str):
+        return Answer(question.text, (), answer)
+    letters = option_letters(len(question.choices))
+    judged = [
+        ChoiceAnswer(c.text, "correct" if letter in answer else "wrong", (), ())
+        for letter, c in zip(letters, question.choices, strict=True)
+    ]
+    return Answer(question.text, (), None, choices=tuple(judged))
+
+
+def format_report(report: Mapping[str, Any], references: bool = True) -> str:
+    """The table of `format_table`, the systems that see nothing, and what was not read, is missing or unknown.
+
+    Args:
+        report: as of `score_responses`.
+        references: whether to print the systems that see nothing.
+    """
+    responses = report["responses"]
+    lines = [format_table({**report, "errors": 0})]
+    if not any("tags" in report[kind] for kind in QUESTION_TYPES):
+        lines.append("no observational and inferential halves: the question file has no tags; `nsdr tag` adds them")
+    lines += ["", *format_references(report["references"])] if references else []
+    lines.append("")
+    asked, answered = responses["questions"], responses["answered"]
+    lines.append(f"{answered} of {asked} questions have an answer; {responses['scored']} are scored")
+    if responses["missing"]:
+        verdict = "they are left out" if responses["scored"] == answered else "they count as wrong"
+        lines.append(f"{len(responses['missing'])} have none ({_listed(responses['missing'])}): {verdict}")
+    if responses["unknown"]:
+        lines.append(
+            f"{len(responses['unknown'])} answers are about other questions ({_listed(responses['unknown'])}): ignored"
+        )
+    lines.append("read from: " + (", ".join(f"{how} {n}" for how, n in responses["read_as"].items()) or "nothing"))
+    if unread := responses["unread"]:
+        counts = ", ".join(f"{kind} {n}" for kind, n in responses["unread_by_type"].items() if n)
+        lines.append(f"{len(unread)} responses cannot be read and count as wrong: {counts}")
+        lines += [f"  {u['where']} ({u['id']}): {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
+    return "\n".join(lines)
+
+
+def _unread(question: Question, given: GivenAnswer, problem: str) -> dict[str, Any]:
+    return {
+        "id": _id(given.scene_index, given.question_id),
+        "where": given.where,
+        "question_type": question.type,
+        "problem": problem,
+        "response": str(given.given)[:SHOWN_CHARACTERS],
+    }
+
+
+def _id(scene_index: int, question_id: int) -> str:
+    return f"{scene_index}-{question_id}"
+
+
+def _listed(ids: Sequence[str]) -> str:
+    return ", ".join(ids[:LISTED]) + (", …" if len(ids) > LISTED else "")
+
+
+def _only(scenes: Sequence[SceneQuestions], kept: set[tuple[int, int]]) -> list[SceneQuestions]:
+    """The scenes with the questions that are kept."""
+    parts = [
+        SceneQuestions(s.scene_index, s.video_filename, tuple(q for q in s.questions if (s.scene_index, q.id) in kept))
+        for s in scenes
+    ]
+    return [s for s in parts if s.questions]

@@ -1,0 +1,288 @@
+"""What all formats have in common: the settings, the data set's questions and videos, and the output's folder."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
+
+from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
+from nsdr.clevrer.prompts import option_letters
+from nsdr.clevrer.questions import Question, SceneQuestions, iterate_questions
+from nsdr.clevrer.scene_files import iterate_scenes
+from nsdr.clevrer.schema import get, get_whole
+from nsdr.errors import DataError
+from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
+from nsdr.generate.export.reasoning import reasoner
+from nsdr.generate.export.records import Record, scene_records
+from nsdr.io.files import atomic_path, writing
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.validation import COUNT, check_choices, check_ranges
+
+__all__ = [
+    "Export",
+    "ExportConfig",
+    "ExportedScene",
+    "Exporter",
+    "SplitSummary",
+    "write_json_lines",
+]
+
+VIDEOS = ("copy", "link", "none")
+REASONING = ("", "short", "long")
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """An export.
+
+    Attributes:
+        root: folder of the data set, generated or in the official layout.
+        output: folder to write; an interrupted export resumes there.
+        format: one of `nsdr.generate.export.registry.EXPORTERS`.
+        splits: which; () for train and validation, as far as they have questions.
+        questions: question file in place of the split's own, such as one with tags or `truth/questions_test.json`; needs one
+            split.
+        videos: "copy" them into the output, "link" to them, or "none" (only their paths are written).
+        limit: first n videos of each split; 0 for all.
+        shard_mb: webdataset: largest size of a shard (10^6 bytes), unless one video is larger.
+        license: parquet: licence identifier for the data set's card, such as "cc-by-4.0".
+        reasoning: "short" or "long" for checkable sentences that lead to each answer, from the true scenes; "" for none.
+        scenes: whether to copy or link the true scenes, too, which `nsdr.rewards.trace_verified` reads.
+    """
+
+    root: str
+    output: str
+    format: str
+    splits: tuple[str, ...] = ()
+    questions: str = ""
+    videos: str = "copy"
+    limit: int = 0
+    shard_mb: int = 1000
+    license: str = "unknown"
+    reasoning: str = ""
+    scenes: bool = False
+
+    def __post_init__(self) -> None:
+        check_choices(self, videos=VIDEOS, reasoning=REASONING)
+        check_ranges(self, limit=COUNT, shard_mb=(1, 10**6))
+        if self.questions and len(self.splits) != 1:
+            raise DataError("questions: a question file is of one split; name it (--split)")
+        if len(set(self.splits)) < len(self.splits):
+            raise DataError(f"splits: {', '.join(self.splits)} names one twice")
+
+
+@dataclass(frozen=True)
+class SplitSummary:
+    """What an export holds of a split.
+
+    Attributes:
+        videos: videos with questions.
+        questions: questions about them.
+        unanswered: questions among them that have no answer in their file, and so no solution.
+    """
+
+    videos: int
+    questions: int
+    unanswered: int
+
+
+class ExportedScene(NamedTuple):
+    """A video and the questions about it.
+
+    Attributes:
+        video: the video's file; None if the export has no videos.
+        records: at least one.
+    """
+
+    video: Path | None
+    records: tuple[Record, ...]
+
+
+class Export:
+    """An export in progress, as a format's writer gets it.
+
+    Args:
+        config: the settings.
+
+    Attributes:
+        folder: where to write. A file that is there is finished: write atomically, and skip what exists.
+        splits: what there is to export of each split, by name.
+        is_generated: whether the data set has a manifest, as generated ones do.
+
+    Raises:
+        DataError: a split has no questions, a video or true scene is missing, or a video is of another split; names the file
+            and the remedy.
+    """
+
+    def __init__(self, config: ExportConfig) -> None:
+        self.config, self.folder = config, Path(config.output)
+        self._root = CLEVRER(config.root)
+        self._sources = {name: self._root.split(name) for name in config.splits or SPLITS}
+        if not config.splits:
+            self._sources = {n: s for n, s in self._sources.items() if n != "test" and s.question_file is not None}
+        if not self._sources:
+            raise DataError(f"{config.root}: has no questions/train.json and no questions/validation.json")
+        self.is_generated = self._root.manifest is not None
+        self._seed = _first_seed(self._root)
+        self._videos: dict[str, dict[int, Entry]] = {}
+        self._bytes: dict[str, int] = {}
+        self.splits = {name: self._summary(name) for name in self._sources}
+
+    def questions(self, split: str) -> Iterator[SceneQuestions]:
+        """Yield the split's videos that have questions, one by one."""
+        path = self._question_file(split)
+        found = (scene for scene in iterate_questions(path) if scene.questions)
+        return islice(found, self.config.limit or None)
+
+    def scenes(self, split: str) -> Iterator[ExportedScene]:
+        """Yield the split's videos with the records of their questions, and show progress; copies and links no videos."""
+        total = self.splits[split].videos
+        for scene in tqdm(self.questions(split), total=total, unit="video", desc=split):
+            index = scene.scene_index
+            seed = None if self._seed is None else self._seed + index
+            name = self._scene_name(split, index) if self.config.scenes else None
+            records = scene_records(scene, split, self._video_name(split, index), seed, self._tell(split, index), name)
+            source = None if self.config.videos == "none" else self._sources[split].video(index)
+            yield ExportedScene(source, records)
+
+    def records(self, split: str) -> Iterator[Record]:
+        """Yield the split's records; each video is copied or linked before its first record."""
+        for scene in self.scenes(split):
+            first = scene.records[0]
+            if scene.video is not None:
+                self._place(scene.video, self.folder / first.video)
+                if first.scene is not None:
+                    self._place(self._root.root / first.scene, self.folder / first.scene)
+            yield from scene.records
+
+    def settings(self) -> dict[str, Any]:
+        """Everything that the output depends on."""
+        values = asdict(self.config)
+        for name in ("root", "output", "questions"):
+            values.pop(name)
+        files = [self._question_file(name) for name in self.splits]
+        inputs = fingerprint(inputs=files, config=[self._seed, self._bytes])
+        return values | {"splits": list(self.splits), "inputs_and_code": inputs}
+
+    def _summary(self, split: str) -> SplitSummary:
+        source = self._sources[split]
+        self._videos[split] = entries = source.entries("videos")
+        videos = questions = unanswered = 0
+        for scene in self.questions(split):
+            index = scene.scene_index
+            if index not in source.indices:
+                where = f"{self._question_file(split)}: scene_index {index}"
+                raise DataError(f"{where}: the data set's {split} split has {_shown(source.indices)}")
+            if self.config.videos != "none":
+                if index not in entries:
+                    missing = f"has no video_{index:05d}.mp4 ({split})"
+                    raise DataError(f"{self.config.root}: {missing}; fetch it, or give --videos none")
+                self._bytes[f"video {index}"] = entries[index].path.stat().st_size
+            for question in scene.questions:
+                try:
+                    option_letters(len(question.choices))
+                except DataError as e:
+                    where = f"{self._question_file(split)}: scene {index}, question {question.id}"
+                    raise DataError(f"{where}: {e}") from e
+            if self.config.reasoning or self.config.scenes:
+                scene_file = self._root.root / self._scene_name(split, index)
+                self._bytes[f"scene {index}"] = scene_file.stat().st_size
+            videos += 1
+            questions += len(scene.questions)
+            unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
+        return SplitSummary(videos, questions, unanswered)
+
+    def _question_file(self, split: str) -> Path:
+        path = Path(self.config.questions) if self.config.questions else self._sources[split].question_file
+        if path is None:
+            raise DataError(f"{self.config.root}: has no questions/{split}.json; leave out --split {split}")
+        return path
+
+    def _video_name(self, split: str, index: int) -> str:
+        """Where the official layout has a video; without copied or linked videos, where the data set has it."""
+        root = self._root.root
+        if self.config.videos == "none":
+            entry = self._videos[split].get(index)
+            if entry is not None and entry.member is None:
+                return entry.path.relative_to(root).as_posix()
+        return Files(root, split, index).video.relative_to(root).as_posix()
+
+    def _scene_name(self, split: str, index: int) -> str:
+        """Where the data set has the true scene: a truth file, or else an annotation."""
+        truth = Files(self._root.root, split, index).truth
+        if truth.is_file():
+            return truth.relative_to(self._root.root).as_posix()
+        entry = self._sources[split].entries("annotations").get(index)
+        if entry is None or entry.member is not None:
+            where = f"{truth}, and no annotation_{index:05d}.json beside it"
+            raise DataError(
+                f"{where}: no such file; export without --reasoning and --scenes, or fetch and unzip annotations"
+            )
+        return entry.path.relative_to(self._root.root).as_posix()
+
+    def _tell(self, split: str, index: int) -> Callable[[Question], str | None] | None:
+        if not self.config.reasoning:
+            return None
+        path = self._root.root / self._scene_name(split, index)
+        scenes = {number: scene for number, _, scene in iterate_scenes(path)}
+        if list(scenes) != [index]:
+            raise DataError(
+                f"{path}: scene_index: expected {index} alone, got {', '.join(map(str, scenes)) or 'no scene'}"
+            )
+        return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
+
+    def _place(self, video: Path, target: Path) -> None:
+        if os.path.lexists(target):
+            return
+        if self.config.videos == "copy":
+            with atomic_path(target) as temporary:
+                shutil.copyfile(video, temporary)
+            return
+        with writing(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.symlink_to(video.resolve())
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """A format.
+
+    Attributes:
+        write: writes the export's files into its folder.
+        needs: package that it needs, and extra of nsdr that brings it; "" for none.
+        videos: settings of `ExportConfig.videos` that make sense.
+    """
+
+    write: Callable[[Export], None]
+    needs: str = ""
+    videos: tuple[str, ...] = VIDEOS
+
+
+def write_json_lines(export: Export, row: Callable[[Record], Mapping[str, Any]]) -> None:
+    """Write SPLIT.jsonl of every split, with one row for each record."""
+    for split in export.splits:
+        path = export.folder / f"{split}.jsonl"
+        if not path.exists():
+            with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+                for record in export.records(split):
+                    file.write(json.dumps(row(record)) + "\n")
+
+
+def _shown(indices: range) -> str:
+    return f"{indices.start} to {indices.stop - 1}" if indices else "no videos"
+
+
+def _first_seed(root: CLEVRER) -> int | None:
+    """The number from which video 0 of a generated data set is simulated (`DatasetConfig.scene_seed`); None of other data."""
+    if root.manifest is None or "config" not in root.manifest:
+        return None
+    where = f"{root.root / 'manifest.json'}: config"
+    config = get(root.manifest, "config", dict, where)
+    seed, first = (get_whole(config, name, where, 0, LARGEST_SEED) for name in ("seed", "first_scene"))
+    return seed * SCENES_PER_SEED + first

@@ -1,0 +1,88 @@
+"""What really happens in a generated video if one object is different: Bullet simulates the truth file's states again."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from nsdr.errors import DataError
+from nsdr.generate.physics.bullet import Body, Simulator
+from nsdr.types import Event, SetMass, SetVelocity
+from nsdr.types.interventions import Intervention, check_speed
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
+
+__all__ = ["TruthWorlds"]
+
+
+class TruthWorlds:
+    """The collisions of a generated video with an object changed; a `nsdr.symbolic.quantities.Simulate`.
+
+    States in truth files are rounded. So the video is simulated again as it is, too, and where that differs from the truth,
+    nothing is said.
+
+    Args:
+        truth: content of a truth file, of a scene with CLEVRER's physics.
+    """
+
+    def __init__(self, truth: Mapping[str, Any]) -> None:
+        self.objects: Sequence[Mapping[str, Any]] = sorted(truth["objects"], key=lambda o: int(o["object_id"]))
+        self.frames: Sequence[Mapping[str, Any]] = truth["frames"]
+        self.collisions = [
+            Event("collision", c["frame_id"], tuple(sorted(c["object_ids"]))) for c in truth["collisions"]
+        ]
+
+    def __call__(self, change: Intervention, from_frame: int) -> list[Event]:
+        """The first collision of each pair, in order of time.
+
+        Args:
+            change: a `SetMass` by its factor, or a `SetVelocity` by its factor or to 0, of an object by its id.
+            from_frame: frame of the change.
+
+        Raises:
+            DataError: another intervention, one that is impossible, or a video whose simulation does not repeat its truth.
+        """
+        bodies = self._bodies(from_frame)
+        if not isinstance(change, SetMass | SetVelocity) or not isinstance(change.object, int):
+            raise DataError(f"{change!r:.80}: expected a SetMass or SetVelocity of an object by its id")
+        changed = list(bodies)
+        changed[change.object] = _changed(bodies[change.object], change)
+        with Simulator() as simulator:
+            same, found = (self._simulated(simulator, start, from_frame) for start in (bodies, changed))
+        if {e.objects for e in same} != {e.objects for e in self.collisions}:
+            raise DataError(
+                "the video simulated again does not have its own collisions, so changes of it are not known"
+            )
+        return found
+
+    def _bodies(self, frame: int) -> list[Body]:
+        rows = sorted(self.frames[frame]["objects"], key=lambda o: int(o["object_id"]))
+        bodies = []
+        for o, row in zip(self.objects, rows, strict=True):
+            location, orientation = tuple(row["location"]), tuple(row["orientation"])
+            velocity, spin = tuple(row["velocity"]), tuple(row["angular_velocity"])
+            bodies.append(Body(o["shape"], location, orientation, velocity, spin, float(o["mass"])))
+        return bodies
+
+    def _simulated(self, simulator: Simulator, bodies: Sequence[Body], from_frame: int) -> list[Event]:
+        first: dict[tuple[int, ...], Event] = {}
+        for event in self.collisions:
+            if event.frame <= from_frame:
+                first.setdefault(event.objects, event)
+        for contact in simulator.run(bodies, len(self.frames) - from_frame).contacts:
+            first.setdefault(contact.bodies, Event("collision", contact.frame + from_frame, contact.bodies))
+        return sorted(first.values(), key=lambda e: e.frame)
+
+
+def _changed(body: Body, change: SetMass | SetVelocity) -> Body:
+    if isinstance(change, SetMass):
+        return replace(body, mass=body.mass * change.factor)
+    vx, vy, vz = body.velocity
+    speed = math.hypot(vx, vy)
+    if change.factor is None:
+        if change.vx or change.vy or change.vx is None:
+            raise DataError(f"{change!r:.80}: expected a factor, or vx=0 and vy=0")
+        return replace(body, velocity=(0.0, 0.0, vz))
+    if speed < MOVING_SPEED_WORLD_PER_S:
+        raise DataError("the object rests, so it has no speed to multiply")
+    check_speed("SetVelocity", speed * abs(change.factor))
+    return replace(body, velocity=(change.factor * vx, change.factor * vy, vz))

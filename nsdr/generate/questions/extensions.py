@@ -1,0 +1,122 @@
+"""Questions beyond CLEVRER about scenes with known velocities and masses, and the choice of some of them for each scene."""
+
+import random
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
+
+from nsdr.clevrer.questions import Choice, Question
+from nsdr.errors import ExecutionError
+from nsdr.generate.questions.candidates import Descriptive, MultipleChoice, Option, SceneWords
+from nsdr.question_parser.grammar import extension_templates as templates
+from nsdr.question_parser.grammar.templates import Grammar, Pair, every
+from nsdr.symbolic import Executor
+from nsdr.symbolic.quantities import Simulate
+from nsdr.types import Scene
+
+__all__ = ["EXTENSION_KINDS", "ExtensionSelection", "changed_questions", "extension_questions"]
+
+EXTENSION_KINDS: dict[str, Callable[[Grammar], Pair]] = {
+    "speed": templates.speed,
+    "direction": templates.direction,
+    "is_faster": templates.is_faster,
+    "faster": templates.faster,
+    "extreme_speed": templates.extreme_speed,
+    "is_heavier": templates.is_heavier,
+    "heavier": templates.heavier,
+    "heaviest": templates.heaviest,
+}
+"""Subtypes of the descriptive questions beyond CLEVRER with their templates."""
+MAX_OPTIONS = 4
+"""Max number of options of a what-if question, as of counterfactual ones."""
+
+
+def extension_questions(scene: Scene, rng: random.Random) -> Iterator[Descriptive]:
+    """All descriptive questions beyond CLEVRER that have an answer in the scene, each in a random wording."""
+    words, executor = SceneWords(scene, rng), Executor(scene)
+    for subtype, symbol in EXTENSION_KINDS.items():
+        for text, program in every(symbol, words, rng):
+            try:
+                value = executor.answer(program).answer
+            except ExecutionError:  # not known, or no such object or event
+                continue
+            assert value is not None
+            yield Descriptive(text, tuple(program), subtype, value, subtype)
+
+
+def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: int) -> Iterator[MultipleChoice]:
+    """Up to `n` what-if questions about changed objects, drawn at random, each with all pairs of objects as options.
+
+    Args:
+        scene: the scene.
+        simulate: gives the true collisions with a change.
+        rng: draws objects, changes and wordings.
+        n: number of questions; each takes two simulations.
+    """
+    words, executor = SceneWords(scene, rng), Executor(scene, simulate=simulate)
+    drawn = [(text, tuple(tokens)) for text, tokens in every(templates.changed, words, rng)]
+    rng.shuffle(drawn)
+    asked: set[tuple[str, ...]] = set()
+    for text, program in drawn:
+        change = program[: program.index("get_changed")]
+        if len(asked) >= n or change in asked:
+            continue
+        try:
+            options = _options(scene, words, executor, program, rng)
+        except ExecutionError:  # impossible, or not known
+            continue
+        asked.add(change)
+        yield MultipleChoice(text, program, "counterfactual", program[-1] == "negate", options)
+
+
+def _options(
+    scene: Scene, words: SceneWords, executor: Executor, program: Sequence[str], rng: random.Random
+) -> tuple[Option, ...]:
+    options = []
+    for pair in combinations(range(len(scene.objects)), 2):
+        words.named = list(rng.sample(pair, 2))
+        text, choice = next(every(Grammar.happens, words, rng))
+        options.append(Option(text, tuple(choice), bool(executor.run([*choice, *program])), "happens"))
+    return tuple(options)
+
+
+class ExtensionSelection:
+    """Selects, for one scene after another, a question of each kind with the answer that was used least.
+
+    Args:
+        seed: of ties and of the order of options.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.rng = random.Random(f"{seed} extensions")
+        self.answers: Counter[tuple[str, str]] = Counter()
+
+    def questions(
+        self, descriptive: Sequence[Descriptive], changed: Sequence[MultipleChoice], first_id: int
+    ) -> list[Question]:
+        """The selected questions of a scene, with ids from `first_id` on."""
+        found: list[Question] = []
+        for kind in EXTENSION_KINDS:
+            options = [c for c in descriptive if c.subtype == kind]
+            if not options:
+                continue
+            best = min(options, key=lambda c: (self.answers[kind, c.answer], self.rng.random()))
+            self.answers[kind, best.answer] += 1
+            number = first_id + len(found)
+            found.append(Question(number, best.text, "descriptive", kind, best.program, best.answer, ()))
+        for c in changed:
+            choices = self._choices(c)
+            if choices:
+                found.append(Question(first_id + len(found), c.text, c.type, None, c.program, None, choices))
+        return found
+
+    def _choices(self, question: MultipleChoice) -> tuple[Choice, ...]:
+        """Options in random order, as many correct as wrong ones where there are enough; none where all are alike."""
+        correct = [o for o in question.options if o.correct]
+        wrong = [o for o in question.options if not o.correct]
+        if not correct or not wrong:
+            return ()
+        n_correct = min(len(correct), max(MAX_OPTIONS // 2, MAX_OPTIONS - len(wrong)))
+        options = self.rng.sample(correct, n_correct) + self.rng.sample(wrong, min(len(wrong), MAX_OPTIONS - n_correct))
+        self.rng.shuffle(options)
+        return tuple(Choice(i, o.text, o.program, "correct" if o.correct else "wrong") for i, o in enumerate(options))

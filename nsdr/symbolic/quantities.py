@@ -1,0 +1,219 @@
+"""Speeds, directions and masses of a scene's objects, and what happens if one is changed.
+
+What the scene does not know, or not surely enough, is an `ExecutionError`: nothing is guessed.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.errors import DataError, ExecutionError
+from nsdr.types import Event, Scene, SetMass, SetVelocity
+from nsdr.types.interventions import Intervention, intervention_text
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
+
+__all__ = ["CHANGES", "DIRECTIONS", "Quantities", "Simulate"]
+
+Simulate = Callable[[Intervention, int], Sequence[Event]]
+"""Collisions of a video, and after it, with an intervention at a frame. Raises `DataError` where it is impossible."""
+
+CHANGES: Mapping[str, Callable[[int], Intervention]] = {
+    "twice_as_heavy": lambda i: SetMass(i, factor=2.0),
+    "half_as_heavy": lambda i: SetMass(i, factor=0.5),
+    "twice_as_fast": lambda i: SetVelocity(i, factor=2.0),
+    "half_as_fast": lambda i: SetVelocity(i, factor=0.5),
+    "standing_still": lambda i: SetVelocity(i, vx=0.0, vy=0.0),
+}
+"""Changes of an object. Masses are changed from the start, velocities at the first frame at which the object is visible."""
+DIRECTIONS = ("towards the camera", "right", "away from the camera", "left")
+"""Directions of motion at 0, 90, 180 and 270 degrees from the x axis to the y axis."""
+CLEAR_DEGREES = 30.0
+"""A motion is in a direction if it is at most this far from it (degrees); beyond, no single word describes it."""
+SURE = 1.645
+"""Differences are taken for real if they exceed this many standard deviations: 95 % of a normal distribution is below."""
+COLLISION_FRAMES = 3
+"""Within this many frames of an object's collision its speed and direction are those of before or after: collisions at most so
+many frames apart count as the same in `nsdr.dynamics.metrics.collision_scores`."""
+
+
+class Quantities:
+    """Numbers of one scene. Objects are one-bit sets, as in `nsdr.symbolic.world.World`.
+
+    Args:
+        scene: the scene.
+        simulate: gives the collisions with an intervention; None where the scene cannot be simulated.
+    """
+
+    def __init__(self, scene: Scene, simulate: Simulate | None = None) -> None:
+        self._scene, self._simulate = scene, simulate
+        self._changed: dict[tuple[int, str], Sequence[Event] | str] = {}
+
+    def speed(self, one: int, frame: int | None) -> float:
+        """Speed of an object at a frame (world units/s)."""
+        return float(np.hypot(*self._velocity(_id(one), frame)))
+
+    def direction(self, one: int, frame: int | None) -> str:
+        """One of `DIRECTIONS`."""
+        i = _id(one)
+        vx, vy = self._velocity(i, frame)
+        speed, error = math.hypot(vx, vy), self._speed_error
+        if speed <= MOVING_SPEED_WORLD_PER_S + SURE * error:
+            raise ExecutionError(f"the {self._name(i)} hardly moves at frame {frame}, so it has no direction")
+        angle = math.degrees(math.atan2(vy, vx)) % 360
+        nearest = round(angle / 90) % 4
+        off = abs((angle - 90 * nearest + 180) % 360 - 180)
+        if off + math.degrees(SURE * error / speed) > CLEAR_DEGREES:
+            quarter = int(angle // 90) % 4  # a tiny negative angle modulo 360 is 360
+            between = f"{DIRECTIONS[quarter]} and {DIRECTIONS[(quarter + 1) % 4]}"
+            raise ExecutionError(f"the {self._name(i)} moves between {between} at frame {frame}: no single direction")
+        return DIRECTIONS[nearest]
+
+    def is_faster(self, one: int, other: int, frame: int | None) -> bool:
+        """Whether an object is faster than another one at a frame; with None, by their highest speeds while visible."""
+        i, j = self._two(one, other)
+        a, b = self._speed_of(i, frame), self._speed_of(j, frame)
+        self._check_speeds(i, j, a, b)
+        return a > b
+
+    def extreme_speed(self, objects: int, frame: int | None, extreme: str) -> int:
+        """The "fastest" or "slowest" of the objects that are visible at a frame, with None ever; 0 if there are none."""
+        visible = self._scene.visible if frame is None else self._scene.visible[:, [self._in_video(frame)]]
+        ids = [i for i in _ids(objects) if visible[i].any()]
+        speeds = {i: self._speed_of(i, frame) for i in ids}
+        if not ids:
+            return 0
+        found = (max if extreme == "fastest" else min)(ids, key=lambda i: speeds[i])
+        for i in ids:
+            if i != found:
+                self._check_speeds(found, i, speeds[found], speeds[i])
+        return 1 << found
+
+    def is_heavier(self, one: int, other: int) -> bool:
+        """Whether an object is heavier than another one."""
+        i, j = self._two(one, other)
+        return self._mass_difference(i, j) > 0
+
+    def extreme_mass(self, objects: int, extreme: str) -> int:
+        """The "heaviest" or "lightest" of the objects; 0 if there are none."""
+        ids = _ids(objects)
+        if not ids:
+            return 0
+        log_mass = self._masses[0]
+        found = (max if extreme == "heaviest" else min)(ids, key=lambda i: float(log_mass[i]))
+        for i in ids:
+            if i != found:
+                self._mass_difference(found, i)
+        return 1 << found
+
+    def collisions_with(self, one: int, change: str) -> Sequence[Event]:
+        """The collisions of the video, and after it, with an object changed (see `CHANGES`)."""
+        key = (_id(one), change)
+        if key not in self._changed:
+            self._changed[key] = self._simulated(*key)
+        found = self._changed[key]
+        if isinstance(found, str):
+            raise ExecutionError(found)
+        return found
+
+    def _simulated(self, i: int, change: str) -> Sequence[Event] | str:
+        """The collisions, or why they are not known."""
+        intervention = CHANGES[change](i)
+        if self._simulate is None:
+            text = intervention_text(intervention).replace(f"object {i}", f"the {self._name(i)}")
+            return f"what happens with {text} is not known in this scene; ask about the video, which can be simulated"
+        start = 0
+        if isinstance(intervention, SetVelocity):
+            if not self._scene.visible[i].any():
+                return f"the {self._name(i)} is never visible, so its speed cannot be changed"
+            start = int(np.argmax(self._scene.visible[i]))
+        try:
+            return self._simulate(intervention, start)
+        except DataError as e:
+            return str(e)
+
+    def _velocity(self, i: int, frame: int | None) -> tuple[float, float]:
+        """Velocity of an object at a frame; says why it is not known."""
+        velocity, name = self._velocities, self._name(i)
+        if frame is None:
+            raise ExecutionError(f"the speed of the {name} changes; ask for a time, such as 'when the video begins'")
+        if not self._scene.visible[i, self._in_video(frame)]:
+            raise ExecutionError(f"the {name} is not in the image at frame {frame}")
+        near = [hit for hit in self._collision_frames(i) if abs(hit - frame) <= COLLISION_FRAMES]
+        if near:
+            where = f"at frame {near[0]}, where its velocity changes"
+            raise ExecutionError(f"the {name} collides {where}; ask for another time than frame {frame}")
+        if np.isnan(velocity[i, frame]).any():
+            raise ExecutionError(f"the velocity of the {name} at frame {frame} is not known")
+        vx, vy = velocity[i, frame].tolist()
+        return vx, vy
+
+    def _speed_of(self, i: int, frame: int | None) -> float:
+        """Speed at a frame, or with None the highest while visible."""
+        if frame is not None:
+            return float(np.hypot(*self._velocity(i, frame)))
+        speed = np.linalg.norm(self._velocities[i, self._scene.visible[i]], axis=-1)
+        if not len(speed) or np.isnan(speed).any():
+            raise ExecutionError(f"the velocity of the {self._name(i)} is not known at all times")
+        return float(speed.max())
+
+    def _check_speeds(self, i: int, j: int, a: float, b: float) -> None:
+        if abs(a - b) <= SURE * math.sqrt(2) * self._speed_error:
+            what = f"the {self._name(i)} ({a:.2f}) and the {self._name(j)} ({b:.2f} world units per second)"
+            raise ExecutionError(f"{what} are about equally fast: the difference is within the error of measurement")
+
+    def _mass_difference(self, i: int, j: int) -> float:
+        """Difference of log masses, which is larger than its error."""
+        log_mass, covariance = self._masses
+        difference = float(log_mass[i] - log_mass[j])
+        error = math.sqrt(max(float(covariance[i, i] + covariance[j, j] - 2 * covariance[i, j]), 0.0))
+        if abs(difference) <= SURE * error:
+            unmet = [k for k in (i, j) if not self._collision_frames(k)]
+            why = f"the {self._name(unmet[0])} collides with nothing" if unmet else "their collisions do not tell"
+            names = f"the {self._name(i)} or the {self._name(j)}"
+            raise ExecutionError(f"whether {names} is heavier is not known: {why if error else 'they weigh the same'}")
+        return difference
+
+    def _collision_frames(self, i: int) -> list[int]:
+        return [e.frame for e in self._scene.events if e.kind == "collision" and i in e.objects]
+
+    @property
+    def _velocities(self) -> NDArray[np.floating[Any]]:
+        if self._scene.physics is None:
+            raise ExecutionError("velocities are not known in this scene; the dynamics backend physics measures them")
+        return self._scene.physics.velocity_world_per_s
+
+    @property
+    def _speed_error(self) -> float:
+        return 0.0 if self._scene.physics is None else self._scene.physics.velocity_error_world_per_s
+
+    @property
+    def _masses(self) -> tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]:
+        physics = self._scene.physics
+        if physics is None or physics.log_mass is None or physics.log_mass_covariance is None:
+            raise ExecutionError("masses are not known in this scene; the dynamics backend physics fits them")
+        return physics.log_mass, physics.log_mass_covariance
+
+    def _two(self, one: int, other: int) -> tuple[int, int]:
+        if one == other:
+            raise ExecutionError(f"both are the {self._name(_id(one))}; compare two objects")
+        return _id(one), _id(other)
+
+    def _in_video(self, frame: int) -> int:
+        last = self._scene.n_frames - 1
+        if frame > last:
+            raise ExecutionError(f"frame {frame} is after the video; velocities are known in frames 0 to {last}")
+        return frame
+
+    def _name(self, i: int) -> str:
+        return self._scene.objects[i].name
+
+
+def _id(one: int) -> int:
+    return one.bit_length() - 1
+
+
+def _ids(objects: int) -> list[int]:
+    return [i for i in range(objects.bit_length()) if objects >> i & 1]

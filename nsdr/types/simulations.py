@@ -1,0 +1,117 @@
+"""The result of interventions: the changed motion beside the original one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from nsdr.types.checks import ArrayHolder, FloatArray, check, check_whole, store_array
+from nsdr.types.interventions import Intervention
+from nsdr.types.scenes import Event, Rollout, Scene
+from nsdr.types.tracks import SceneObject, check_objects
+
+__all__ = ["EventChange", "Simulation"]
+
+SAME_FRAMES = 3
+"""Events at most this many frames apart are at the same time, as in `nsdr.dynamics.metrics.collision_scores`."""
+
+
+@dataclass(frozen=True)
+class EventChange:
+    """How an event differs in the changed world.
+
+    Attributes:
+        kind: "no longer", "new" or "other frame".
+        event: the event, of the changed world except for "no longer".
+        before: its frame in the original; None for "new".
+        probability: that it happens in the changed world, in 0-1; None where it is not known.
+    """
+
+    kind: str
+    event: Event
+    before: int | None
+    probability: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation(ArrayHolder):
+    """A video and what follows it, as it is and with interventions. Ids are those of `objects` everywhere but in `scene`.
+
+    A pair's first collision after the intervention is reported, not its repetitions.
+
+    Attributes:
+        objects: identities: the video's, then the added ones.
+        n_frames: number of frames of the video; rollouts continue beyond it.
+        from_frame: frame of the interventions.
+        interventions: what was changed; objects by their full names.
+        original: the rollout without the interventions; added objects are absent.
+        changed: the rollout with them; removed objects are absent from `from_frame` on.
+        original_yaw, changed_yaw: (n, F) float, rotations about the vertical axis (radians).
+        original_events, events: entrances, exits and collisions of both rollouts in order of time, also those after the video.
+            That an object is removed, added or moved is no entrance or exit.
+        scene: the changed world, for questions. It holds no objects that are removed from frame 0; ids count what it holds. It
+            knows no counterfactual events: simulate again with a further `Remove`.
+    """
+
+    objects: tuple[SceneObject, ...]
+    n_frames: int
+    from_frame: int
+    interventions: tuple[Intervention, ...]
+    original: Rollout
+    changed: Rollout
+    original_yaw: FloatArray
+    changed_yaw: FloatArray
+    original_events: tuple[Event, ...]
+    events: tuple[Event, ...]
+    scene: Scene
+
+    def __post_init__(self) -> None:
+        check_objects("Simulation", self.objects)
+        check_whole("Simulation", "n_frames", self.n_frames, 1)
+        check_whole("Simulation", "from_frame", self.from_frame, 0)
+        shape = self.changed.visible.shape
+        same = len(self.objects) == shape[0] and self.original.visible.shape == shape
+        check(same, f"Simulation: expected rollouts of {len(self.objects)} objects and the same number of frames")
+        store_array(self, "original_yaw", shape, "f")
+        store_array(self, "changed_yaw", shape, "f")
+
+    @property
+    def probabilities(self) -> Mapping[Event, float] | None:
+        """How probable each collision of the changed world is, also of those that count as ruled out but are possible.
+
+        Collisions that happen for sure have 1. None where the backend knows no probabilities.
+        """
+        doubts = self.changed.doubts
+        if doubts is None:
+            return None
+        sure = dict.fromkeys(self.changed.collisions, 1.0)
+        return sure | {doubt.event: doubt.probability for doubt in doubts}
+
+    def differences(self) -> tuple[EventChange, ...]:
+        """Events that happen in one of the worlds only, or in both more than 3 frames apart, in order of time.
+
+        Several events of the same kind and objects are compared in order of time.
+        """
+        before, after = _by_kind(self.original_events), _by_kind(self.events)
+        changes = []
+        for key in before.keys() | after.keys():
+            old, new = before.get(key, []), after.get(key, [])
+            for a, b in zip(old, new, strict=False):
+                if abs(a.frame - b.frame) > SAME_FRAMES:
+                    changes.append(EventChange("other frame", b, a.frame, self._probability(b)))
+            changes += [EventChange("no longer", e, e.frame, self._probability(e)) for e in old[len(new) :]]
+            changes += [EventChange("new", e, None, self._probability(e)) for e in new[len(old) :]]
+        return tuple(sorted(changes, key=lambda c: (c.event.frame, c.event.kind, c.event.objects)))
+
+    def _probability(self, event: Event) -> float | None:
+        """That an event like this happens in the changed world; entrances and exits have none."""
+        known = self.probabilities
+        if known is None or event.kind != "collision":
+            return None
+        later = [p for e, p in known.items() if e.objects == event.objects and e.frame >= self.from_frame]
+        return known.get(event, later[-1] if later else 0.0)
+
+
+def _by_kind(events: tuple[Event, ...]) -> dict[tuple[str, tuple[int, ...]], list[Event]]:
+    found: dict[tuple[str, tuple[int, ...]], list[Event]] = {}
+    for event in events:
+        found.setdefault((event.kind, event.objects), []).append(event)
+    return found

@@ -1,0 +1,71 @@
+"""The video of a simulation: the original and the changed world side by side, from the camera and from above."""
+
+from collections.abc import Iterable, Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.types import Simulation
+from nsdr.types.interventions import intervention_text
+from nsdr.visualize.plan_frames import draw_plan
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+
+__all__ = ["comparison_frames"]
+
+HEADER_PX = 48
+"""Height of the two lines of text above the images (pixels)."""
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+TITLE_SCALE, SMALL_SCALE = 0.5, 0.42
+"""Sizes of the text's lines, in OpenCV's units."""
+INK, PAPER = (30, 30, 30), (255, 255, 255)
+GAP_PX = 2
+"""Width of the line between the images (pixels)."""
+
+
+def comparison_frames(
+    simulation: Simulation, original: Iterable[NDArray[np.uint8]], changed: Iterable[NDArray[np.uint8]]
+) -> Iterator[NDArray[np.uint8]]:
+    """Frames with the original at the left and the changed world at the right: seen by the camera, and below from above.
+
+    The grey outlines in the right plan are the original.
+
+    Args:
+        simulation: what was simulated.
+        original: (320, 480, 3) uint8 RGB: the video, and what follows it.
+        changed: as many rendered frames of the changed world.
+
+    Yields:
+        (688, 960, 3) uint8 RGB.
+    """
+    s = simulation
+    before = (s.original, s.original_yaw)
+    for frame, (left, right) in enumerate(zip(original, changed, strict=True)):
+        image = np.full((HEADER_PX + 2 * HEIGHT_PX, 2 * WIDTH_PX, 3), PAPER, np.uint8)
+        image[HEADER_PX:-HEIGHT_PX, :WIDTH_PX], image[HEADER_PX:-HEIGHT_PX, WIDTH_PX:] = left, right
+        image[-HEIGHT_PX:, :WIDTH_PX] = draw_plan(s.objects, *before, frame)
+        image[-HEIGHT_PX:, WIDTH_PX:] = draw_plan(s.objects, s.changed, s.changed_yaw, frame, before)
+        image[HEADER_PX:, WIDTH_PX - GAP_PX // 2 : WIDTH_PX + GAP_PX // 2] = PAPER
+        image[-HEIGHT_PX - GAP_PX // 2 : -HEIGHT_PX + GAP_PX // 2] = PAPER
+        _write_header(image, s, frame)
+        yield image
+
+
+def _write_header(image: NDArray[np.uint8], s: Simulation, frame: int) -> None:
+    shown = "video" if frame < s.n_frames else "predicted"
+    changed = "what if" if frame >= s.from_frame else f"what if, from frame {s.from_frame}"
+    what = "; ".join(intervention_text(change) for change in s.interventions)
+    for left, title, line in (
+        (0, f"original ({shown})", f"frame {frame} of {s.changed.visible.shape[1]}"),
+        (WIDTH_PX, changed, what),
+    ):
+        cv2.putText(image, title, (left + 8, 19), FONT, TITLE_SCALE, INK, 1, cv2.LINE_AA)
+        cv2.putText(image, _shortened(line), (left + 8, 39), FONT, SMALL_SCALE, INK, 1, cv2.LINE_AA)
+
+
+def _shortened(text: str) -> str:
+    """The text, or as much of it as fits over an image; OpenCV writes ASCII only."""
+    text = text.replace("°", " degrees")
+    while cv2.getTextSize(text, FONT, SMALL_SCALE, 1)[0][0] > WIDTH_PX - 16:
+        text = text.removesuffix("...")[:-1] + "..."
+    return text

@@ -1,0 +1,137 @@
+"""Parts of HTML pages that are shared by the report and the page to ask on: answers, steps of a trace, and pictures."""
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.pipeline import Perception
+from nsdr.symbolic import format_probability, format_tree
+from nsdr.symbolic.traces import explain
+from nsdr.types import Answer, TraceStep, VideoTracks
+
+__all__ = ["answer_html", "data_uri", "figure_html", "jpeg", "summary_html", "thumbnail"]
+
+OBSERVED_FRAMES_PER_STEP = 3
+"""Maximum number of frames shown beside a step of the trace."""
+HIGHLIGHT_COLOR = (255, 210, 60)
+"""Colour of the boxes around a step's objects, RGB."""
+HIGHLIGHT_WIDTH_PX = 3
+"""Line width of these boxes (pixels of the video)."""
+
+
+def summary_html(answer: Answer, named: bool) -> str:
+    """The answer with its probability, or a table of the choices; after the question, if it is `named`."""
+    question = f"<p>{html.escape(answer.question)}</p>" if named else ""
+    if answer.answer is not None:
+        said = html.escape(answer.answer).replace("\n", "<br>")
+        return f"{question}<p class=answer>Answer: <b>{said}</b>{html.escape(format_probability(answer))}</p>"
+    rows = (
+        f"<tr class={c.answer or 'error'}><td>{c.answer or 'error'}{html.escape(format_probability(c))}"
+        f"<td>{html.escape(c.choice)}" + (f"<br>{html.escape(c.error)}" if c.error else "")
+        for c in answer.choices
+    )
+    return f"{question}<table>{''.join(rows)}</table>"
+
+
+def answer_html(
+    answer: Answer, perception: Perception, frames: NDArray[np.uint8] | None, show_tree: bool = False
+) -> str:
+    """Why a question got its answer: program, explanation, and every step with the frames of its events.
+
+    Args:
+        answer: with its trace or those of its choices.
+        perception: of the video.
+        frames: (T, 320, 480, 3) uint8 RGB of it; None leaves out the frames.
+        show_tree: whether the program tree of a descriptive question is unfolded.
+    """
+    parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
+    parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
+    scene = perception.scene
+    if answer.answer is not None:
+        parts.append(f"<p>{html.escape(explain(answer, scene))}</p>")
+        parts.append(_trace(answer.trace, perception, frames, show_tree))
+    for choice in answer.choices:
+        parts.append(
+            f"<h3 class={choice.answer or 'error'}>{html.escape(choice.choice)}: {choice.answer or 'error'}</h3>"
+        )
+        if choice.error:
+            parts.append(f"<p>{html.escape(choice.error)}</p>")
+        else:
+            parts.append(f"<p>{html.escape(explain(choice, scene))}</p>" + _trace(choice.trace, perception, frames))
+    return "".join(parts)
+
+
+def _trace(
+    trace: Sequence[TraceStep], perception: Perception, frames: NDArray[np.uint8] | None, show_tree: bool = False
+) -> str:
+    """The steps, collapsed; words such as `cube` are no steps but stand among the inputs."""
+    is_word = [not step.inputs and step.module == step.text for step in trace]
+    numbers = np.cumsum([not word for word in is_word]).tolist()
+    rows = []
+    for index, step in enumerate(trace):
+        if is_word[index]:
+            continue
+        inputs = ", ".join(trace[i].text if is_word[i] else str(numbers[i]) for i in step.inputs)
+        images = _images(step, perception, frames)
+        call = f"<code>{step.module}</code>{f' ({inputs})' if inputs else ''}"
+        rows.append(f"<tr><td class=number>{numbers[index]}<td>{call}<td>{html.escape(step.text)}<td>{images}")
+    tree = html.escape(format_tree(trace))
+    head = "<tr><th class=number>step<th>module (inputs)<th>result<th>frames of its events"
+    table = f"<details><summary>{len(rows)} steps</summary><table>{head}{''.join(rows)}</table></details>"
+    unfolded = " open" if show_tree else ""
+    return f"{table}<details{unfolded}><summary>program tree</summary><pre>{tree}</pre></details>"
+
+
+def _images(step: TraceStep, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
+    """The first frames of a step's observed events, with boxes around who takes part."""
+    if frames is None or perception.tracks is None:
+        return ""
+    observed = [e for e in step.events if e in perception.scene.events]
+    images = []
+    for f in sorted({e.frame for e in observed})[:OBSERVED_FRAMES_PER_STEP]:
+        objects = {i for e in observed if e.frame == f for i in e.objects}
+        images.append(f"<img alt='frame {f}' src='{thumbnail(frames[f], f, perception.tracks, objects)}'>")
+    return "".join(images)
+
+
+def thumbnail(
+    frame: NDArray[np.uint8], frame_index: int, tracks: VideoTracks, objects: Iterable[int], width_px: int = 240
+) -> str:
+    """A small copy of a frame as a data URI, with boxes around objects.
+
+    Args:
+        frame: (320, 480, 3) uint8 RGB.
+        frame_index: the frame's index in the video.
+        tracks: where the objects are.
+        objects: ids of those that get a box.
+        width_px: of the copy (pixels).
+    """
+    image = frame.copy()
+    for i in objects:
+        track = tracks.tracks[i]
+        box = track.box_xyxy_px[int(np.abs(track.frame_index - frame_index).argmin())].tolist()
+        cv2.rectangle(image, box[:2], box[2:], HIGHLIGHT_COLOR, HIGHLIGHT_WIDTH_PX)
+    size = (width_px, width_px * frame.shape[0] // frame.shape[1])
+    return data_uri(jpeg(cv2.resize(image, size, interpolation=cv2.INTER_AREA)))
+
+
+def jpeg(image: Any) -> bytes:
+    """An RGB image as the bytes of a JPEG file, which is a tenth of a PNG's size for frames."""
+    return bytes(cv2.imencode(".jpg", image[..., ::-1])[1])
+
+
+def data_uri(image: bytes) -> str:
+    """A PNG or JPEG file as a URI that holds it."""
+    kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
+    return f"data:image/{kind};base64," + base64.b64encode(image).decode()
+
+
+def figure_html(image: bytes, caption: str) -> str:
+    """A PNG or JPEG file with its caption, which is escaped."""
+    text = html.escape(caption)
+    return f"<figure><img alt='{text}' src='{data_uri(image)}'><figcaption>{text}</figcaption></figure>"

@@ -1,0 +1,164 @@
+"""The timeline of a video as HTML: a lane for each object, a mark for each event, and the frame of each event."""
+
+import html
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.pipeline import Perception
+from nsdr.types import Event, Scene
+from nsdr.visualize.differences import percent
+from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
+from nsdr.visualize.impacts import event_text
+from nsdr.visualize.plan_frames import draw_plan
+from nsdr.world.timeline import FPS, horizon_frame
+from nsdr.world.vocabulary import COLORS_RGB
+
+__all__ = ["TIMELINE_STYLE", "event_cards", "timeline_html"]
+
+LABEL_WIDTH, LANE_WIDTH, LANE_HEIGHT, AXIS_HEIGHT = 170, 550, 24, 24
+"""Sizes of the drawing (units of its view box)."""
+TICK_FRAMES = 25
+"""Frames between two numbers on the axis: one second."""
+CARD_WIDTH_PX = 180
+"""Width of the pictures of events (pixels)."""
+TIMELINE_STYLE = """
+.timeline svg { width: 100%; height: auto; font: 12px system-ui, sans-serif; display: block }
+.timeline text { fill: currentColor }
+.timeline .axis { stroke: currentColor; opacity: .25 } .timeline .later { fill: currentColor; opacity: .07 }
+.timeline .event { cursor: pointer; outline: none } .timeline .event line { stroke: currentColor; stroke-width: 1.5 }
+.timeline .event circle, .timeline .event path { fill: #ffd23c; stroke: #333; stroke-width: 1 }
+.timeline .hit { fill: transparent }
+.timeline .event:hover line, .timeline .event:focus line { stroke-width: 4 }
+.cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); gap: .6em; margin-top: .6em;
+align-items: start; font: 12px/1.35 system-ui, sans-serif }
+.cards button { all: unset; cursor: pointer; border: 2px solid transparent;
+border-radius: 6px; padding: 2px }
+.cards button.marked, .cards button:hover, .cards button:focus { border-color: #ffb300 }
+.cards img { width: 100%; display: block; border-radius: 4px } .cards b { display: block }
+"""
+"""Style sheet of the timeline and its cards."""
+
+
+def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, video: str = "") -> str:
+    """Lanes that show when each object is in the image (light) and moves (strong), marks of the events, and their pictures.
+
+    What is predicted to follow the video lies on a grey ground. Pointing at a mark outlines its picture.
+
+    Args:
+        perception: of a video.
+        frames: (T, 320, 480, 3) uint8 RGB of it, for the pictures; None leaves these out.
+        video: CSS selector of the page's video, which a click on an event moves to its frame; "" for none.
+    """
+    scene = perception.scene
+    events = [*scene.events, *(scene.unseen or ())]
+    height = LANE_HEIGHT * len(scene.objects) + AXIS_HEIGHT
+    drawn = [_axis(scene), *_lanes(perception)]
+    drawn += [_mark(event, number, perception, video) for number, event in enumerate(events)]
+    box = f"0 0 {LABEL_WIDTH + LANE_WIDTH} {height}"
+    svg = f"<svg viewBox='{box}' role=img aria-label='timeline of the events'>{''.join(drawn)}</svg>"
+    return f"<div class=timeline>{svg}{event_cards(perception, frames, video)}</div>"
+
+
+def event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video: str = "") -> str:
+    """A picture of each event with its frame and words: the frame with boxes, or the ground from above after the video.
+
+    Args:
+        perception, frames, video: as of `timeline_html`.
+    """
+    scene = perception.scene
+    cards = []
+    for number, event in enumerate([*scene.events, *(scene.unseen or ())]):
+        later = event.frame >= scene.n_frames
+        text = html.escape(event_text(event, scene, perception.dynamics) + _probability(event, scene))
+        when = f"about frame {event.frame}, predicted" if later else f"frame {event.frame}"
+        click = "" if later else _seek(event.frame, video)
+        image = _picture(event, perception, frames)
+        cards.append(f"<button type=button data-event={number}{click}>{image}<b>{when}</b>{text}</button>")
+    return f"<div class=cards>{''.join(cards)}</div>"
+
+
+def _x(frame: float, scene: Scene) -> float:
+    return round(LABEL_WIDTH + LANE_WIDTH * min(frame / horizon_frame(scene.n_frames), 1), 1)
+
+
+def _axis(scene: Scene) -> str:
+    bottom = LANE_HEIGHT * len(scene.objects)
+    end = _x(scene.n_frames, scene)
+    parts = [f"<rect class=later x={end} y=0 width={LABEL_WIDTH + LANE_WIDTH - end} height={bottom} />"]
+    for frame in range(0, horizon_frame(scene.n_frames), TICK_FRAMES):
+        x = _x(frame, scene)
+        parts.append(f"<line class=axis x1={x} x2={x} y1=0 y2={bottom + 4} />")
+        parts.append(f"<text x={x} y={bottom + 17} text-anchor=middle>{frame}</text>")
+    parts.append(f"<text x=0 y={bottom + 17}>frame</text>")
+    return "".join(parts)
+
+
+def _lanes(perception: Perception) -> list[str]:
+    scene = perception.scene
+    parts = []
+    for o in scene.objects:
+        red, green, blue = COLORS_RGB[o.color]
+        y = LANE_HEIGHT * o.id
+        parts.append(f"<text x=0 y={y + 16}>{o.id} {html.escape(o.name)}</text>")
+        moving = np.zeros(scene.n_frames, bool) if scene.moving is None else scene.moving[o.id] & scene.visible[o.id]
+        for flags, opacity in ((scene.visible[o.id], 0.35), (moving, 0.95)):
+            for first, end in _spans(flags):
+                x, width = _x(first, scene), round(_x(end, scene) - _x(first, scene), 1)
+                style = f"fill='rgb({red},{green},{blue})' opacity={opacity}"
+                parts.append(f"<rect x={x} y={y + 7} width={width} height=10 rx=3 {style} />")
+    return parts
+
+
+def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Ranges (first, one after the last) in which flags are set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
+    scene = perception.scene
+    x = _x(event.frame, scene)
+    lanes = [LANE_HEIGHT * i + LANE_HEIGHT / 2 for i in event.objects]
+    top, bottom = min(lanes), max(lanes)
+    if event.kind == "collision":
+        shape = f"<line x1={x} x2={x} y1={top} y2={bottom} />"
+        shape += "".join(f"<circle cx={x} cy={y} r=5 />" for y in lanes)
+    else:  # an arrow into the lane or out of it
+        shape = f"<path d='M{x - 5} {top - 6}L{x + 5} {top}L{x - 5} {top + 6}z' />"
+    words = event_text(event, scene, perception.dynamics) + _probability(event, scene)
+    title = html.escape(f"frame {event.frame}: {words}")
+    point = "this.closest('.timeline').querySelector('[data-event=&quot;%d&quot;]').classList.%s('marked')"
+    hover = f' onmouseover="{point % (number, "add")}" onmouseout="{point % (number, "remove")}"'
+    click = _seek(event.frame, video) if event.frame < scene.n_frames else ""
+    area = f"<rect class=hit x={x - 7} y={top - 9} width=14 height={bottom - top + 18} />"
+    return f"<g class=event tabindex=0 role=button{hover}{click}><title>{title}</title>{shape}{area}</g>"
+
+
+def _seek(frame: int, video: str) -> str:
+    """An attribute that moves the video to a frame; "" without a video."""
+    if not video:
+        return ""
+    seconds = (frame + 0.5) / FPS
+    find = f"const v=document.querySelector('{video}');"
+    return f' onclick="{find}if(v){{v.pause();v.currentTime={seconds:.2f};v.scrollIntoView({{block:&quot;nearest&quot;}})}}"'
+
+
+def _probability(event: Event, scene: Scene) -> str:
+    """How probable an uncertain event is, as " (77 %)"; "" where nothing is known against it."""
+    known = [d.probability for d in scene.doubts or () if d.removed is None and d.event == event]
+    return f" ({percent(known[0])})" if known else ""
+
+
+def _picture(event: Event, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
+    if frames is None or perception.tracks is None:
+        return ""
+    if event.frame < len(frames):
+        source = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects, CARD_WIDTH_PX)
+    elif perception.dynamics is not None:
+        rollout = perception.dynamics.observed
+        image = draw_plan(perception.dynamics.objects, rollout, np.zeros(rollout.visible.shape), event.frame)
+        source = data_uri(jpeg(image))
+    else:
+        return ""
+    return f"<img alt='frame {event.frame}' src='{source}'>"

@@ -1,0 +1,403 @@
+"""Exports, read back by the libraries that they are for."""
+
+import json
+import os
+import re
+import socket
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from nsdr import DataError, Scene, load, verify
+from nsdr.clevrer import example
+from nsdr.clevrer.annotations import read_truth_file
+from nsdr.clevrer.prompts import prompt, solution
+from nsdr.clevrer.questions import Choice, Question, SceneQuestions, read_questions, without_answers, write_questions
+from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.cli.main import main
+from nsdr.generate import dataset
+from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
+from nsdr.generate.export import EXPORTERS, Export, ExportConfig, Exporter, export_dataset, scene_records
+from nsdr.generate.export.base import write_json_lines
+from nsdr.generate.export.reasoning import reasoner
+from nsdr.generate.physics.scene_config import SceneConfig
+from nsdr.io.files import write_json
+from nsdr.rewards import trace_verified
+
+PAGE = Path(__file__).parent.parent / "docs" / "export.md"
+FORMATS = ("grpo", "chat", "parquet", "webdataset")
+OPEN = Question(0, "What color is it?", "descriptive", "query_color", ("objects", "unique"), "red", (), True)
+CHOICES = (
+    Choice(0, "The red cube and the sphere collide", ("a", "b"), "correct", "observational", True),
+    Choice(1, "The sphere and the cylinder collide", ("c",), "wrong", "inferential", False),
+    Choice(2, "The cube and the cylinder collide", ("d",), "correct"),
+)
+WHAT_IF = Question(3, "What will happen without the cube?", "counterfactual", None, ("e",), None, CHOICES)
+NONE_RIGHT = replace(WHAT_IF, id=4, type="explanatory", choices=(replace(CHOICES[1], tag=None),))
+CONFIG = DatasetConfig("unused", videos=5, seed=2, first_scene=7, splits={"train": 0.6, "validation": 0.2, "test": 0.2})
+
+
+def questions_of(index: int) -> SceneQuestions:
+    return SceneQuestions(index, f"video_{index:05d}.mp4", (OPEN, WHAT_IF, NONE_RIGHT))
+
+
+def video_of(index: int) -> bytes:
+    return f"frames of {index}".encode() * 10
+
+
+@pytest.fixture
+def root(tmp_path) -> Path:
+    """A generated data set with three training, one validation and one test video."""
+    root = tmp_path / "root"
+    manifest = dataset._manifest(CONFIG)
+    for split, indices in CONFIG.indices().items():
+        scenes = [questions_of(index) for index in indices]
+        for index in indices:
+            video = Files(root, split, index).video
+            video.parent.mkdir(parents=True, exist_ok=True)
+            video.write_bytes(video_of(index))
+        if split == "test":
+            write_questions(root / "truth" / "questions_test.json", scenes)
+            scenes = [without_answers(scene) for scene in scenes]
+        write_questions(root / "questions" / f"{split}.json", scenes)
+    write_json(root / "manifest.json", manifest)
+    return root
+
+
+@pytest.fixture
+def offline(tmp_path, monkeypatch) -> None:
+    """No library may open a connection, or write outside of the test's folder."""
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("a connection is opened")
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+
+
+def export(root: Path, output: Path, *options: str, status: int = 0) -> Path:
+    assert main(["export", str(root), "-o", str(output), *options]) == status
+    return output
+
+
+def rows(path: Path) -> list[dict]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_a_record_has_prompt_solution_tags_programs_and_seed() -> None:
+    first, second, third = scene_records(questions_of(10003), "validation", "v.mp4", 42)
+    assert (first.id, second.id, second.scene_index, second.question_id) == ("10003-0", "10003-3", 10003, 3)
+    for record, question in zip((first, second, third), questions_of(0).questions, strict=True):
+        assert (record.prompt, record.solution) == (prompt(question), solution(question))
+        assert (record.split, record.video, record.seed) == ("validation", "v.mp4", 42)
+    assert (first.options, first.letters, first.tags, first.blind) == ((), (), (), (True,))
+    assert (second.letters, second.solution) == (("A", "B", "C"), "<answer>A,C</answer>")
+    assert second.tags == ("observational", "inferential", None)
+    assert second.blind == (True, False, None)
+    assert (second.program, second.option_programs) == (("e",), (("a", "b"), ("c",), ("d",)))
+    assert third.solution == "<answer>none</answer>"
+
+
+def test_grpo_rows_are_conversations_with_columns_for_rewards(root, tmp_path, capsys) -> None:
+    out = export(root, tmp_path / "out", "--format", "grpo")
+    assert "train: 9 questions about 3 videos" in capsys.readouterr().out
+    found = rows(out / "train.jsonl")
+    assert [row["id"] for row in found[:4]] == ["0-0", "0-3", "0-4", "1-0"]
+    video, text = found[1]["prompt"][0]["content"]
+    assert found[1]["prompt"][0]["role"] == "user"
+    assert video == {"type": "video", "video": "videos/train/video_00000-01000/video_00000.mp4"}
+    assert text == {"type": "text", "text": prompt(WHAT_IF)}
+    assert found[1]["solution"] == solution(WHAT_IF)
+    assert found[1]["options"] == [c.text for c in CHOICES]
+    assert (out / found[3]["video"]).read_bytes() == video_of(1)
+    assert [row["seed"] for row in found] == [CONFIG.scene_seed(index) for index in (0, 0, 0, 1, 1, 1, 2, 2, 2)]
+    assert [row["split"] for row in rows(out / "validation.jsonl")] == ["validation"] * 3
+    assert not (out / "test.jsonl").exists()
+
+
+def test_chat_rows_end_with_the_answer(root, tmp_path) -> None:
+    out = export(root, tmp_path / "out", "--format", "chat")
+    user, assistant = rows(out / "train.jsonl")[0]["messages"]
+    assert user["content"][1]["text"] == prompt(OPEN)
+    assert assistant == {"role": "assistant", "content": [{"type": "text", "text": "<answer>red</answer>"}]}
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory) -> Path:
+    """A generated data set without videos."""
+    folder = str(tmp_path_factory.mktemp("told"))
+    scene = SceneConfig(objects={3: 1.0}, n_frames=60)
+    config = DatasetConfig(folder, 3, 7, splits={"train": 1}, renderer="none", masks=False, scene=scene, workers=1)
+    return generate_dataset(config)
+
+
+def test_reasoning_comes_before_the_answer(told, tmp_path) -> None:
+    out = export(told, tmp_path / "chat", "--format", "chat", "--videos", "none", "--reasoning", "long")
+    questions = [q for scene in read_questions(told / "questions" / "train.json") for q in scene.questions]
+    found = rows(out / "train.jsonl")
+    assert {row["question_type"] for row in found} >= {"descriptive", "explanatory"}
+    for row, question in zip(found, questions, strict=True):
+        text = row["messages"][1]["content"][0]["text"]
+        assert text.splitlines()[-1] == solution(question)
+        claims = verify(text, scene_from_truth(read_truth_file(Files(told, "train", row["scene_index"]).truth)))
+        assert len(claims) > 0
+        assert not claims.failing
+    assert "reasoning" not in found[0]
+
+
+def test_true_scenes_go_with_rewards(told, tmp_path, capsys) -> None:
+    here = ["--format", "grpo", "--videos", "none"]
+    out = export(told, tmp_path / "grpo", *here, "--reasoning", "short", "--scenes")
+    row = rows(out / "train.jsonl")[0]
+    assert row["reasoning"].endswith(row["solution"])
+    assert trace_verified([row["reasoning"]], scene=[str(told / row["scene"])]) == [1.0]
+    plain = rows(export(told, tmp_path / "plain", *here) / "train.jsonl")[0]
+    assert plain["reasoning"] is None
+    assert plain["scene"] is None
+    with pytest.raises(DataError, match="format webdataset holds videos and questions only"):
+        export_dataset(ExportConfig(str(told), str(tmp_path / "tar"), "webdataset", scenes=True))
+
+
+def test_true_scenes_are_copied_with_videos(root, tmp_path, capsys) -> None:
+    export(root, tmp_path / "missing", "--format", "grpo", "--scenes", status=2)
+    assert "truth_00000.json, and no annotation_00000.json beside it: no such file" in capsys.readouterr().err
+    assert not (tmp_path / "missing").exists()
+    for split, indices in CONFIG.indices().items():
+        for index in indices:
+            write_json(Files(root, split, index).truth, {"scene": index})
+    out = export(root, tmp_path / "out", "--format", "grpo", "--scenes")
+    row = rows(out / "train.jsonl")[3]
+    assert json.loads((out / row["scene"]).read_text()) == {"scene": 1}
+    write_json(Files(root, "train", 1).truth, {"scene": "another"})
+    export(root, out, "--format", "grpo", "--scenes", status=2)
+    assert "(inputs_and_code)" in capsys.readouterr().err
+
+
+def test_an_answer_that_the_scene_does_not_give_has_no_reasoning() -> None:
+    scene = load(Scene, example.TRUTH)
+    question = next(q for q in read_questions(example.QUESTIONS)[0].questions if q.type == "descriptive")
+    tell = reasoner(scene, "short")
+    assert tell(question)
+    assert tell(replace(question, answer="yes" if question.answer != "yes" else "no")) is None
+    assert tell(replace(question, program=None)) is None
+
+
+@pytest.mark.parametrize("name", ["grpo", "chat"])
+def test_datasets_reads_json_lines_without_filling_in_keys(name, root, tmp_path, offline) -> None:
+    from datasets import load_dataset
+
+    out = export(root, tmp_path / "out", "--format", name)
+    files = {"train": str(out / "train.jsonl"), "validation": str(out / "validation.jsonl")}
+    loaded = load_dataset("json", data_files=files, cache_dir=str(tmp_path / "cache"))
+    for split, path in files.items():
+        assert list(loaded[split]) == rows(Path(path))
+
+
+def test_datasets_reads_the_parquet_folder(root, tmp_path, offline) -> None:
+    from datasets import Video, load_dataset
+
+    out = export(root, tmp_path / "out", "--format", "parquet", "--license", "cc-by-4.0")
+    loaded = load_dataset(str(out), cache_dir=str(tmp_path / "cache"))
+    assert {name: len(split) for name, split in loaded.items()} == {"train": 9, "validation": 3}
+    seed = CONFIG.scene_seed(0)
+    records = scene_records(questions_of(0), "train", loaded["train"][0]["video"], seed)
+    expected = [json.loads(json.dumps(record.row())) for record in records]
+    assert list(loaded["train"])[:3] == expected
+    paths = (
+        loaded["train"].map(lambda row: {"video": str(out / row["video"])}).cast_column("video", Video(decode=False))
+    )
+    assert Path(paths[3]["video"]["path"]).read_bytes() == video_of(1)
+
+
+def test_the_card_has_licence_and_statistics(root, tmp_path) -> None:
+    out = export(root, tmp_path / "out", "--format", "parquet", "--license", "cc-by-4.0")
+    _, metadata, text = (out / "README.md").read_text().split("---\n", 2)
+    values = yaml.safe_load(metadata)
+    assert (values["license"], values["size_categories"]) == ("cc-by-4.0", ["n<1K"])
+    assert "| train | 3 | 9 | 0 |" in text
+    assert "### Train: options by answer\n\n| correct | wrong |\n|---|---|\n| 6 | 6 |" in text
+    assert "### Train: tags of counterfactual options\n\n| inferential | observational |\n|---|---|\n| 3 | 3 |" in text
+
+
+def test_parquet_files_have_a_limited_size(root, tmp_path, monkeypatch, offline) -> None:
+    from datasets import load_dataset
+
+    monkeypatch.setattr("nsdr.generate.export.parquet.QUESTIONS_PER_FILE", 4)
+    out = export(root, tmp_path / "out", "--format", "parquet", "--split", "train")
+    assert sorted(p.name for p in (out / "data").iterdir()) == [f"train-0000{n}-of-00003.parquet" for n in range(3)]
+    assert len(load_dataset(str(out), cache_dir=str(tmp_path / "cache"))["train"]) == 9
+
+
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # it leaves the closing of files to Python
+def test_webdataset_reads_the_shards(root, tmp_path, offline) -> None:
+    import webdataset
+
+    out = export(root, tmp_path / "out", "--format", "webdataset")
+    shard = str(out / "train-000000.tar")
+    samples = list(webdataset.WebDataset(shard, shardshuffle=False, empty_check=False))
+    assert [sample["__key__"] for sample in samples] == ["video_00000", "video_00001", "video_00002"]
+    assert samples[1]["mp4"] == video_of(1)
+    document = json.loads(samples[1]["json"])
+    assert (document["scene_index"], document["split"], document["seed"]) == (1, "train", CONFIG.scene_seed(1))
+    assert [row["solution"] for row in document["questions"]] == [solution(q) for q in questions_of(1).questions]
+    assert document["questions"][0]["video"] == "video_00001.mp4"
+
+
+def test_shards_stay_below_their_size(root, tmp_path) -> None:
+    for index in range(3):
+        Files(root, "train", index).video.write_bytes(bytes(450_000))
+    out = export(root, tmp_path / "out", "--format", "webdataset", "--split", "train", "--shard-mb", "1")
+    sizes = {path.name: path.stat().st_size for path in out.glob("*.tar")}
+    assert sorted(sizes) == ["train-000000.tar", "train-000001.tar"]
+    assert max(sizes.values()) <= 1_000_000
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_exports_are_the_same_bytes_twice(name, root, tmp_path) -> None:
+    first = export(root, tmp_path / "first", "--format", name)
+    os.utime(Files(root, "train", 0).video, (1, 1))
+    assert content(export(root, tmp_path / "second", "--format", name)) == content(first)
+
+
+@pytest.mark.parametrize(("name", "last"), [("grpo", "validation.jsonl"), ("webdataset", "validation-000000.tar")])
+def test_an_interrupted_export_goes_on(name, last, root, tmp_path, monkeypatch) -> None:
+    complete = content(export(root, tmp_path / "complete", "--format", name))
+    out, read = tmp_path / "out", Export.scenes
+
+    def fail_later(self: Export, split: str) -> object:
+        if split == "validation":
+            raise DataError("stopped")
+        return read(self, split)
+
+    monkeypatch.setattr(Export, "scenes", fail_later)
+    export(root, out, "--format", name, status=2)
+    assert not (out / last).exists()
+    finished = {path: path.stat().st_mtime_ns for path in out.glob("train*")}
+    monkeypatch.setattr(Export, "scenes", read)
+    export(root, out, "--format", name)
+    assert content(out) == complete
+    assert {path: path.stat().st_mtime_ns for path in out.glob("train*")} == finished
+
+
+def test_a_finished_export_is_left_as_it_is(root, tmp_path, monkeypatch) -> None:
+    out = export(root, tmp_path / "out", "--format", "grpo")
+    monkeypatch.setattr(Export, "scenes", None)
+    export(root, out, "--format", "grpo")
+
+
+def test_other_settings_other_data_and_other_files_are_refused(root, tmp_path, capsys) -> None:
+    out = export(root, tmp_path / "out", "--format", "grpo")
+    export(root, out, "--format", "chat", status=2)
+    assert "export.json: was made with other settings (format); choose another folder" in capsys.readouterr().err
+    write_questions(root / "questions" / "train.json", [questions_of(1)])
+    export(root, out, "--format", "grpo", status=2)
+    assert "(inputs_and_code)" in capsys.readouterr().err
+    export(root, root, "--format", "grpo", status=2)
+    assert "holds files that are no export; choose an empty or new folder" in capsys.readouterr().err
+
+
+def test_the_test_split_is_exported_on_request_and_without_solutions(root, tmp_path, caplog) -> None:
+    out = export(root, tmp_path / "out", "--format", "chat", "--split", "test")
+    assert "test: 3 of 3 questions have no answer in their file and were exported without a solution" in caplog.text
+    for row in rows(out / "test.jsonl"):
+        assert [message["role"] for message in row["messages"]] == ["user"]
+        assert row["program"] is None
+    questions = str(root / "truth" / "questions_test.json")
+    out = export(root, tmp_path / "answers", "--format", "grpo", "--split", "test", "--questions", questions)
+    assert [row["solution"] for row in rows(out / "test.jsonl")] == [solution(q) for q in questions_of(15000).questions]
+
+
+def test_videos_are_linked_or_left_out(root, tmp_path, capsys) -> None:
+    out = export(root, tmp_path / "links", "--format", "grpo", "--videos", "link")
+    link = out / rows(out / "train.jsonl")[0]["video"]
+    assert link.is_symlink()
+    assert link.read_bytes() == video_of(0)
+    moved = root / "video_train" / "video_00000.mp4"
+    moved.parent.mkdir()
+    Files(root, "train", 0).video.rename(moved)
+    Files(root, "train", 1).video.unlink()
+    export(root, tmp_path / "missing", "--format", "grpo", status=2)
+    assert "has no video_00001.mp4 (train); fetch it, or give --videos none" in capsys.readouterr().err
+    out = export(root, tmp_path / "none", "--format", "grpo", "--videos", "none", "--limit", "2")
+    assert not (out / "videos").exists()
+    names = dict.fromkeys(row["video"] for row in rows(out / "train.jsonl"))
+    assert list(names) == ["video_train/video_00000.mp4", "videos/train/video_00000-01000/video_00001.mp4"]
+    export(root, tmp_path / "shards", "--format", "webdataset", "--videos", "none", status=2)
+    assert "none is not possible with format webdataset; expected copy" in capsys.readouterr().err
+
+
+def test_the_official_layout_has_no_seeds(root, tmp_path) -> None:
+    (root / "manifest.json").unlink()
+    out = export(root, tmp_path / "out", "--format", "grpo")
+    assert {row["seed"] for row in rows(out / "train.jsonl")} == {None}
+
+
+def test_what_is_missing_is_refused_before_the_work(root, tmp_path, capsys) -> None:
+    for option in (["--reasoning", "short"], ["--scenes"]):
+        export(root, tmp_path / "out", "--format", "grpo", *option, status=2)
+        assert "truth_00000.json, and no annotation_00000.json beside it" in capsys.readouterr().err
+    document = json.loads((root / "questions" / "train.json").read_text())
+    question = next(q for q in document[0]["questions"] if q.get("choices"))
+    question["choices"] = [{**question["choices"][0], "choice_id": i} for i in range(30)]
+    (root / "questions" / "train.json").write_text(json.dumps(document))
+    export(root, tmp_path / "out", "--format", "grpo", status=2)
+    assert "train.json: scene 0, question" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "export.json").exists()
+
+
+def test_bad_requests_are_named(root, tmp_path, capsys, monkeypatch) -> None:
+    export(root, tmp_path / "out", "--format", "zebra", status=2)
+    assert "export format 'zebra': expected one of grpo, chat, parquet, webdataset" in capsys.readouterr().err
+    export(root, tmp_path / "out", "--format", "grpo", "--questions", "q.json", status=2)
+    assert "a question file is of one split; name it (--split)" in capsys.readouterr().err
+    questions = str(root / "questions" / "train.json")
+    export(root, tmp_path / "out", "--format", "grpo", "--split", "validation", "--questions", questions, status=2)
+    assert "scene_index 0: the data set's validation split has 10000 to 10000" in capsys.readouterr().err
+    (root / "questions" / "train.json").unlink()
+    export(root, tmp_path / "out", "--format", "grpo", "--split", "train", status=2)
+    assert "has no questions/train.json; leave out --split train" in capsys.readouterr().err
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    export(root, tmp_path / "out", "--format", "parquet", status=2)
+    assert "format parquet needs datasets: pip install 'nsdr[datasets]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # webdataset leaves the closing of files to Python
+def test_the_examples_of_the_docs_run(root, tmp_path, offline, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in FORMATS:
+        export(root, tmp_path / {"parquet": "hub", "webdataset": "shards"}.get(name, name), "--format", name)
+    monkeypatch.setattr("datasets.config.HF_DATASETS_CACHE", tmp_path / "cache")
+    capsys.readouterr()
+    values: dict = {}
+    blocks = re.findall(r"<!-- example -->\n```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert len(blocks) == 5
+    for code in blocks:
+        exec(code, values)
+        if "videos" in values:
+            assert Path(values.pop("videos")[0]["video"]["path"]).read_bytes() == video_of(0)
+    assert values["assistant"]["content"][0]["text"] == "<answer>red</answer>"
+    assert capsys.readouterr().out.endswith(f"2 {len(video_of(2))} 3\n")
+
+
+def test_another_package_adds_a_format(root, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(EXPORTERS, "_parts", dict(EXPORTERS._parts))
+
+    def write(export: Export) -> None:
+        write_json_lines(export, lambda record: {"question": record.question})
+
+    EXPORTERS.register("texts", Exporter(write))
+    summaries = export_dataset(ExportConfig(str(root), str(tmp_path / "out"), "texts", ("validation",)))
+    assert summaries["validation"].questions == 3
+    assert rows(tmp_path / "out" / "validation.jsonl")[0] == {"question": OPEN.text}

@@ -1,0 +1,182 @@
+"""The agent server, by the SDK's own client: in this process, over stdio and over HTTP."""
+
+import base64
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import anyio
+import cv2
+import numpy as np
+import pytest
+from mcp import Client, StdioServerParameters, stdio_client
+
+from nsdr import DataError, Pipeline
+from nsdr.apps.agent_tools import AgentTools, Change
+from nsdr.apps.mcp import make_server, serve
+from nsdr.clevrer.example import VIDEO
+from nsdr.cli.main import main
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+TOOLS = ["ask", "perceive", "render_frame", "run_program", "simulate"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("videos")
+    (folder / "clips").mkdir()
+    shutil.copy(VIDEO, folder / "clips" / "a.mp4")
+    (folder.parent / "outside.mp4").write_bytes(b"secret")
+    (folder / "linked.mp4").symlink_to(VIDEO)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(folder: Path) -> Any:
+    return make_server(Pipeline.from_pretrained(), folder)
+
+
+def call(server: Any, name: str, **arguments: Any) -> Any:
+    async def go() -> Any:
+        async with Client(server) as client:
+            return await client.call_tool(name, arguments)
+
+    return anyio.run(go)
+
+
+def test_the_tools_say_what_they_take(server) -> None:
+    async def go() -> Any:
+        async with Client(server) as client:
+            return client.instructions, (await client.list_tools()).tools
+
+    instructions, tools = anyio.run(go)
+    assert "clips/a.mp4" in instructions
+    assert sorted(tool.name for tool in tools) == TOOLS
+    simulate = next(tool for tool in tools if tool.name == "simulate")
+    change = simulate.input_schema["$defs"]["Change"]
+    assert change["properties"]["kind"]["enum"] == ["remove", "set_mass", "set_velocity", "move", "freeze", "add"]
+    assert "differences" in simulate.output_schema["properties"]
+
+
+def test_seeing_and_asking(server) -> None:
+    scene = call(server, "perceive", video="clips/a.mp4").structured_content
+    assert scene["n_frames"] == 128
+    assert len(scene["objects"]) == len(set(scene["objects"])) > 2
+    collisions = [e for e in scene["events"] if e["kind"] == "collision"]
+    assert all(set(e["objects"]) <= set(scene["objects"]) and e["probability"] > 0.5 for e in collisions)
+    count = call(server, "ask", video="clips/a.mp4", question="How many collisions happen?").structured_content
+    assert count["answer"] == str(len(collisions))
+    assert count["program"].startswith(f"count: {len(collisions)}")
+    removed = scene["objects"][0]
+    what_if = call(
+        server,
+        "ask",
+        video="clips/a.mp4",
+        question=f"What will happen if the {removed} is removed?",
+        choices=[f"The {scene['objects'][1]} collides with the {scene['objects'][2]}", "The moon rises"],
+    ).structured_content
+    assert what_if["choices"][0]["answer"] in ("correct", "wrong")
+    assert what_if["choices"][1]["error"]
+    assert call(server, "perceive", video="linked.mp4").structured_content["objects"] == scene["objects"]
+    program = call(server, "run_program", video="clips/a.mp4", program="events objects filter_collision count")
+    assert program.structured_content["answer"] == count["answer"]
+
+
+def test_changing_and_drawing(server) -> None:
+    names = call(server, "perceive", video="clips/a.mp4").structured_content["objects"]
+    changes = [{"kind": "remove", "object": names[0]}]
+    found = call(server, "simulate", video="clips/a.mp4", changes=changes).structured_content
+    assert found["interventions"] == [f"without the {names[0]}"]
+    assert not any(names[0] in e["objects"] for e in found["events"] if e["kind"] == "collision")
+
+    def picture(**arguments: Any) -> np.ndarray:
+        content = call(server, "render_frame", video="clips/a.mp4", **arguments).content[0]
+        assert content.mime_type == "image/png"
+        return cv2.imdecode(np.frombuffer(base64.b64decode(content.data), np.uint8), cv2.IMREAD_COLOR)
+
+    assert picture(frame=10).shape == (640, 960, 3)
+    later, changed = picture(frame=150), picture(frame=10, changes=changes)
+    assert later.shape == changed.shape == (320, 480, 3)
+
+
+@pytest.mark.parametrize(
+    ("tool", "arguments", "message"),
+    [
+        ("perceive", {"video": "../outside.mp4"}, "no video of the folder; it has clips/a.mp4"),
+        ("perceive", {"video": "/etc/passwd"}, "no video of the folder"),
+        ("perceive", {"video": "a\0b"}, "no video of the folder"),
+        ("perceive", {"video": "a" * 5000}, "no video of the folder"),
+        ("ask", {"video": "clips/a.mp4", "question": "Who won?"}, "unknown word 'won'"),
+        ("run_program", {"video": "clips/a.mp4", "program": "objects counted"}, "counted"),
+        ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "remove", "object": "unicorn"}]}, "unicorn"),
+        (
+            "simulate",
+            {"video": "clips/a.mp4", "changes": [{"kind": "remove", "factor": 2}]},
+            "takes object, not factor",
+        ),
+        ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "set_mass"}]}, "set_mass needs object, factor"),
+        ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "freeze"}]}, "freeze needs object"),
+        ("render_frame", {"video": "clips/a.mp4", "frame": 999}, "frame 999: expected 0 to"),
+        ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "explode"}]}, "explode"),
+    ],
+)
+def test_errors_are_messages(server, tool, arguments, message) -> None:
+    result = call(server, tool, **arguments)
+    assert result.is_error
+    assert message in result.content[0].text
+
+
+def test_over_stdio(folder) -> None:
+    async def go() -> Any:
+        command = [sys.executable, "-c", "from nsdr.cli import run; run()", "mcp", str(folder)]
+        parameters = StdioServerParameters(command=command[0], args=command[1:], cwd=str(Path.cwd()))
+        async with Client(stdio_client(parameters)) as client:
+            return await client.call_tool("perceive", {"video": "nothing.mp4"})
+
+    result = anyio.run(go)
+    assert result.is_error
+    assert "clips/a.mp4" in result.content[0].text
+
+
+def test_over_http(folder) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-c", "from nsdr.cli import run; run()", "mcp", str(folder)]
+    command += ["--transport", "http", "--port", str(port)]
+
+    async def go() -> list[str]:
+        async with Client(f"http://127.0.0.1:{port}/mcp") as client:
+            return sorted(tool.name for tool in (await client.list_tools()).tools)
+
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            until = time.monotonic() + 60
+            while time.monotonic() < until:
+                with socket.socket() as probe:
+                    if probe.connect_ex(("127.0.0.1", port)) == 0:
+                        break
+                time.sleep(0.2)
+            assert anyio.run(go) == TOOLS
+        finally:
+            process.terminate()
+
+
+def test_bad_options_are_refused(tmp_path, capsys) -> None:
+    with pytest.raises(DataError, match="transport is 'pigeon'"):
+        serve(None, tmp_path, "pigeon")  # type: ignore[arg-type]
+    with pytest.raises(DataError, match="no such folder"):
+        AgentTools(None, tmp_path / "none")  # type: ignore[arg-type]
+    with pytest.raises(DataError, match="takes object, factor, not speed"):
+        Change("set_mass", "red cube", 2.0, speed=1.0).intervention()
+    for arguments, message in (
+        ([str(tmp_path / "none")], "no such folder"),
+        (["--port", "65536", "--transport", "http"], "--port 65536: expected 1 to 65535"),
+        (["--host", "0.0.0.0", "--port", "80"], "--host and --port would do nothing without --transport http"),
+    ):
+        assert main(["mcp", *arguments]) == 2
+        assert message in capsys.readouterr().err

@@ -1,0 +1,82 @@
+"""The rewards in TRL's own trainer: three steps of a tiny model with random weights (extra `rl`; `docs/rewards.md`)."""
+
+from pathlib import Path
+
+import pytest
+
+from nsdr import Scene, load, save
+from nsdr.clevrer import prompt, read_questions, solution
+from nsdr.clevrer.example import QUESTIONS, TRUTH
+from nsdr.rewards import answer_format, exact, per_option, trace_verified
+
+pytestmark = [pytest.mark.rl, pytest.mark.filterwarnings("ignore")]
+
+REWARDS = [exact, per_option, answer_format, trace_verified]
+
+
+TEXTS = [
+    "Frame 17: the brown cylinder and the cyan sphere collide.\n",
+    "Frame 25: the purple cube exits.\n",
+    "<answer>A</answer>",
+    "<answer>yes</answer>",
+    "<answer>2</answer>",
+]
+"""Tokens of the tiny model: whole sentences, so that random weights write texts that get rewards."""
+
+
+def tiny_model_and_tokenizer():
+    """A GPT-2 of two small layers with random weights, and its tokenizer."""
+    from tokenizers import Tokenizer, models
+    from transformers import GPT2Config, GPT2LMHeadModel, PreTrainedTokenizerFast, set_seed
+
+    set_seed(0)
+    vocabulary = {token: i for i, token in enumerate(["<pad>", "<eos>", "<unk>", *TEXTS])}
+    whole = Tokenizer(models.WordLevel(vocabulary, unk_token="<unk>"))
+    tokenizer = PreTrainedTokenizerFast(tokenizer_object=whole, pad_token="<pad>", eos_token="<eos>", unk_token="<unk>")
+    size = {"n_embd": 16, "n_layer": 2, "n_head": 2, "n_positions": 64, "vocab_size": len(vocabulary)}
+    config = GPT2Config(**size, bos_token_id=1, eos_token_id=1, pad_token_id=0)
+    return GPT2LMHeadModel(config), tokenizer
+
+
+@pytest.mark.parametrize("conversational", [False, True])
+def test_three_steps_with_all_rewards(tmp_path: Path, conversational: bool) -> None:
+    from datasets import Dataset
+    from trl import GRPOConfig, GRPOTrainer
+
+    save(load(Scene, TRUTH), tmp_path / "scene.npz")
+    (scene,) = read_questions(QUESTIONS)
+    rows = []
+    for q in scene.questions:
+        text = prompt(q)
+        asked = [{"role": "user", "content": text}] if conversational else text
+        options = [c.text for c in q.choices]
+        rows.append(
+            {"prompt": asked, "solution": solution(q), "options": options, "scene": str(tmp_path / "scene.npz")}
+        )
+    model, tokenizer = tiny_model_and_tokenizer()
+    if conversational:
+        tokenizer.chat_template = "{% for m in messages %}{{ m.content }}\n{% endfor %}"
+    before = {name: weights.clone() for name, weights in model.named_parameters()}
+    config = GRPOConfig(
+        str(tmp_path / "run"),
+        max_steps=3,
+        per_device_train_batch_size=16,
+        num_generations=8,
+        max_completion_length=8,
+        learning_rate=0.01,
+        logging_steps=1,
+        report_to=[],
+        use_cpu=True,
+        bf16=False,
+        save_strategy="no",
+        disable_tqdm=True,
+        seed=0,
+    )
+    trainer = GRPOTrainer(model, REWARDS, config, train_dataset=Dataset.from_list(rows), processing_class=tokenizer)
+    trainer.train()
+    logged = [row for row in trainer.state.log_history if "reward" in row]
+    assert len(logged) == 3
+    for reward in REWARDS:
+        means = [row[f"rewards/{reward.__name__}/mean"] for row in logged]
+        assert 0 < max(means) <= 1, reward.__name__
+    assert any((weights != before[name]).any() for name, weights in model.named_parameters())

@@ -1,0 +1,282 @@
+"""`nsdr score`, `nsdr dummy` and `nsdr controls`."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsdr import DataError
+from nsdr.clevrer import (
+    read_answers,
+    read_given,
+    read_questions,
+    solution,
+    without_answers,
+    write_questions,
+    write_responses,
+    write_submission,
+)
+from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
+from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.cli.main import main
+from nsdr.evaluation.comparison import compare_reports, format_comparison
+from nsdr.evaluation.controls import exchange
+from nsdr.evaluation.intervals import difference_interval
+from nsdr.evaluation.references import reference_rows
+from nsdr.evaluation.responses import format_report, score_responses
+from nsdr.io.video import sample_frames
+
+OPEN = Question(0, "What color is it?", "descriptive", "query_color", None, "red", (), True)
+WHAT_IF = Question(
+    1,
+    "What happens?",
+    "counterfactual",
+    None,
+    None,
+    None,
+    (
+        Choice(4, "The red cube exits", None, "correct", "observational", True),
+        Choice(7, "The sphere exits", None, "wrong", "inferential", False),
+    ),
+)
+SCENES = [SceneQuestions(i, f"video_{i:05d}.mp4", (OPEN, WHAT_IF)) for i in range(10000, 10010)]
+
+
+def _responses(tmp_path: Path, name: str, wrong: int = 0, text: str = "<answer>blue</answer>") -> Path:
+    """A file of right answers, except to the open questions of the first scenes."""
+    rows = [(s.scene_index, q.id, solution(q)) for s in SCENES for q in s.questions]
+    rows = [(s, q, text if q == 0 and s < 10000 + wrong else r) for s, q, r in rows]
+    write_responses(tmp_path / name, rows)
+    return tmp_path / name
+
+
+def test_every_form_of_file_is_read_alike(tmp_path: Path) -> None:
+    lines = [
+        {"id": "10000-0", "response": "red"},
+        {"scene_index": 10000, "question_id": 1, "prediction": ["A"]},
+        {"video": "videos/video_10001.mp4", "question_id": "0", "answer": "Red."},
+        {"scene_index": "10001", "question_id": 1, "response": None, "answer": "never used"},
+    ]
+    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    found = read_answers(tmp_path / "a.jsonl")
+    assert [(g.scene_index, g.question_id, g.where, g.given) for g in found] == [
+        (10000, 0, "line 1", "red"),
+        (10000, 1, "line 2", '["A"]'),
+        (10001, 0, "line 3", "Red."),
+        (10001, 1, "line 4", ""),
+    ]
+    (tmp_path / "a.csv").write_text('id,response\n10000-0,red\n10000-1,"A, B"\n')
+    assert [g.given for g in read_answers(tmp_path / "a.csv")] == ["red", "A, B"]
+    results = [
+        {"scene_index": 10000, "question_id": 0, "answer": "red"},
+        {"scene_index": 10000, "question_id": 1, "choices": [{"choice_id": 7, "answer": "wrong"}]},
+        {"scene_index": 10001, "question_id": 1, "choices": [{"choice_id": i, "answer": "correct"} for i in (4, 7)]},
+    ]
+    write_submission(tmp_path / "a.json", results)
+    first, second, third = read_answers(tmp_path / "a.json")
+    assert read_given(OPEN, first.given).answer == "red"
+    assert "expected [4, 7]" in read_given(WHAT_IF, second.given).problem
+    assert read_given(WHAT_IF, third.given).answer == {"A", "B"}
+    assert "open question" in read_given(OPEN, third.given).problem
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "is empty"),
+        (
+            '{"id": "10000-0", "response": "red"}\n{"id": "10000-0", "response": "blue"}',
+            "10000-0 is answered twice, in line 1 and",
+        ),
+        ('{"id": "x", "response": "red"}', "line 1.id: 'x'; expected SCENE_INDEX-QUESTION_ID"),
+        ('{"id": "10000-0"}', "line 1: has none of response, prediction, answer"),
+        ('{"question_id": 3, "response": "red"}', "line 1: expected id, or question_id with scene_index"),
+        (
+            '{"id": "10000-0", "question_id": 1, "scene_index": 10000, "response": ""}',
+            "names the questions 10000-0 and 10000-1",
+        ),
+        ('{"scene_index": true, "question_id": 0, "response": ""}', "scene_index: True; expected a whole number"),
+        ('{"id": "10000-0", "response": "red"}\n[1]', "line 2: expected an object"),
+        ("scene,words\n1,2\n", "CSV with the columns id"),
+        ("id,response\n10000-0,A,B\n", "line 2: expected 2 cells"),
+        ('{"id": "10000-\u0661", "response": "red"}', "line 1.id: '10000-\u0661'; expected SCENE_INDEX-QUESTION_ID"),
+        (
+            '{"id": "10000-0", "response": "a"}\n{"id": "10000-1", "response": "a", "response": "b"}',
+            "line 2: not a readable JSON file (the key 'response' is there twice)",
+        ),
+        ("id,response,response\n10000-0,A,B\n", "has the column response twice"),
+        ("id,id,response\n10000-0,10000-1,B\n", "has the column id twice"),
+        ('[{"scene_index": 1, "questions": [{"question_id": 0}]}]', "questions[0]: has neither 'answer' nor"),
+        ("id,response\n", "at least 1 answer"),
+        ("[]", "at least 1 answer"),
+    ],
+)
+def test_bad_files_are_named(tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "bad").write_text(content)
+    with pytest.raises(DataError, match="bad") as error:
+        read_answers(tmp_path / "bad")
+    assert message in str(error.value)
+
+
+def test_unread_missing_and_unknown_answers_are_counted(tmp_path: Path) -> None:
+    lines = _responses(tmp_path, "a.jsonl", 2, "red or blue").read_text().splitlines()
+    missing = json.loads(lines.pop())
+    lines.append(json.dumps({**missing, "id": "77-1", "scene_index": 77}))
+    (tmp_path / "a.jsonl").write_text("\n".join(lines))
+    report = score_responses(SCENES, read_answers(tmp_path / "a.jsonl"))
+    assert (report["descriptive"]["accuracy"], report["descriptive"]["n"]) == (0.8, 10)
+    assert report["counterfactual"]["per_option"] == 0.9
+    responses = report["responses"]
+    assert (responses["questions"], responses["answered"], responses["scored"]) == (20, 19, 20)
+    assert (responses["missing"], responses["unknown"]) == (["10009-1"], ["77-1"])
+    assert responses["unread_by_type"]["descriptive"] == 2
+    assert responses["unread"][0] == {
+        "id": "10000-0",
+        "where": "line 1",
+        "question_type": "descriptive",
+        "problem": "several answer words: blue, red",
+        "response": "red or blue",
+    }
+    text = format_report(report)
+    for line in (
+        "1 have none (10009-1): they count as wrong",
+        "1 answers are about other questions (77-1): ignored",
+        "2 responses cannot be read and count as wrong: descriptive 2",
+        "  line 1 (10000-0): several answer words: blue, red: 'red or blue'",
+    ):
+        assert line in text.splitlines()
+
+    allowed = score_responses(SCENES, read_answers(tmp_path / "a.jsonl"), allow_missing=True)
+    assert allowed["counterfactual"]["per_option"] == 1.0
+    assert "they are left out" in format_report(allowed)
+
+
+def test_halves_come_from_the_question_file(tmp_path: Path) -> None:
+    report = score_responses(SCENES, read_answers(_responses(tmp_path, "a.jsonl", 5)))
+    assert report["descriptive"]["blind"]["text alone right"]["accuracy"] == 0.5
+    assert report["counterfactual"]["tags"]["inferential"]["n_options"] == 10
+    assert report["counterfactual"]["blind"]["text alone wrong"]["per_option"] == 1.0
+    assert "nsdr tag" not in format_report(report)
+    plain = [replace(s, questions=(replace(OPEN, blind=None),)) for s in SCENES]
+    report = score_responses(plain, read_answers(_responses(tmp_path, "a.jsonl")))
+    assert "`nsdr tag` adds them" in format_report(report)
+
+
+def test_answers_to_other_or_unlabelled_questions_are_refused(tmp_path: Path) -> None:
+    answers = read_answers(_responses(tmp_path, "a.jsonl"))
+    with pytest.raises(DataError, match="none of the 20 answers is about one of the 2 questions"):
+        score_responses([replace(SCENES[0], scene_index=3)], answers)
+    with pytest.raises(DataError, match="have no answers in their file"):
+        score_responses([without_answers(s) for s in SCENES], answers)
+
+
+def test_references() -> None:
+    rows = reference_rows(SCENES)
+    assert rows["always-yes"]["counterfactual"]["per_option"] == 0.5
+    assert rows["always-yes"]["counterfactual"]["tags"]["inferential"]["per_option"] == 0.0
+    assert rows["frequent"]["descriptive"]["accuracy"] == 1.0
+    assert rows["random"]["descriptive"]["accuracy"] == 1 / 8
+    assert rows["random"]["counterfactual"]["per_question"] == 1 / 4
+    assert "random" not in reference_rows([replace(SCENES[0], questions=(replace(OPEN, subtype=None),))])
+
+
+def test_two_systems_are_compared_on_the_same_questions(tmp_path: Path) -> None:
+    reports = [score_responses(SCENES, read_answers(_responses(tmp_path, "a.jsonl", n))) for n in (4, 1)]
+    found = compare_reports(*reports)
+    row = found["descriptive"]["per_question"]
+    assert row["difference"] == pytest.approx(0.3)
+    assert (row["only_first"], row["only_second"], row["n"]) == (0, 3, 10)
+    assert row["interval"][0] <= 0.3 <= row["interval"][1]
+    assert found["counterfactual"]["inferential"]["difference"] == 0
+    assert "descriptive, per question" in format_comparison(found, "a", "b")
+    few = {**reports[1], "results": reports[1]["results"][:2]}
+    assert compare_reports(reports[0], few)["descriptive"]["per_question"]["n"] == 1
+    with pytest.raises(DataError, match="no scored question in common"):
+        compare_reports(reports[0], {**reports[1], "results": []})
+
+
+def test_interval_of_a_difference() -> None:
+    low, high = difference_interval([False] * 50 + [True] * 50, [True] * 100, list(range(100)))
+    assert 0.3 < low < 0.5 < high < 0.7
+    paired = difference_interval([True, False] * 50, [False, True] * 50, [i // 2 for i in range(100)])
+    assert paired == (0.0, 0.0)
+    low, high = difference_interval([True] * 10, [True] * 10, list(range(10)))
+    assert low == -high
+    assert 0.2 < high < 0.3
+
+
+def test_dummies_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "scene_500002.json").write_bytes(TRUTH.read_bytes())
+    scenes = read_questions(QUESTIONS)
+    yes, keep = tmp_path / "yes.jsonl", tmp_path / "keep.jsonl"
+    assert main(["dummy", "always-yes", "--questions", str(QUESTIONS), "-o", str(yes)]) == 0
+    keep_recording = ["dummy", "keep-recording", "--questions", str(QUESTIONS), "-o", str(keep)]
+    assert main([*keep_recording, "--source", "scenes", "--data", str(tmp_path)]) == 0
+    out = tmp_path / "report.json"
+    assert main(["score", str(yes), str(keep), "--questions", str(QUESTIONS), "-o", str(out)]) == 0
+    document = json.loads(out.read_text())
+    assert [r["responses"]["unread"] for r in document["reports"]] == [[], []]
+    assert document["comparison"]["descriptive"]["per_question"]["difference"] > 0.5
+    assert "minus" in capsys.readouterr().out
+    assert len(read_answers(keep)) == sum(len(s.questions) for s in scenes)
+    assert main(keep_recording) == 2
+    assert "keep-recording needs --source and --data" in capsys.readouterr().err
+    assert main([*keep_recording, "--source", "truth", "--data", str(tmp_path)]) == 2
+    assert f"--source truth --data {tmp_path}: {tmp_path}: has no truth_500002.json" in capsys.readouterr().err
+    assert main(["dummy", "always-yes", "--questions", "", "-o", str(yes)]) == 2
+    assert "questions" in capsys.readouterr().err
+
+
+def test_score_names_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_questions(tmp_path / "q.json", SCENES)
+    answers = str(_responses(tmp_path, "a.jsonl"))
+    assert main(["score", answers, "--questions", str(tmp_path / "q.json")]) == 0
+    assert main(["score", answers, "--questions", str(QUESTIONS)]) == 2
+    assert "a.jsonl with " in capsys.readouterr().err
+    assert main(["score", answers, "--questions", str(tmp_path / "q.json"), "-o", str(tmp_path / "q.json")]) == 2
+    assert "choose another name" in capsys.readouterr().err
+
+
+def test_exchanged_videos_are_all_others() -> None:
+    assert exchange([3, 5, 9], 1) == exchange([3, 5, 9], 1)
+    for seed in range(20):
+        found = exchange(range(7), seed)
+        assert sorted(found.values()) == sorted(found) == list(range(7))
+        assert all(scene != other for scene, other in found.items())
+    with pytest.raises(DataError, match="1 videos: at least 2"):
+        exchange([3])
+
+
+def test_controls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root, out = tmp_path / "data", tmp_path / "out"
+    videos = root / "videos" / "validation"
+    videos.mkdir(parents=True)
+    for file in ("video_10000.mp4", "video_10001.mp4"):
+        (videos / file).write_bytes(VIDEO.read_bytes())
+    (root / "questions").mkdir()
+    write_questions(root / "questions" / "validation.json", SCENES)
+    command = ["controls", str(root), "-o", str(out), "--workers", "1"]
+    assert main(command) == 0
+    name = Path("videos/validation/video_10000-11000/video_10000.mp4")
+    true, blind, backward = (
+        sample_frames(p, 10, 1).frames for p in (VIDEO, out / "blind" / name, out / "reversed" / name)
+    )
+    assert blind.shape == backward.shape == true.shape
+    assert np.ptp(blind) <= 2
+    assert np.abs(backward[::-1].astype(int) - true).mean() < 4
+    assert (out / "shuffled" / name).read_bytes() == VIDEO.read_bytes()
+    assert json.loads((out / "shuffled" / "exchanged.json").read_text()) == {"10000": 10001, "10001": 10000}
+    assert read_questions(out / "reversed" / "questions" / "validation.json") == SCENES
+    capsys.readouterr()
+    assert main([*command, "--kinds", "blind"]) == 0
+    assert "0 videos written, 2 kept" in capsys.readouterr().out
+    assert main([*command, "--kinds", "mirrored"]) == 2
+    assert "'mirrored' is no control" in capsys.readouterr().err
+    for inside in (root, videos, root / "videos" / "blind"):
+        assert main(["controls", str(root), "-o", str(inside)]) == 2
+        assert "is the data set itself, or among its videos" in capsys.readouterr().err
+    assert main(["controls", str(root), "-o", str(tmp_path / "one"), "--limit", "1", "--workers", "1"]) == 2
+    assert "kind shuffled: 1 videos: at least 2" in capsys.readouterr().err
+    assert not (tmp_path / "one").exists()

@@ -1,0 +1,241 @@
+"""What is behind the page to ask on, without a browser and without Gradio."""
+
+import random
+import threading
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nsdr import DataError, Event, ExecutionError, Executor, Scene, VideoError
+from nsdr.apps import changes, menus, web
+from nsdr.apps.clips import Clips
+from nsdr.apps.panels import rests_on
+from nsdr.clevrer.example import VIDEO
+from nsdr.cli import serve
+from nsdr.cli.main import main
+from nsdr.io.video import video_seconds, write_video
+from nsdr.pipeline import Perception
+from nsdr.types import Add, Remove, SetVelocity
+
+
+class FakePipeline:
+    """Counts what it perceives, and notices when two threads perceive at once."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.perceived, self.inside, self.together = scene, 0, 0, False
+        self.frame_parser = SimpleNamespace(parse=self._parse)
+
+    def frames(self, path: Path) -> Any:
+        import warnings
+
+        warnings.warn(f"{path}: too dark", stacklevel=2)
+        yield from np.zeros((4, 320, 480, 3), np.uint8)
+
+    def _parse(self, frames: Any) -> int:
+        self.inside += 1
+        self.together |= self.inside > 1
+        n = len(list(frames))
+        threading.Event().wait(0.05)
+        self.inside -= 1
+        return n
+
+    def perceive(self, path: Path, proposals: int) -> Perception:
+        assert proposals == 4
+        self.perceived += 1
+        return Perception(None, None, None, self.scene)
+
+
+@pytest.fixture
+def clip_files(tmp_path: Path) -> list[Path]:
+    files = []
+    for number in range(3):
+        files.append(tmp_path / f"{number}.mp4")
+        write_video(files[-1], [np.full((320, 480, 3), 40 * number, np.uint8)] * 10, preset="veryfast")
+    return files
+
+
+def test_clips_are_perceived_once_and_one_at_a_time(small_scene: Scene, clip_files: list[Path]) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    clips, said = Clips(pipeline, 5), []
+    threads = [threading.Thread(target=clips.watch, args=[file]) for file in clip_files * 2]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert pipeline.perceived == 3
+    assert not pipeline.together
+    clip = clips.watch(clip_files[0], lambda share, text: said.append(text))
+    assert said == []  # known
+    assert clip.notes == ("too dark",)
+    assert clip.frames().shape == (4, 320, 480, 3)
+    fresh = Clips(pipeline, 5)
+    fresh.watch(clip_files[0], lambda share, text: said.append((round(share, 1), text)))
+    assert said[0] == (0.0, "looking at frame 0")
+    assert said[-1] == (1.0, "fitting the motion")
+
+
+def test_long_clips_and_other_files_are_refused_before_the_work(
+    small_scene: Scene, clip_files: list[Path], tmp_path: Path
+) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    assert video_seconds(VIDEO) == pytest.approx(128 / 25)
+    with pytest.raises(VideoError, match=r"lasts 5 s; clips of up to 2 s are taken, so cut it"):
+        Clips(pipeline, 2).watch(VIDEO)
+    (tmp_path / "text.mp4").write_text("no video")
+    with pytest.raises(VideoError, match="is a text file"):
+        Clips(pipeline, 2).watch(tmp_path / "text.mp4")
+    assert pipeline.perceived == 0
+
+
+def built_questions(scene: Scene) -> list[menus.Built]:
+    entries = []
+    for kind in menus.KINDS:
+        for about, verb in product(menus.objects_menu(kind, scene) or [""], menus.verb_menu(kind) or [""]):
+            entries += [(kind, about, verb, time) for time in menus.time_menu(kind, verb, scene) or [""]]
+    return [menus.build(*entry, scene) for entry in entries]
+
+
+def test_menus_make_programs_that_run_or_miss_an_object_or_event(small_scene: Scene) -> None:
+    executor = Executor(small_scene)
+    built = built_questions(small_scene)
+    failed = 0
+    for question in built:
+        text, program = question.question
+        try:
+            if question.choices:
+                executor.judge(program, question.choices)
+            else:
+                assert executor.answer(program).answer is not None
+        except ExecutionError:
+            failed += 1
+            assert "object to collide with" in text  # nothing does, or not so often
+    assert len(built) > 300
+    assert failed < len(built) / 20
+
+
+def test_the_question_parser_reads_what_menus_write(small_scene: Scene) -> None:
+    from nsdr import QuestionParser
+
+    parser = QuestionParser.from_pretrained()
+    for question in random.Random(0).sample(built_questions(small_scene), 25) + menus.examples(small_scene):
+        text, program = question.question
+        assert parser.parse(text, "multiple_choice" if question.choices else "descriptive").tokens == program, text
+        for text, program in question.choices[:2]:
+            assert parser.parse(text, "choice").tokens == program, text
+
+
+def test_menus_follow_the_scene(small_scene: Scene) -> None:
+    assert menus.objects_menu("How many …", small_scene)[:3] == ["objects", "red objects", "blue objects"]
+    assert "when the blue rubber sphere exits" in menus.time_menu("How many …", "are moving", small_scene)
+    assert "before the red rubber sphere enters" in menus.time_menu("How many …", "collide", small_scene)
+    causes = menus.objects_menu("What caused …", small_scene)
+    assert "The collision between the red metal cube and the blue rubber sphere" in causes
+    assert not any("entrance" in cause for cause in causes)
+    texts = [built.question[0] for built in menus.examples(small_scene)]
+    assert texts == [
+        "How many collisions happen?",
+        "What is the color of the first object to collide with the red metal cube?",
+        "Which of the following is responsible for the blue rubber sphere's exit?",
+        "What will happen without the red metal cube?",
+    ]
+    quiet = replace(small_scene, events=(), unseen=(), counterfactual={})
+    assert len(menus.examples(quiet)) == 2
+    with pytest.raises(DataError, match="nothing in this clip to ask that about"):
+        menus.build("What caused …", "", "", "", quiet)
+
+
+def test_entries_of_other_menus_count_as_the_first(small_scene: Scene) -> None:
+    built = menus.build("How many …", "no such", "no such", "no such", small_scene)
+    assert built.question[0] == "How many objects enter the scene?"
+
+
+def test_interventions_of_menu_and_sliders(small_scene: Scene) -> None:
+    assert changes.intervention("remove", "red metal cube", [9, 9, 9, 9]) == Remove("red metal cube")
+    faster = changes.intervention("faster, slower or back", "red metal cube", [2, 9, 9, 9])
+    assert faster == SetVelocity("red metal cube", factor=2)
+    new = changes.changed_objects("add", small_scene)
+    assert len(new) == 48 - len(small_scene.objects)
+    assert changes.intervention("add", new[0], [1, 2, -1, 0]) == Add(*new[0].split(), 1, 2, -1, 0)
+    for kind, change in changes.CHANGES.items():
+        for slider in change.sliders:
+            assert slider.low <= slider.start <= slider.high
+        for end in ("low", "high", "start"):
+            numbers = [getattr(slider, end) for slider in change.sliders]
+            if kind != "add" or end == "start":
+                changes.intervention(kind, "red rubber cube", numbers)
+
+
+def test_frames_that_an_answer_rests_on(small_scene: Scene) -> None:
+    executor = Executor(small_scene)
+
+    def frames(program: str) -> dict[int, tuple[int, ...]]:
+        return rests_on(executor.answer(program).trace, small_scene)
+
+    assert frames("events objects filter_collision count") == {20: (0, 1), 40: (1, 2)}
+    first = "events objects green filter_color unique filter_collision first filter_order"
+    assert frames(f"{first} objects green filter_color unique get_col_partner query_color") == {40: (1, 2)}
+    assert frames("objects cube filter_shape null filter_moving count") == {64: (0,)}
+
+
+def test_messages_name_files_without_their_folders() -> None:
+    rest = "clip.mp4: is a text file; see docs/errors.md or 1/2"
+    assert web._without_folders(f"/srv/a b/{rest}") == rest
+    assert web._without_folders(f"cannot read /srv/0a/{rest}") == f"cannot read {rest}"
+
+
+def test_errors_become_one_line_and_bugs_are_logged(caplog: pytest.LogCaptureFixture) -> None:
+    class Shown(Exception):
+        def __init__(self, message: str, **options: Any) -> None:
+            super().__init__(message)
+            assert options["print_exception"] is False
+
+    page = web._Page(SimpleNamespace(Error=Shown), SimpleNamespace(), {}, Path())  # type: ignore[arg-type]
+    with pytest.raises(Shown, match=r"^there is no clip yet; pick or upload one$"):
+        page._told(page._clip)("")
+    with pytest.raises(Shown, match="a bug in nsdr"):
+        page._told(lambda: 1 / 0)()
+    assert "ZeroDivisionError" in caplog.text
+
+
+def test_folders_of_clips(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    for name in ("a/one.mp4", "two.MP4", "notes.txt"):
+        (tmp_path / name).write_bytes(b"x")
+    assert list(serve._clips(str(tmp_path))) == ["a/one.mp4", "two.MP4"]
+    assert list(serve._clips("")) == [VIDEO.name]
+    (tmp_path / "b").mkdir()
+    with pytest.raises(DataError, match=r"b: no \.mp4 files"):
+        serve._clips(str(tmp_path / "b"))
+    with pytest.raises(DataError, match="expected a folder of clips, found nothing"):
+        serve._clips(str(tmp_path / "c"))
+
+
+def test_serve_says_what_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(["serve"]) == 2
+    assert "the page needs Gradio: pip install 'nsdr[web]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "value"), [("--port", "65536"), ("--max-seconds", "inf")])
+def test_serve_refuses_what_cannot_be(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["serve", option, value]) == 2
+    assert f"{option} {value}: expected" in capsys.readouterr().err
+
+
+def test_events_are_marked_in_the_timeline(small_scene: Scene) -> None:
+    from nsdr.types import Doubt
+    from nsdr.visualize.timeline import timeline_html
+
+    unsure = replace(small_scene, doubts=(Doubt(Event("collision", 40, (1, 2)), 0.7),))
+    page = timeline_html(Perception(None, None, None, unsure), None, "#tracks video")
+    assert page.count("<g class=event") == page.count("<button type=button data-event=") == 5
+    assert "frame 40: the blue rubber sphere and the green rubber cylinder collide (70 %)" in page
+    assert page.count("v.currentTime=0.82") == 2  # the mark and the card of frame 20, in its middle
+    assert "currentTime=6" not in page  # nothing to show after the video
+    assert "<b>about frame 150, predicted</b>" in page
+    assert "onclick" not in timeline_html(Perception(None, None, None, unsure), None)
