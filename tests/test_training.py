@@ -16,6 +16,7 @@ from safetensors.torch import load_file
 from nsdr import DataError, FrameParser, QuestionParser, StatePredictor
 from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser, question_parser_task
 from nsdr.training.ablation import ALL, parse_sizes
 from nsdr.training.loop import LoopConfig, LossTerm, Task, learning_rate_at, train
@@ -386,6 +387,17 @@ def test_the_scaler_of_mixed_precision_is_saved(tmp_path) -> None:
     folder.save(state, 3, {"loss": 1.0})
     assert folder.restore(restored) == (3, {"loss": 1.0})
     assert scalers[1].get_scale() == 8.0
+
+
+@pytest.mark.parametrize("fast", [True, False])
+def test_automatic_precision_is_bfloat16_only_where_it_is_fast(fast: bool, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(torch.cpu, CPU_CHECK, lambda: fast)
+    task, casts = _Line(), []
+    task.model = torch.nn.Sequential(task.model)
+    task.model[0].register_forward_pre_hook(lambda *_: casts.append(torch.is_autocast_enabled("cpu")))
+    task.evaluate = lambda model: {}
+    train(task, LoopConfig(steps=1, device="cpu", precision="auto"), tmp_path, {})
+    assert casts == [fast]
 
 
 def test_learning_rate_schedules() -> None:

@@ -27,7 +27,7 @@ from tqdm import tqdm
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import described, resolved
-from nsdr.io.device import resolve_device
+from nsdr.io.device import resolve_device, resolve_precision
 from nsdr.io.lock import locked
 from nsdr.io.validation import check_choices, check_ranges
 from nsdr.training.run_folder import RunFolder, TrainingState
@@ -59,7 +59,8 @@ class LoopConfig:
         clip_norm: maximum norm of the gradient; larger gradients are scaled down.
         ema: decay per step of an exponential moving average of the weights, which is evaluated and saved instead of them; 0
             for none.
-        precision: "no" (float32), "bf16" or "fp16" mixed precision.
+        precision: "no" (float32), "bf16" or "fp16" mixed precision; "auto" is "bf16" where the device multiplies bfloat16
+            matrices, else "no" (on processors without AMX, bfloat16 is slower than float32).
         seed: seed of the initial weights, the batches and the augmentation.
         log_every: steps between two lines of losses in `metrics.jsonl`.
         evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
@@ -96,7 +97,7 @@ class LoopConfig:
         check_ranges(self, warmup_steps=(0, math.inf), evaluate_every=(0, math.inf), seed=(0, math.inf))
         check_ranges(self, ema=(0, math.nextafter(1, 0)))
         check_choices(self, optimizer=("adam", "sgd"), schedule=("constant", "cosine", "step"))
-        check_choices(self, precision=("no", "bf16", "fp16"))
+        check_choices(self, precision=("auto", "no", "bf16", "fp16"))
 
 
 class LossTerm(NamedTuple):
@@ -316,7 +317,14 @@ def _accelerator(config: LoopConfig) -> Accelerator:
         if config.precision == "fp16" and device.type == "cpu":
             raise DataError("precision is 'fp16', which needs an accelerator; expected no or bf16 on the CPU")
     unused = DistributedDataParallelKwargs(find_unused_parameters=True)
-    return Accelerator(mixed_precision=config.precision, cpu=config.device == "cpu", kwargs_handlers=[unused])
+    return Accelerator(mixed_precision=_mixed_precision(config), cpu=config.device == "cpu", kwargs_handlers=[unused])
+
+
+def _mixed_precision(config: LoopConfig) -> str:
+    """The precision as Accelerate names it."""
+    if config.precision != "auto":
+        return config.precision
+    return "bf16" if resolve_precision("auto", resolve_device(config.device)) == torch.bfloat16 else "no"
 
 
 def _optimizer(model: nn.Module, config: LoopConfig) -> torch.optim.Optimizer:
