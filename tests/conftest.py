@@ -9,7 +9,8 @@ import pytest
 from pycocotools import mask as rle
 
 from nsdr import Event, Scene, SceneObject, load
-from nsdr.clevrer.example import TRUTH
+from nsdr.clevrer.example import TRUTH, VIDEO
+from nsdr.io.video import read_video, write_video
 from nsdr.symbolic import Executor
 from nsdr.tracking.localization import outline
 from nsdr.world.vocabulary import COLORS_RGB
@@ -26,6 +27,14 @@ def shared() -> Path:
 @pytest.fixture(scope="session")
 def example_scene() -> Scene:
     return load(Scene, TRUTH)
+
+
+@pytest.fixture(scope="session")
+def short_video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The example's first frames, where three eighths of the time to see the whole clip are enough."""
+    path = tmp_path_factory.mktemp("short") / "short.mp4"
+    write_video(path, read_video(VIDEO)[:48], crf=10, preset="veryfast")
+    return path
 
 
 @pytest.fixture

@@ -18,20 +18,19 @@ from mcp import Client, StdioServerParameters, stdio_client
 from nsdr import DataError, Pipeline
 from nsdr.apps.agent_tools import AgentTools, Change
 from nsdr.apps.mcp import make_server, serve
-from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore:.*CLEVRER's videos have 128")
 TOOLS = ["ask", "perceive", "render_frame", "run_program", "simulate"]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
+def folder(tmp_path_factory, short_video) -> Path:
     folder = tmp_path_factory.mktemp("videos")
     (folder / "clips").mkdir()
-    shutil.copy(VIDEO, folder / "clips" / "a.mp4")
+    shutil.copy(short_video, folder / "clips" / "a.mp4")
     (folder.parent / "outside.mp4").write_bytes(b"secret")
-    (folder / "linked.mp4").symlink_to(VIDEO)
+    (folder / "linked.mp4").symlink_to(short_video)
     return folder
 
 
@@ -64,7 +63,7 @@ def test_the_tools_say_what_they_take(server) -> None:
 
 def test_seeing_and_asking(server) -> None:
     scene = call(server, "perceive", video="clips/a.mp4").structured_content
-    assert scene["n_frames"] == 128
+    assert scene["n_frames"] == 48
     assert len(scene["objects"]) == len(set(scene["objects"])) > 2
     collisions = [e for e in scene["events"] if e["kind"] == "collision"]
     assert all(set(e["objects"]) <= set(scene["objects"]) and e["probability"] > 0.5 for e in collisions)
@@ -99,7 +98,7 @@ def test_changing_and_drawing(server) -> None:
         return cv2.imdecode(np.frombuffer(base64.b64decode(content.data), np.uint8), cv2.IMREAD_COLOR)
 
     assert picture(frame=10).shape == (640, 960, 3)
-    later, changed = picture(frame=150), picture(frame=10, changes=changes)
+    later, changed = picture(frame=60), picture(frame=10, changes=changes)
     assert later.shape == changed.shape == (320, 480, 3)
 
 

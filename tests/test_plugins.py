@@ -47,16 +47,16 @@ def make_source(data, wanted):
     sys.modules.pop("my_package", None)
 
 
-def test_an_installed_backend_is_used_by_name(package, capsys, tmp_path) -> None:
-    assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--dynamics", "constant"]) == 0
+@pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
+def test_an_installed_backend_is_used_by_name(package, capsys, tmp_path, short_video) -> None:
+    ask = ["answer", str(short_video), "-q", "How many collisions happen?"]
+    assert main([*ask, "--dynamics", "constant"]) == 0
     assert capsys.readouterr().out == "0\n"
     (tmp_path / "mine.yaml").write_text("dynamics: {backend: constant}\ntracker: {score: 1.0}\n")
-    assert (
-        main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--config", str(tmp_path / "mine.yaml")]) == 2
-    )
+    assert main([*ask, "--config", str(tmp_path / "mine.yaml")]) == 2
     assert "no objects found in more than 12 frames" in capsys.readouterr().err
     settings = ["--config", str(tmp_path / "mine.yaml"), "--set", "tracker.score=0.9"]
-    assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", *settings]) == 0
+    assert main([*ask, *settings]) == 0
     assert capsys.readouterr().out == "0\n"
 
 
@@ -79,13 +79,14 @@ def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
     assert BACKENDS.names()[:3] == ["physics", "state", "paper"]
 
 
-def test_the_documented_dynamics_backend_answers_questions() -> None:
+@pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
+def test_the_documented_dynamics_backend_answers_questions(short_video) -> None:
     code = example()
     assert len([line for line in code.splitlines() if line.strip()]) <= 22
     names: dict[str, object] = {}
     exec(code, names)
     pipeline = nsdr.Pipeline.from_pretrained()
     pipeline.dynamics = names["ConstantVelocity"]()  # type: ignore[operator]
-    assert pipeline.answer(VIDEO, "How many collisions happen?").answer == "0"
-    answer = pipeline.answer(VIDEO, "What will happen next?", ["The brown cube collides with the purple cube"])
+    assert pipeline.answer(short_video, "How many collisions happen?").answer == "0"
+    answer = pipeline.answer(short_video, "What will happen next?", ["The brown cube collides with the purple cube"])
     assert len(answer.choices) == 1

@@ -36,13 +36,18 @@ from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 @pytest.fixture(scope="module")
 def truths() -> list[dict]:
     with Simulator() as simulator:
-        scenes = [simulate_scene(seed, SceneConfig(), simulator) for seed in range(500500, 500512)]
+        scenes = [simulate_scene(seed, SceneConfig(), simulator) for seed in range(500500, 500509)]
     return [truth_document(scene, number, Camera()) for number, scene in enumerate(scenes)]
 
 
 @pytest.fixture(scope="module")
 def scenes(truths) -> list[tuple[int, str, Scene]]:
     return [(t["scene_index"], f"video_{t['scene_index']:05d}.mp4", scene_from_truth(t)) for t in truths]
+
+
+@pytest.fixture(scope="module")
+def many_candidates() -> list[Candidates]:
+    return [find_candidates(scene) for scene in many_scenes(60)]
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +87,10 @@ def test_questions_follow_the_rules_of_the_release(scenes, generated) -> None:
                     assert executor.run(c.program) not in target.objects
 
 
-def test_generation_is_deterministic(scenes, generated) -> None:
-    assert list(generate_questions(scenes)) == generated
-    assert list(generate_questions(scenes, QuestionConfig(seed=1))) != generated
+def test_generation_is_deterministic(scenes) -> None:
+    once, again = (list(generate_questions(scenes[:4])) for _ in range(2))
+    assert once == again
+    assert list(generate_questions(scenes[:4], QuestionConfig(seed=1))) != once
 
 
 def test_scenes_with_partial_truth_get_fewer_types(small_scene) -> None:
@@ -168,8 +174,8 @@ def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
     return result
 
 
-def test_answers_are_balanced_within_each_type() -> None:
-    questions = list(generate_questions(many_scenes(60)))
+def test_answers_are_balanced_within_each_type(many_candidates) -> None:
+    questions = list(select_questions(many_candidates, QuestionConfig()))
     counts = count_questions(questions)
     assert abs(counts["answers, exist"]["yes"] - counts["answers, exist"]["no"]) <= 2
     colors = counts["answers, query_color"].values()
@@ -186,9 +192,9 @@ def test_answers_are_balanced_within_each_type() -> None:
     assert rows["predictive"] == (0.5, 0.0)
 
 
-def test_not_says_nothing_about_how_many_options_are_correct() -> None:
+def test_not_says_nothing_about_how_many_options_are_correct(many_candidates) -> None:
     numbers: dict[bool, Counter[int]] = {False: Counter(), True: Counter()}
-    for scene in generate_questions(many_scenes(60), QuestionConfig({"explanatory": 1.68})):
+    for scene in select_questions(many_candidates, QuestionConfig({"explanatory": 1.68})):
         for q in scene.questions:
             numbers["negate" in q.program][sum(c.answer == "correct" for c in q.choices)] += 1
     affirmative, negated = (numbers[form] for form in (False, True))

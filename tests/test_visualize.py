@@ -171,14 +171,15 @@ def test_plan_shows_all_objects_with_labels_that_do_not_overlap() -> None:
     figure_png(figure)
 
 
-def test_several_pictures_of_one_perception(tmp_path, capsys, monkeypatch) -> None:
+@pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
+def test_several_pictures_of_one_perception(short_video, tmp_path, capsys, monkeypatch) -> None:
     calls = []
     perceive = Pipeline.perceive
     monkeypatch.setattr(Pipeline, "perceive", lambda self, video: calls.append(video) or perceive(self, video))
     names = ("image.png", "annotated.mp4", "report.html")
     outputs = [argument for name in names for argument in ("-o", str(tmp_path / "new" / name))]
     question = ["-q", "How many collisions happen?"]
-    assert main(["visualize", str(VIDEO), *question, "--image", "all", *outputs]) == 0
+    assert main(["visualize", str(short_video), *question, "--image", "all", *outputs]) == 0
     assert len(calls) == 1
     images = [f"image_{image}.png" for image in ("strobe", "last", "plan", "causal")]
     assert capsys.readouterr().out.splitlines() == [str(tmp_path / "new" / n) for n in (*images, *names[1:])]
@@ -186,7 +187,7 @@ def test_several_pictures_of_one_perception(tmp_path, capsys, monkeypatch) -> No
         assert cv2.imread(str(tmp_path / "new" / image)).std() > 5
     video = cv2.VideoCapture(str(tmp_path / "new" / "annotated.mp4"))
     size = [video.get(k) for k in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
-    assert size == [128, 960, 640]
+    assert size == [48, 960, 640]
     page = (tmp_path / "new" / "report.html").read_text()
     for text in (question[1], "events objects filter_collision count", "program tree", "Without each object"):
         assert text in page
@@ -209,8 +210,11 @@ def test_pictures_of_a_saved_scene(perceived, tmp_path, capsys) -> None:
     assert "is a saved scene: --dynamics would do nothing" in capsys.readouterr().err
 
 
-def test_errors_say_what_is_wrong(tmp_path, capsys) -> None:
+@pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
+def test_errors_say_what_is_wrong(short_video, tmp_path, capsys) -> None:
     assert main(["visualize", str(VIDEO), "-o", "a.gif"]) == 2
     assert "ending in .png or .mp4 or .html" in capsys.readouterr().err
-    assert main(["visualize", str(VIDEO), "--image", "plan", "--removed", "9", "-o", str(tmp_path / "a.png")]) == 2
+    assert (
+        main(["visualize", str(short_video), "--image", "plan", "--removed", "9", "-o", str(tmp_path / "a.png")]) == 2
+    )
     assert "--removed 9: the objects are 0 to" in capsys.readouterr().err
