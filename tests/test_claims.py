@@ -43,7 +43,8 @@ def scenes(draw: st.DrawFn) -> Scene:
 
     def collisions(first: int, last: int, without: int = -1) -> tuple[Event, ...]:
         pairs = [tuple(sorted(rng.sample(range(n), 2))) for _ in range(rng.randint(0, 4))]
-        return tuple(Event("collision", rng.randint(first, last), p) for p in pairs if without not in p)
+        frames = range(first, last + 1, 2)  # so far apart that the tolerance tells collisions of a pair apart
+        return tuple({Event("collision", rng.choice(frames), p): None for p in pairs if without not in p})
 
     unseen = collisions(N_FRAMES, N_FRAMES + 9)
     counterfactual = {i: collisions(0, N_FRAMES + 9, i) for i in range(n)}
