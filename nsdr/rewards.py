@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer.annotations import check_annotation, check_truth
-from nsdr.clevrer.responses import Response, read_response
+from nsdr.clevrer.responses import TAG, Response, read_response
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
@@ -40,7 +40,8 @@ EXPECTED = {
     "scene": "paths of scenes, which `nsdr export --scenes` writes",
 }
 """What each column holds."""
-_ENDS_WITH_TAGS = re.compile(r"(?:(?!<answer>).)*<answer>(?:(?!<answer>).)*</answer>\s*", re.DOTALL)
+_NO_TAG = rf"(?:(?!(?i:{TAG.pattern})).)*"
+_ENDS_WITH_TAGS = re.compile(rf"{_NO_TAG}<answer>{_NO_TAG}</answer>\s*", re.DOTALL)
 
 
 def exact(
@@ -118,8 +119,9 @@ def trace_score(verification: Verification) -> float:
     Each rule keeps a text from filling up its score with what is easily said:
 
     - Each fact counts once, whatever its wording or frame; a claim that fails counts once for each frame that it is tried with.
-    - Attributes and presence of objects, denials at a single frame, and what is true by its words ("without the cube, the cube
-      and the ball do not collide") count only where they are wrong.
+    - Attributes and presence of objects, denials at a single frame, events without a particular object or frame ("an object
+      enters"), counts of none where there is no such object ("no yellow cube enters"), and what is true by its words ("without
+      the cube, the cube and the ball do not collide") count only where they are wrong.
     - Denied facts that hold ("… do not collide", "no cube …") count at most as often as others that hold, or once.
     - At most `MAX_OF_A_KIND` facts of a kind that hold count.
     - What cannot be checked counts neither way.
@@ -170,7 +172,15 @@ def _capped(claims: Any) -> int:
 
 def _uninformative(claim: Claim) -> bool:
     denied_at_a_frame = claim.negated and bool(claim.statement.events) and claim.frame is not None
-    return claim.kind in UNINFORMATIVE or denied_at_a_frame or _tautology(claim)
+    return claim.kind in UNINFORMATIVE or claim.vacuous or denied_at_a_frame or _vague(claim) or _tautology(claim)
+
+
+def _vague(claim: Claim) -> bool:
+    """Whether it says no object, frame or count: that some event happens, or comes first."""
+    said = claim.statement
+    placed = claim.frame is not None and not said.relation
+    counts = said.number is not None and said.kind != "order"
+    return not (claim.objects or placed or counts)
 
 
 def _tautology(claim: Claim) -> bool:
@@ -181,12 +191,21 @@ def _tautology(claim: Claim) -> bool:
 
 
 def _fact(claim: Claim) -> tuple[Any, ...]:
-    """What a claim says, without wording and frames."""
+    """What a claim says, without wording and frames: the event of the scene that it is about, or what it names.
+
+    The words of objects count only where they name none, in a claim that fails.
+    """
     said = claim.statement
+    removed = claim.objects[-1:] if said.removed is not None else ()
+    if claim.event is not None:
+        return (said.kind, removed, claim.event)
+    phrases = (*said.objects, *(p for e in said.events for p in e.objects))
+    words = {tuple(sorted(p.words)) for p in phrases}
+    unnamed = tuple(sorted(words)) if claim.holds is False and len(words) > len(claim.objects) else ()
     classes = tuple(sorted(said.objects[0].words)) if said.number is not None and said.objects else ()
     order = claim.objects if said.kind in ("order", "cause") else tuple(sorted(claim.objects))
     kinds = tuple(e.kind for e in said.events)
-    return (said.kind, order, kinds, classes, said.words, said.number, said.relation, claim.negated, claim.event)
+    return (said.kind, order, removed, unnamed, kinds, classes, said.words, said.number, said.relation, claim.negated)
 
 
 def _read(

@@ -48,7 +48,9 @@ def test_messages_are_read_like_texts() -> None:
 def test_the_form_is_one_pair_of_tags_at_the_end() -> None:
     completions = ["I think so.\n<answer>B</answer>\n", "<answer>B</answer> or so", "B", "<answer>Z</answer>"]
     completions += ["<answer>A</answer> <answer>B</answer>", "<answer>A <answer>B</answer>"]
-    assert answer_format(completions, **columns(len(completions))) == [1, 0, 0, 0, 0, 0]
+    completions += ["<answer>A</answer> or so</answer>", "<Answer>A</Answer> <answer>B</answer>"]
+    completions += ["<answers>A</answers> <answer>B</answer>", "A</answer> <answer>B</answer>"]
+    assert answer_format(completions, **columns(len(completions))) == [1] + 9 * [0]
 
 
 def test_wrong_columns_are_refused() -> None:
@@ -122,6 +124,23 @@ WRONG = "The red sphere exits.\n"
         (
             EVENT + WRONG + "The cube does not exit. The cube does not enter. The red sphere does not hit the cube.",
             2 / 3,
+        ),
+        # The same event before or after a frame, or of unnamed objects.
+        (EVENT + "The cube hits the blue sphere after frame 2. The cube hits an object. " + WRONG, 1 / 2),
+        # Events of no particular object, and none of what is not there.
+        ("An object hits an object. An object exits. An object enters after frame 0.", 0),
+        ("The first collision is between an object and a thing. After the video, an object hits an object.", 0),
+        ("An object enters before an object exits.", 0),
+        ("No purple cube enters. Frame 3: no purple cube is moving. 0 purple cubes never move.", 0),
+        ("No cylinder enters.", 1),
+        ("Frame 20: an object hits an object.", 1),
+        # Each object that is not there, and each one that is removed.
+        (EVENT + "The purple cube exits. The gray cube exits. The gray cube hits the purple cube.", 1 / 4),
+        (
+            EVENT + "Without the cube, the blue sphere would hit the cylinder.\n"
+            "Without the cylinder, the blue sphere would not hit the cube.\n"
+            "Without the blue sphere, the cylinder would not hit the cube.",
+            1 / 4,
         ),
     ],
 )

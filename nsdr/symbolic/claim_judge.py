@@ -1,7 +1,7 @@
 """Whether statements hold in a scene."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,12 +22,14 @@ class Verdict:
         reason: why not, or why it can't be said; "" if it holds.
         objects: ids of the objects that it names, as far as they are known.
         event: the event of the scene that it is about, if it holds and is about one.
+        vacuous: whether it counts none of a class of which the scene has no object.
     """
 
     holds: bool | None
     reason: str = ""
     objects: tuple[int, ...] = ()
     event: Event | None = None
+    vacuous: bool = False
 
 
 class _Undecided(Exception):
@@ -74,7 +76,7 @@ class ClaimJudge:
             # What is denied of an object that does not exist is neither right nor wrong.
             holds = None if statement.negated else e.holds
             return Verdict(holds, e.reason, tuple(dict.fromkeys(known)))
-        return Verdict(verdict.holds, "" if verdict.holds else verdict.reason, objects, verdict.event)
+        return replace(verdict, reason="" if verdict.holds else verdict.reason, objects=objects)
 
     # Objects.
 
@@ -142,9 +144,12 @@ class ClaimJudge:
         if statement.relation:
             assert statement.frame is not None
             boundaries = range(statement.frame - self.tolerance, statement.frame + self.tolerance + 1)
-            sides = {any(_on_side(e.frame, f, statement.relation) for e in matching) for f in boundaries}
+            sides = [[e for e in matching if _on_side(e.frame, f, statement.relation)] for f in boundaries]
             reason = f"it happens at frame {frames}" if matching else "it does not happen"
-            return Verdict((not statement.negated) in sides, reason)
+            if statement.negated:
+                return Verdict([] in sides, reason)
+            found = max(sides, key=len)
+            return Verdict(bool(found), reason, event=found[0] if found else None)
         near = self._near(matching, phrase.frame)
         if not statement.negated:
             reason = f"it happens at frame {frames}, not at frame {phrase.frame}" if matching else "it does not happen"
@@ -269,7 +274,8 @@ class ClaimJudge:
                 assert statement.frame is not None
                 boundaries = range(statement.frame - self.tolerance, statement.frame + self.tolerance + 1)
                 counts = [sum(_on_side(e.frame, f, statement.relation) for e in found) for f in boundaries]
-        return Verdict(statement.number in counts, f"there are {counts[len(counts) // 2]}")
+        vacuous = bool(statement.objects) and not members and statement.number == 0
+        return Verdict(statement.number in counts, f"there are {counts[len(counts) // 2]}", vacuous=vacuous)
 
     def _frames(self, statement: Statement) -> range:
         """The stated frame with its tolerance, within the video."""

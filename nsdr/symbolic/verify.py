@@ -56,6 +56,7 @@ class Claim:
         reason: why it does not hold or can't be checked; "" if it holds.
         negated: whether the sentence denies something, or counts none.
         event: the event of the scene that it is about, if it holds and is about one.
+        vacuous: whether it counts none of a class of which the scene has no object ("no yellow cube enters").
         statement: what was read.
     """
 
@@ -69,6 +70,7 @@ class Claim:
     reason: str
     negated: bool
     event: Event | None
+    vacuous: bool
     statement: Statement
 
 
@@ -226,5 +228,6 @@ def _claim(statement: Statement, verdict: Verdict, text: str, sentence: _Sentenc
         verdict.reason,
         statement.negated or statement.number == 0 or statement.words == ("never moving",),
         verdict.event,
+        verdict.vacuous,
         statement,
     )
