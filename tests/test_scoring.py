@@ -201,7 +201,9 @@ def test_interval_of_a_difference() -> None:
     low, high = difference_interval([False] * 50 + [True] * 50, [True] * 100, list(range(100)))
     assert 0.3 < low < 0.5 < high < 0.7
     paired = difference_interval([True, False] * 50, [False, True] * 50, [i // 2 for i in range(100)])
-    assert paired == (0.0, 0.0)
+    assert paired == pytest.approx((-0.193, 0.193), abs=1e-3)
+    one_video = difference_interval([False] * 3 + [True] * 7, [True] * 10, [0] * 10)
+    assert one_video == pytest.approx((-0.045, 0.545), abs=1e-3)
     low, high = difference_interval([True] * 10, [True] * 10, list(range(10)))
     assert low == -high
     assert 0.2 < high < 0.3
