@@ -280,11 +280,18 @@ UNDECIDED = [
         "it happens at frame 20, which is within the tolerance",
     ),
     ("The blue sphere exits. Wait, that is wrong.", "the next sentence takes it back"),
+    ("The blue sphere exits. No.", "the next sentence takes it back"),
+    ("The red cube and the blue sphere collide. Not really.", "the next sentence takes it back"),
+    ("The cube and the cylinder collide. They do not.", "the next sentence takes it back"),
+    ("The cube and the cylinder collide. There was no such collision.", "the next sentence takes it back"),
     (
         "Suppose the cube is removed. The cube and the cylinder collide.",
         "a sentence before it may open another course of events",
     ),
     ("If the cube is removed:\n- the red sphere exits", "a sentence before it may open another course of events"),
+    ("Take the cube away. The red sphere exits.", "a sentence before it may open another course of events"),
+    ("Ignoring the cube:\n- the red sphere exits", "a sentence before it may open another course of events"),
+    ("The cube does not exist. The red sphere exits.", "a sentence before it may open another course of events"),
 ]
 
 

@@ -27,14 +27,16 @@ _SENTENCE = re.compile(r"[^\s].*?(?:(?<![.!?;])[.!?;]+(?=\s|$)|$)")
 _OTHER_WORLD = re.compile(
     r"\b(?:if|suppose|supposing|assume|assuming|imagine|hypothetical\w*|would|could|scenario|remov\w+|without|absent|absence|"
     r"counterfactual\w*|had|were|option|options|choice|choices|statement|claim|claims|says|said|question|asks?|asked|whether|"
-    r"after the video|future|next|predict\w*|false|wrong|incorrect|possib\w+|maybe|perhaps|might|may)\b",
+    r"after the video|future|next|predict\w*|false|wrong|incorrect|possib\w+|maybe|perhaps|might|may|"
+    r"missing|not exist|delet\w+|eliminat\w+|ignor\w+|exclud\w+|tak(?:e|ing|en)\b.*\b(?:away|out))\b",
     re.IGNORECASE,
 )
 """Words that make doubtful what follows an unread sentence: it may be about another course of events, or be reported."""
 _DENIAL = re.compile(
     r"^\W*(?:no,|wait\b|actually\b|hmm\b|correction\b|oops\b|sorry\b)|"
     r"^\W*(?:but |however,? )?(?:this|that|it|which)\b.*\b(?:not|false|wrong|incorrect|untrue|never|impossible|unclear)\b|"
-    r"^\W*(?:but |however,? )?(?:this|that|it)(?:'s| is| was)n't\b|^\W*(?:false|wrong|incorrect|not true)\b",
+    r"^\W*(?:but |however,? )?(?:this|that|it)(?:'s| is| was)n't\b|^\W*(?:but )?they (?:do|did)(?: not|n't)\b|"
+    r"^\W*(?:false|wrong|incorrect|not (?:true|correct|right|really))\b|^\W*no\W*$|^\W*there (?:is|was) no such\b",
     re.IGNORECASE,
 )
 """Sentences that take back what the one before them says, unless they are claims themselves."""
