@@ -23,7 +23,7 @@ SAME_WORDS = {
 SAME_SIGNS = {0x2019: "'", 0x2013: "-", 0x2014: "-", 0x2212: "-"}
 """Typographic apostrophe, dashes and minus sign, as plain ones."""
 DENIALS = frozenset(
-    {"not", "cannot", "neither", "nor", "never", "without", "except"}
+    {"not", "non", "none", "nothing", "cannot", "neither", "nor", "never", "without", "except", "than", "least"}
     | {"unable", "impossible", "unclear", "unsure", "unknown", "uncertain", "sorry"}
 )
 """Words with which a sentence names an answer word without giving it as the answer."""

@@ -9,6 +9,7 @@ from typing import Any
 from nsdr.clevrer.answer_forms import UnreadableError, is_bare, plain, read_letters, read_word
 from nsdr.clevrer.prompts import LETTERS, ONE_WORD, option_letters
 from nsdr.clevrer.questions import Question
+from nsdr.world.nouns import ADJECTIVES, NOUNS
 
 __all__ = ["READ_AS", "Response", "read_response", "read_response_to"]
 
@@ -24,6 +25,8 @@ LABEL = re.compile(
 )
 RETRACTION = re.compile(r"\b(?:wait|actually|correction|oops|sorry|wrong|incorrect)\b|\bno,", re.IGNORECASE)
 REASON = re.compile(r"\b(?:because|since)\b", re.IGNORECASE)
+OTHER_LETTER = re.compile(rf"\b(?:[B-HJ-Z]|A(?! (?:{'|'.join((*ADJECTIVES, *NOUNS, 'collision'))})\b))\b")
+"""A letter that an explanation names; neither the pronoun "I" nor the article of "A red cube"."""
 FENCE = re.compile(r"```(?:json)?([^`]*)```", re.IGNORECASE)
 BOX = re.compile(r"\\boxed\s*\{")
 LATEX_TEXT = re.compile(r"\\(?:text|textbf|mathrm|mathbf)\s*\{([^{}]*)\}")
@@ -136,7 +139,7 @@ def _first(first: str, rest: str, read: Read) -> str | frozenset[str]:
     answer = read(first)
     if isinstance(answer, str) and RETRACTION.search(rest):
         raise UnreadableError("a word, and then a text that may take it back")
-    if isinstance(answer, frozenset) and (others := set(re.findall(r"\b[A-HJ-Z]\b", rest)) - answer):
+    if isinstance(answer, frozenset) and (others := set(OTHER_LETTER.findall(rest)) - answer):
         raise UnreadableError(f"{', '.join(sorted(others))}, after an answer without it")
     return answer
 
