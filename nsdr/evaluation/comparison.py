@@ -57,7 +57,7 @@ def format_comparison(comparison: Mapping[str, Any], first: str, second: str) ->
         first: name of the first system.
         second: name of the second system.
     """
-    title = f"{second} minus {first}, in percentage points, with 95 % intervals over videos:"
+    title = f"{second} minus {first}, in percentage points, with 95 % intervals:"
     header = f"{'':<28}{'difference':>24}{'only first':>12}{'only second':>13}{'of':>8}"
     lines = [title, header]
     for kind, parts in comparison.items():
