@@ -21,6 +21,7 @@ from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
+from nsdr.symbolic.statements import PAST_KINDS
 from nsdr.symbolic.verify import Claim, Verification, verify
 from nsdr.types import Scene
 
@@ -122,7 +123,8 @@ def trace_score(verification: Verification) -> float:
     - Attributes and presence of objects, denials at a single frame, events without a particular object or frame ("an object
       enters"), counts of none where there is no such object ("no yellow cube enters"), and what is true by its words ("without
       the cube, the cube and the ball do not collide") count only where they are wrong.
-    - Denied facts that hold ("… do not collide", "no cube …") count at most as often as others that hold, or once.
+    - Denied facts that hold ("… do not collide", "no cube …") count at most as often as others that hold, or once; but events
+      that are denied of the video ("the cube does not exit"), which are hardly ever wrong, not even once without others.
     - At most `MAX_OF_A_KIND` facts of a kind that hold count.
     - What cannot be checked counts neither way.
 
@@ -134,7 +136,8 @@ def trace_score(verification: Verification) -> float:
     right = {_fact(c): c for c in verification if c.holds and not _uninformative(c)}
     wrong = {(_fact(c), c.frame) for c in verification if c.holds is False}
     asserted = _capped(c for c in right.values() if not c.negated)
-    denied = min(_capped(c for c in right.values() if c.negated), max(1, asserted))
+    denials = [c for c in right.values() if c.negated]
+    denied = min(_capped(denials), max(any(c.kind not in PAST_KINDS.values() for c in denials), asserted))
     counted = asserted + denied
     return counted / (counted + len(wrong)) if counted else 0.0
 

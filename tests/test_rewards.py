@@ -133,6 +133,8 @@ WRONG = "The red sphere exits.\n"
         ("An object enters before an object exits.", 0),
         ("No purple cube enters. Frame 3: no purple cube is moving. 0 purple cubes never move.", 0),
         ("No cylinder enters.", 1),
+        ("The cube does not exit. The purple cube does not exit. The cube and the cylinder do not collide.", 0),
+        ("After the video, the cube and the cylinder do not collide.", 1),
         ("Frame 20: an object hits an object.", 1),
         # Each object that is not there, and each one that is removed.
         (EVENT + "The purple cube exits. The gray cube exits. The gray cube hits the purple cube.", 1 / 4),
