@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -51,13 +52,14 @@ def tracks() -> VideoTracks:
     """A red sphere hits a blue cylinder at rest, at about frame 16; a red cube rests behind it, on the cylinder's way."""
     start = bodies(("sphere", -1.5, 0.0, 2.5, 0.0), ("cylinder", 0.0, 0.02, 0.0, 0.0), ("cube", 1.0, 0.0, 0.0, 0.0))
     motion = run(start, FRAMES)
-    every = np.arange(FRAMES)
-    found = []
-    for o in OBJECTS:
-        centre = pixels_from_world(on_ground(motion.position[o.id]))
-        box = np.concatenate([centre - 18, centre + 18], 1).round().astype(int)
-        found.append(Track(o, every, motion.position[o.id], centre, box, np.ones(FRAMES)))
-    return VideoTracks(FRAMES, tuple(found))
+    return VideoTracks(FRAMES, tuple(_track(o, motion.position[o.id]) for o in OBJECTS))
+
+
+def _track(o: SceneObject, position: np.ndarray) -> Track:
+    """The track of an object at positions (F, 2), seen in every frame."""
+    centre = pixels_from_world(on_ground(position))
+    box = np.concatenate([centre - 18, centre + 18], 1).round().astype(int)
+    return Track(o, np.arange(len(position)), position, centre, box, np.ones(len(position)))
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +131,24 @@ def test_a_removal_later_keeps_what_was_before(simulated) -> None:
 def test_a_collision_that_goes_on_is_not_a_second_one(simulated) -> None:
     hit = simulated(SetMass(0, 1.0)).original.collisions[0].frame
     assert pairs(simulated(Freeze("cylinder"), from_frame=hit + 1)) == [(0, 1)]
+
+
+def test_a_pair_that_meets_again_without_interventions_too_is_nothing_new() -> None:
+    start = bodies(
+        ("sphere", -1.5, 0.0, 2.5, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0), ("cube", 1.2, 0.0, 0.0, 0.0), yaw=0.0
+    )
+    motion = run(replace(start, mass=np.array([1.0, 1.0, 50.0])), FRAMES)
+    hits = [Event("collision", int(motion.contact[pair]), pair) for pair in ((0, 1), (1, 2))]
+    end = hits[1].frame + 8  # the cylinder is on its way back to the sphere
+    backend = PhysicsPredictor(NoDetector(*hits), PhysicsConfig(runs=5))  # type: ignore[arg-type]
+    seen = VideoTracks(end, tuple(_track(o, motion.position[o.id, :end]) for o in OBJECTS))
+    early, late = (backend.simulate(seen, [SetMass(0, 1.0)], frame) for frame in (0, hits[0].frame + 6))
+    assert pairs(early) == [(0, 1), (1, 2)]
+    assert pairs(late) == [(0, 1), (1, 2), (0, 1)]
+    assert late.original.collisions == late.changed.collisions
+    assert early.differences() == late.differences() == ()
+    gone = backend.simulate(seen, [Remove(2)], hits[0].frame + 6).differences()
+    assert [e.event.objects for e in gone if e.kind == "no longer" and e.event.frame > end] == [(0, 1)]
 
 
 def test_masses_change_what_follows_a_collision(simulated) -> None:

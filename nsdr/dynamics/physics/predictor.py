@@ -86,7 +86,7 @@ class PhysicsPredictor:
         scene = self._fit_of(tracks, None)
         changes = resolve(interventions, scene.states.objects, scene.smoothed.visible, from_frame)
         changed, changed_yaw = what_if(scene, changes, from_frame)
-        before, yaw = original(scene, len(changes.added))
+        before, yaw = original(scene, len(changes.added), from_frame)
         return make_simulation(changes, tracks.n_frames, from_frame, before, changed, (yaw, changed_yaw))
 
     def to(self, device: str) -> "PhysicsPredictor":

@@ -25,9 +25,15 @@ FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 
 
-def original(scene: FittedScene, extra: int) -> tuple[Rollout, FloatArray]:
-    """The rollout without interventions, and its yaws (radians), with a number of further objects that are absent."""
+def original(scene: FittedScene, extra: int, from_frame: int) -> tuple[Rollout, FloatArray]:
+    """The rollout without interventions, and its yaws (radians), with a number of further objects that are absent.
+
+    Like the rollout with interventions, it has the first collision of each pair after their frame, too.
+    """
     rollout, yaw = scene.rollout_and_yaw(None)
+    repeated = _repeated_collisions(scene, from_frame)
+    collisions = [*rollout.collisions, *(event for event, p in repeated if p > scene.config.collision_threshold)]
+    doubts = [*(rollout.doubts or ()), *(Doubt(event, p) for event, p in repeated if p <= 1 - DOUBT)]
     speed = np.full(yaw.shape, np.nan)
     speed[:, : scene.frames] = _observed_speed(scene)
     visible = rollout.visible.copy()
@@ -35,10 +41,10 @@ def original(scene: FittedScene, extra: int) -> tuple[Rollout, FloatArray]:
     padded = Rollout(
         _padded(rollout.location_world, extra, np.nan),
         _padded(visible, extra, False),
-        rollout.collisions,
+        tuple(sorted(collisions, key=lambda e: e.frame)),
         None,
         _padded(speed, extra, np.nan),
-        rollout.doubts,
+        tuple(doubts),
     )
     return padded, _padded(yaw, extra, 0.0)
 
@@ -50,22 +56,15 @@ def what_if(scene: FittedScene, changes: Changes, from_frame: int) -> tuple[Roll
         DataError: an intervention is impossible (see `change_bodies`).
     """
     changed = change_bodies(scene.bodies_at(from_frame), changes)
-    first, frames = _runs(scene, changed, from_frame)
-    collisions = [e for e in scene.observed if 0 < e.frame <= from_frame]
-    for event in collisions:  # while they touch or soon after, it is the same collision
-        i, j = event.objects
-        continued = frames[:, i, j] <= max(event.frame + CONTACT_PAUSE_STEPS // STEPS_PER_FRAME, from_frame + 1)
-        frames[continued, i, j] = frames[continued, j, i] = NO_CONTACT
-    untouched = (changed.exists & ~changed.simulated)[: len(scene.states.objects)]
-    n, share = len(untouched), (frames != NO_CONTACT).mean(0)
-    share[:n, :n] = scene.with_observed_doubts(share[:n, :n], untouched, from_frame)
+    first, later = _later_collisions(scene, changed, from_frame)
+    collisions = _earlier_collisions(scene, from_frame)
     doubts = [d for d in scene.doubts if 0 < d.event.frame <= from_frame]
-    for event, p in scene.probable_collisions(frames, share):
+    for event, p in later:
         if p > scene.config.collision_threshold:
             collisions.append(event)
         if p <= 1 - DOUBT:
             doubts.append(Doubt(event, p))
-    extra = len(changed.exists) - n
+    extra = len(changed.exists) - len(scene.states.objects)
     location, speed = first.position.copy(), np.linalg.norm(first.velocity, axis=-1)
     location[~changed.exists] = np.nan
     location[:, :from_frame] = _padded(scene.position[:, :from_frame], extra, np.nan)
@@ -83,6 +82,39 @@ def what_if(scene: FittedScene, changes: Changes, from_frame: int) -> tuple[Roll
         tuple(doubts),
     )
     return rollout, yaw
+
+
+def _earlier_collisions(scene: FittedScene, from_frame: int) -> list[Event]:
+    """Those that interventions at a frame cannot change."""
+    return [e for e in scene.observed if 0 < e.frame <= from_frame]
+
+
+def _later_collisions(
+    scene: FittedScene, changed: ChangedBodies, from_frame: int
+) -> tuple[SimulatedMotion, list[tuple[Event, float]]]:
+    """The first run from a frame on, and the collisions after it that are not ruled out, with their probabilities."""
+    first, frames = _runs(scene, changed, from_frame)
+    for event in _earlier_collisions(scene, from_frame):  # while they touch or soon after, it is the same collision
+        i, j = event.objects
+        continued = frames[:, i, j] <= max(event.frame + CONTACT_PAUSE_STEPS // STEPS_PER_FRAME, from_frame + 1)
+        frames[continued, i, j] = frames[continued, j, i] = NO_CONTACT
+    untouched = (changed.exists & ~changed.simulated)[: len(scene.states.objects)]
+    n, share = len(untouched), (frames != NO_CONTACT).mean(0)
+    share[:n, :n] = scene.with_observed_doubts(share[:n, :n], untouched, from_frame)
+    return first, scene.probable_collisions(frames, share)
+
+
+def _repeated_collisions(scene: FittedScene, from_frame: int) -> list[tuple[Event, float]]:
+    """Collisions after a frame, without interventions, of pairs that collided before it; with their probabilities.
+
+    `FittedScene.rollout` leaves them out.
+    """
+    pairs = {e.objects for e in _earlier_collisions(scene, from_frame)}
+    if not pairs:
+        return []
+    unchanged = change_bodies(scene.bodies_at(from_frame), Changes((), scene.states.objects))
+    later = _later_collisions(scene, unchanged, from_frame)[1]
+    return [(event, p) for event, p in later if event.objects in pairs]
 
 
 def _runs(
