@@ -2,6 +2,7 @@
 
 import random
 import threading
+import warnings
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -31,8 +32,6 @@ class FakePipeline:
         self.frame_parser = SimpleNamespace(parse=self._parse)
 
     def frames(self, path: Path) -> Any:
-        import warnings
-
         warnings.warn(f"{path}: too dark", stacklevel=2)
         yield from np.zeros((4, 320, 480, 3), np.uint8)
 
@@ -77,6 +76,30 @@ def test_clips_are_perceived_once_and_one_at_a_time(small_scene: Scene, clip_fil
     fresh.watch(clip_files[0], lambda share, text: said.append((round(share, 1), text)))
     assert said[0] == (0.0, "looking at frame 0")
     assert said[-1] == (1.0, "fitting the motion")
+
+
+def test_notes_of_a_clip_are_not_about_what_others_ask(small_scene: Scene, clip_files: list[Path]) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    in_work, asked = threading.Event(), threading.Event()
+
+    def perceive(path: Path, proposals: int) -> Perception:
+        in_work.set()
+        assert asked.wait(60)
+        warnings.warn("few frames were processed", stacklevel=2)
+        return Perception(None, None, None, small_scene)
+
+    def ask() -> None:
+        assert in_work.wait(60)
+        warnings.warn("'How many cylnders?': read 'cylnders' as 'cylinders'", stacklevel=2)
+        asked.set()
+
+    pipeline.perceive = perceive
+    other = threading.Thread(target=ask)
+    other.start()
+    with pytest.warns(UserWarning, match="cylnders"):
+        clip = Clips(pipeline, 5).watch(clip_files[0])
+    other.join()
+    assert clip.notes == ("too dark", "few frames were processed")
 
 
 def test_long_clips_and_other_files_are_refused_before_the_work(
@@ -168,6 +191,12 @@ def test_interventions_of_menu_and_sliders(small_scene: Scene) -> None:
             numbers = [getattr(slider, end) for slider in change.sliders]
             if kind != "add" or end == "start":
                 changes.intervention(kind, "red rubber cube", numbers)
+
+
+@pytest.mark.parametrize("kind", changes.CHANGES)
+def test_changes_need_an_object(kind: str) -> None:
+    with pytest.raises(DataError, match="no object is chosen; pick or upload a clip"):
+        changes.intervention(kind, None, [0.0] * 4)
 
 
 def test_frames_that_an_answer_rests_on(small_scene: Scene) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
+from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, Remove, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import MAX_POSITION_WORLD, MAX_SPEED_WORLD_PER_S, Intervention
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -92,11 +93,13 @@ def changed_objects(kind: str, scene: Scene) -> list[str]:
     return [name for name in map(" ".join, product(*ATTRIBUTES.values())) if name not in names]
 
 
-def intervention(kind: str, name: str, numbers: Sequence[float]) -> Intervention:
+def intervention(kind: str, name: str | None, numbers: Sequence[float]) -> Intervention:
     """The intervention of a kind's object and its sliders' numbers; further numbers are left out.
 
     Raises:
-        DataError: a number is impossible.
+        DataError: no object is chosen, or a number is impossible.
     """
+    if not name:
+        raise DataError("no object is chosen; pick or upload a clip, then choose one")
     change = CHANGES[kind]
     return change.make(name, *numbers[: len(change.sliders)])

@@ -4,6 +4,7 @@ import threading
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -120,10 +121,30 @@ class Clips:
                 jpegs.append(jpeg(frame))
                 yield frame
 
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
+        with _notes(path) as notes:
             proposals = self.pipeline.frame_parser.parse(frames())
             progress(1.0, "fitting the motion")
             perception = self.pipeline.perceive(path, proposals=proposals)
-        notes = [str(w.message).removeprefix(f"{path}: ") for w in said if w.category is UserWarning]
         return Clip(path, perception, tuple(dict.fromkeys(notes)), tuple(jpegs))
+
+
+@contextmanager
+def _notes(path: Path) -> Iterator[list[str]]:
+    """Collect the warnings about a clip: those of this thread, and those of helper threads, which name the clip.
+
+    Warnings about what other visitors ask meanwhile go where they went before.
+    """
+    notes: list[str] = []
+    show, thread = warnings.showwarning, threading.get_ident()
+
+    def take(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        text = str(message)
+        if category is UserWarning and (threading.get_ident() == thread or text.startswith(f"{path}: ")):
+            notes.append(text.removeprefix(f"{path}: "))
+        else:
+            show(message, category, *where)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = take  # type: ignore[assignment]
+        yield notes

@@ -225,7 +225,15 @@ class _Page:
             return self._watch(Path(path), progress)
 
         def simulated(
-            path: str, kind: str, name: str, frame: float, a: float, b: float, c: float, d: float, progress: Any = bar
+            path: str,
+            kind: str,
+            name: str | None,
+            frame: float,
+            a: float,
+            b: float,
+            c: float,
+            d: float,
+            progress: Any = bar,
         ) -> Any:
             return self._simulate(path, changes.intervention(kind, name, [a, b, c, d]), int(frame), progress)
 
