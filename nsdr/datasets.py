@@ -33,7 +33,7 @@ __all__ = ["STATE", "VideoDataset"]
 
 STATE = {"location": slice(0, 3), "rotation": slice(3, 7), "velocity": slice(7, 10), "angular_velocity": slice(10, 13)}
 """Columns of `states`: centre (world units), quaternion (x, y, z, w) of the shape with its axis along z, velocity (world
-units/s), angular velocity (rad/s)."""
+units/s), angular velocity (rad/s). Seconds are of simulated time, of which a frame is 0.028."""
 VECTORS = ("location", "orientation", "velocity", "angular_velocity")
 NEAREST = cv2.INTER_NEAREST_EXACT
 """Takes the value at a pixel's centre."""

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import anyio
@@ -15,10 +16,13 @@ import numpy as np
 import pytest
 from mcp import Client, StdioServerParameters, stdio_client
 
-from nsdr import DataError, Pipeline
+from nsdr import DataError, DynamicsPrediction, Event, Pipeline, Remove
 from nsdr.apps.agent_tools import AgentTools, Change
 from nsdr.apps.mcp import make_server, serve
 from nsdr.cli.main import main
+from nsdr.dynamics.interventions import simulate_removal
+from nsdr.pipeline import Perception
+from nsdr.types import Rollout
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore:.*CLEVRER's videos have 128")
 TOOLS = ["ask", "perceive", "render_frame", "run_program", "simulate"]
@@ -58,6 +62,7 @@ def test_the_tools_say_what_they_take(server) -> None:
     simulate = next(tool for tool in tools if tool.name == "simulate")
     change = simulate.input_schema["$defs"]["Change"]
     assert change["properties"]["kind"]["enum"] == ["remove", "set_mass", "set_velocity", "move", "freeze", "add"]
+    assert "a frame is 0.028 s" in change["description"]  # not 1/25 s
     assert "differences" in simulate.output_schema["properties"]
 
 
@@ -83,6 +88,22 @@ def test_seeing_and_asking(server) -> None:
     assert call(server, "perceive", video="linked.mp4").structured_content["objects"] == scene["objects"]
     program = call(server, "run_program", video="clips/a.mp4", program="events objects filter_collision count")
     assert program.structured_content["answer"] == count["answer"]
+
+
+def test_probabilities_that_a_backend_does_not_know_are_left_open(folder, small_scene) -> None:
+    objects, shape = small_scene.objects[:3], (3, 5)
+    hit, none = (
+        Rollout(np.zeros((*shape, 2)), np.ones(shape, bool), events)
+        for events in ((Event("collision", 2, (0, 1)),), ())
+    )
+    simulation = simulate_removal(DynamicsPrediction(objects, 4, none, {2: hit}), [Remove(2)], 0, "Other")
+    pipeline: Any = SimpleNamespace(
+        perceive=lambda path: Perception(None, None, None, small_scene), simulate=lambda *arguments: simulation
+    )
+    tools = AgentTools(pipeline, folder)
+    seen = tools.perceive("linked.mp4")
+    assert [e.probability for e in (*seen.events, *seen.after_video)] == [None] * 5
+    assert {e.probability for e in tools.simulate("linked.mp4", []).events} == {None}
 
 
 def test_changing_and_drawing(server) -> None:

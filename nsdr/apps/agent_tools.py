@@ -2,12 +2,12 @@
 
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from threading import Lock
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ class Change:
     - add: `color`, `material`, `shape`, `x`, `y`; optional `vx`, `vy`, `yaw` (radians), `mass`
 
     x points towards the camera, y to the right of the image. Lengths are world units (an object is 0.4 wide), speeds world
-    units per second (objects start with up to 3).
+    units per second of simulated time, of which a frame is 0.028 s (objects start with up to 3).
     """
 
     kind: Literal["remove", "set_mass", "set_velocity", "move", "freeze", "add"]
@@ -105,7 +105,8 @@ class Change:
 
 @dataclass(frozen=True)
 class EventView:
-    """An event: "in", "out" or "collision", its frame (25 a second), the objects' names, and how probable a collision is."""
+    """An event: "in", "out" or "collision", its frame (25 a second), the objects' names, and how probable a collision is; None
+    where that is not known."""
 
     kind: str
     frame: int
@@ -192,7 +193,7 @@ class AgentTools:
         with self._working():
             scene = self._perceived(video).scene
         doubts = [d for d in scene.doubts or () if d.removed is None]
-        known = {d.event: d.probability for d in doubts}
+        known = None if scene.doubts is None else {d.event: d.probability for d in doubts}
         happens = {*scene.events, *(scene.unseen or ())}
         return SceneView(
             video,
@@ -220,7 +221,7 @@ class AgentTools:
         """What changes of the scene change in its future."""
         with self._working():
             s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
-        known = s.probabilities or {}
+        known = s.probabilities
         differences = [
             DifferenceView(d.kind, EventView(*_event_fields(d.event, s.objects), d.probability), d.before)
             for d in s.differences()
@@ -283,9 +284,9 @@ def _event_fields(event: Event, objects: Sequence[SceneObject]) -> tuple[str, in
     return event.kind, event.frame, [objects[i].name for i in event.objects]
 
 
-def _event(event: Event, objects: Sequence[SceneObject], known: Any) -> EventView:
-    """An event with its probability: 1 for collisions that are not in doubt."""
-    probability = known.get(event, 1.0) if event.kind == "collision" else None
+def _event(event: Event, objects: Sequence[SceneObject], known: Mapping[Event, float] | None) -> EventView:
+    """An event with its probability: 1 for collisions that are not in doubt, None where no probability is known."""
+    probability = known.get(event, 1.0) if event.kind == "collision" and known is not None else None
     return EventView(*_event_fields(event, objects), probability)
 
 

@@ -1,6 +1,7 @@
 """Changes of a scene at one frame: what `nsdr.Pipeline.simulate` takes.
 
-Objects of the scene are named by words that only one of them has ("red cube", "red metal cube") or by id.
+Objects of the scene are named by words that only one of them has ("red cube", "red metal cube") or by id. Seconds are of
+simulated time: a frame is 0.028 s.
 """
 
 import math

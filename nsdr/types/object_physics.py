@@ -11,7 +11,7 @@ __all__ = ["ObjectPhysics"]
 
 @dataclass(frozen=True, eq=False)
 class ObjectPhysics(ArrayHolder):
-    """Velocities and relative masses of n objects, with their errors.
+    """Velocities and relative masses of n objects, with their errors. Seconds are of simulated time: a frame is 0.028 s.
 
     Attributes:
         velocity_world_per_s: (n, n_frames, 2) float, on the ground: towards the camera, and to the right of the image (world
