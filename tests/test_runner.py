@@ -1,5 +1,6 @@
 """The runner of long work: what is kept, what is done again."""
 
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,19 @@ def test_a_failure_leaves_the_earlier_output_which_is_not_taken_for_a_new_one(tm
     (tmp_path / "a").write_text("as if killed after writing, before the ledger")
     assert run_jobs(write, jobs(tmp_path, {"a": "1"}), tmp_path, workers=1).done == ("a",)
     assert (tmp_path / "a").read_text() == "1"
+
+
+def test_fingerprints_read_large_files_piece_by_piece(tmp_path) -> None:
+    file = tmp_path / "large.mp4"
+    with file.open("wb") as opened:
+        opened.truncate(1 << 26)  # 64 MiB of zeros
+    small = fingerprint(inputs=[b"a" * 10], code=False)
+    tracemalloc.start()
+    found = fingerprint(inputs=[file], code=False)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 23
+    assert found == fingerprint(inputs=[bytes(1 << 26)], code=False) != small
 
 
 def test_fingerprints_depend_on_content_settings_and_weights(tmp_path) -> None:

@@ -19,6 +19,8 @@ __all__ = ["code_fingerprint", "code_revision", "fingerprint"]
 
 DIGITS = 16
 """Hexadecimal digits of a fingerprint."""
+PIECE_BYTES = 1 << 20
+"""Bytes of a file that are in memory at once."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -45,10 +47,15 @@ def fingerprint(
         folder = Path(path)
         files = sorted([*folder.glob("*.safetensors"), *folder.glob("*.json")]) if folder.is_dir() else [folder]
         for file in files:
-            digest.update(file.name.encode() + _content(file))
+            digest.update(file.name.encode())
+            _add_content(digest, file)
     for item in inputs:
-        content = item if isinstance(item, bytes) else _content(item) if isinstance(item, Path) else _pickled(item)
-        digest.update(hashlib.sha256(content).digest())
+        own = hashlib.sha256()
+        if isinstance(item, Path):
+            _add_content(own, item)
+        else:
+            own.update(item if isinstance(item, bytes) else _pickled(item))
+        digest.update(own.digest())
     return digest.hexdigest()[:DIGITS]
 
 
@@ -60,9 +67,12 @@ def _pickled(value: Any) -> bytes:
     return pickle.dumps(value, protocol=5)
 
 
-def _content(path: Path) -> bytes:
+def _add_content(digest: "hashlib._Hash", path: Path) -> None:
+    """Add a file of any size, piece by piece."""
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            while piece := file.read(PIECE_BYTES):
+                digest.update(piece)
     except FileNotFoundError as e:
         raise DataError(f"{path}: no such file") from e
     except OSError as e:
