@@ -158,6 +158,16 @@ def test_changed_objects_are_simulated_once_each(known: Scene) -> None:
     assert asked[1:] == [(SetVelocity(3, vx=0.0, vy=0.0), 10)]  # when it enters
 
 
+def test_entrances_and_exits_with_a_changed_object_are_not_known(known: Scene) -> None:
+    executor = Executor(known, simulate=lambda change, frame: [Event("collision", 30, (1, 2))])
+    exits = f"all_events {BLUE} filter_out unique"
+    for program in (TWICE, f"{TWICE} negate"):
+        answer = executor.judge(program, [("exits", exits), ("collide", COLLIDES)])
+        assert [c.answer for c in answer.choices] == [None, "wrong" if "negate" in program else "correct"]
+        assert "whether blue rubber sphere exits is not known: only collisions are" in answer.choices[0].error
+    assert executor.run(f"all_events {BLUE} twice_as_heavy get_changed count") == 1
+
+
 def test_changes_that_cannot_be_simulated_are_refused(known: Scene) -> None:
     def impossible(change: object, frame: int) -> list[Event]:
         raise DataError("too fast")

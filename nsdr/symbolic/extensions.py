@@ -26,7 +26,7 @@ def _heavier(world: World, one: int, other: int) -> bool:
 
 
 def _changed(world: World, events: int, one: int, change: str) -> int:
-    return events & world.like_any(world.quantities.collisions_with(one, change))
+    return events & world.like_any(world.quantities.collisions_with(one, change)) | world.collisions_only
 
 
 _OBJECTS, _EVENTS, _OBJECT, _FRAME = (Kind.OBJECTS,), (Kind.EVENTS,), (Kind.OBJECT,), (Kind.FRAME,)

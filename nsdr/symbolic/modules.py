@@ -56,6 +56,10 @@ def _partner(world: World, event: int, one: int) -> int:
 
 
 def _belongs(world: World, one: int, events: int) -> bool:
+    if events & world.collisions_only and not one & world.colliding:
+        raise ExecutionError(
+            f"whether {world.event_text(one)} is not known: only collisions are, with an object changed"
+        )
     return bool(world.same_kind_and_objects(one) & events)
 
 

@@ -150,6 +150,8 @@ class World:
         self.events = index.events
         self._mark = len(self.events)
         self.members = (1 << self._mark) - 1
+        # Of sets of events of which only the collisions are known.
+        self.collisions_only = 1 << 2 * self._mark
         self.entering, self.exiting, self.colliding = index.of_kind.values()
         self._of_object, self._same = index.of_object, index.same
 
