@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from nsdr.clevrer.annotations import read_truth_file
+from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, read_truth_file
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
@@ -84,7 +84,8 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
       the last frame of a released video, after which nothing is known
     - `frames` (T,) int64, numbers of the frames; `scene_index` int64
 
-    Generated data sets give all of it from their truth files; the release's `train` and `validation` from its annotations.
+    Generated data sets give all of it from their truth files; the release's `train` and `validation` from its annotations,
+    without its three videos of other lengths (`nsdr.clevrer.IRREGULAR_VIDEOS`).
 
         >>> data = VideoDataset("data", "train", length=16, step=2, image_size=(64, 96))
         >>> batch = next(iter(torch.utils.data.DataLoader(data, batch_size=8, shuffle=True, num_workers=4)))
@@ -165,7 +166,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         """Indices of the videos that are there, or of those with a truth file where no images are wanted."""
         split = self._split
         if self._render is None:
-            known = sorted(split.entries("annotations"))
+            known = sorted(set(split.entries("annotations")) - set(IRREGULAR_VIDEOS))
         else:
             known = [i for i in split.indices if self._truth_file(i).exists()]
         found = sorted(set(known) & set(split.entries("videos"))) if self.images else known

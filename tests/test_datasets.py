@@ -137,6 +137,9 @@ def test_the_release_has_annotations_in_place_of_truth(tmp_path) -> None:
         "collision": [{"object_ids": [0, 1], "frame_id": 60, "location": [0, 0, 0.2]}],
     }
     write_json(tmp_path / "annotations" / "train" / "annotation_00007.json", annotation)
+    short = {**annotation, "scene_index": 7648, "motion_trajectory": annotation["motion_trajectory"][:104]}
+    write_json(tmp_path / "annotations" / "train" / "annotation_07648.json", short)
+    assert VideoDataset(tmp_path, "train", images=False, masks=False).clips == [(7, 0)]
     item = VideoDataset(tmp_path, "train", length=64, hop=64, image_size=(80, 120), flow=True)[1]
     assert item["mass"].isnan().all()
     assert item["flow"][-1].abs().max() == 0 < item["flow"][0].abs().max()
