@@ -127,6 +127,15 @@ def test_errors_that_need_no_weights_come_before_torch(arguments) -> None:
     assert (done.returncode, done.stderr[:7]) == (2, "error: "), done.stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "names"), [(["answer", "answer.mp4"], "question"), (["export", "."], "format, output")]
+)
+def test_missing_arguments_are_named_as_the_help_names_them(capsys, arguments, names) -> None:
+    command = arguments[0]
+    wanted = f"error: nsdr {command}: the following arguments are required: {names}; nsdr {command} --help shows them\n"
+    assert run(capsys, *arguments) == (2, "", wanted)
+
+
 def test_parse_video_writes_scene_proposals_and_image(capsys, tmp_path) -> None:
     scene, proposals, image = (tmp_path / name for name in ("scene.json", "proposals.json", "image.png"))
     code, out, _ = run(capsys, "parse-video", VIDEO, "-o", scene, "--proposals-out", proposals, "--image", image)

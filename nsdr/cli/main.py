@@ -82,7 +82,15 @@ def _run(arguments: list[str]) -> int:
     if configured and arguments[1:2] not in (["--help"], ["-h"]):
         return configured(arguments[1:])
     parser = _parser()
-    given = parser.parse_args(arguments)
+    try:
+        given = parser.parse_args(arguments)
+    except jsonargparse.ArgumentError as e:
+        _, missing, names = str(e).partition("the following arguments are required: ")
+        if not missing:
+            raise
+        command = arguments[0]
+        names = names.replace(f"{command}.", "")
+        raise DataError(f"nsdr {command}: {missing}{names}; nsdr {command} --help shows them") from e
     if given.command is None:
         parser.print_help()
         return ERROR
