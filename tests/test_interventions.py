@@ -290,6 +290,11 @@ def test_impossible_interventions_are_refused(simulated, changes: list[Any], fro
         simulated(*changes, from_frame=from_frame)
 
 
+def test_one_intervention_without_a_list_is_refused(simulated) -> None:
+    with pytest.raises(DataError, match=r"interventions: expected a list, such as .*, got Remove\(object=0\)"):
+        resolve(Remove(0), OBJECTS, np.ones((3, 60), bool), 0)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -96,6 +96,8 @@ def test_choices_missing_or_too_many(pipeline: Pipeline, example_scene: Scene) -
         pipeline.answer(example_scene, program="unseen_events belong_to")
     with pytest.raises(QuestionError, match="ask it without choices"):
         pipeline.answer(example_scene, program="objects count", choices=["the presence of the cube"])
+    with pytest.raises(QuestionError, match=r"choices: expected a list, such as \['The cube"):
+        pipeline.answer(example_scene, "What will happen next?", "The cube and the sphere collide")
     with pytest.raises(QuestionError, match="1 choices but 2 choice programs"):
         pipeline.answer(example_scene, program="unseen_events belong_to", choices=["x"], choice_programs=["a", "b"])
     with pytest.raises(QuestionError, match="is empty"):

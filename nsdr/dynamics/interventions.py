@@ -97,7 +97,7 @@ def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:
     if len(fitting) == 1:
         return fitting[0]
     found = "no object fits" if not fitting else f"{len(fitting)} objects fit; add words or give the id"
-    raise DataError(f"{wanted!r}: {found}; the scene has {known}")
+    raise DataError(f"{wanted!r}: {found}; the objects by id: {known}")
 
 
 def resolve(
@@ -112,12 +112,14 @@ def resolve(
         from_frame: frame of the interventions.
 
     Raises:
-        DataError: no intervention, a frame outside of the video, an object that is unknown or not in the image at that frame,
-            contradicting interventions, or a new object that is there already.
+        DataError: no list, no intervention, a frame outside of the video, an object that is unknown or not in the image at
+            that frame, contradicting interventions, or a new object that is there already.
     """
     frames = visible.shape[1]
     if type(from_frame) is not int or not 0 <= from_frame < frames:
         raise DataError(f"from_frame: expected a frame of the video, 0 to {frames - 1}, got {from_frame!r:.60}")
+    if not isinstance(interventions, Sequence) or isinstance(interventions, str):
+        raise DataError(f"interventions: expected a list, such as [nsdr.Remove('red cube')], got {interventions!r:.60}")
     if not interventions:
         raise DataError("interventions: expected at least one, such as nsdr.Remove('red cube'), got none")
     found: list[tuple[int, Intervention]] = []

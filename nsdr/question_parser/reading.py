@@ -38,9 +38,12 @@ def read_programs(
 
     Raises:
         QuestionError: the question fits no program (names the nearest texts that do), a multiple-choice question has no choices
-            or the reverse, or there are not as many programs as choices.
+            or the reverse, there are not as many programs as choices, or a text stands in place of a list.
         ProgramError: a given program is malformed.
     """
+    for name, given in (("choices", choices), ("choice_programs", choice_programs)):
+        if isinstance(given, str):
+            raise QuestionError(f"{name}: expected a list, such as [{given!r:.60}], got a text")
     multiple_choice = bool(choices) or bool(choice_programs)
     if program is not None:
         parsed = Program.parse(program)
