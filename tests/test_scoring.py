@@ -159,7 +159,11 @@ def test_halves_come_from_the_question_file(tmp_path: Path) -> None:
     assert report["counterfactual"]["tags"]["inferential"]["n_options"] == 10
     assert report["counterfactual"]["blind"]["text alone wrong"]["per_option"] == 1.0
     assert "nsdr tag" not in format_report(report)
-    plain = [replace(s, questions=(replace(OPEN, blind=None),)) for s in SCENES]
+    open_only = [replace(s, questions=(OPEN,)) for s in SCENES]
+    report = score_responses(open_only, read_answers(_responses(tmp_path, "a.jsonl")))
+    assert "nsdr tag" not in format_report(report)
+    untagged = replace(WHAT_IF, choices=tuple(replace(c, tag=None) for c in WHAT_IF.choices))
+    plain = [replace(s, questions=(untagged,)) for s in SCENES]
     report = score_responses(plain, read_answers(_responses(tmp_path, "a.jsonl")))
     assert "`nsdr tag` adds them" in format_report(report)
 
@@ -204,6 +208,7 @@ def test_interval_of_a_difference() -> None:
     assert paired == pytest.approx((-0.193, 0.193), abs=1e-3)
     one_video = difference_interval([False] * 3 + [True] * 7, [True] * 10, [0] * 10)
     assert one_video == pytest.approx((-0.045, 0.545), abs=1e-3)
+    assert difference_interval([True] * 3, [False] * 3, [0, 1, 2])[0] == -1.0
     low, high = difference_interval([True] * 10, [True] * 10, list(range(10)))
     assert low == -high
     assert 0.2 < high < 0.3

@@ -39,7 +39,7 @@ def write_dummy(name: str, scenes: Sequence[SceneQuestions], path: str | Path, s
     if name not in DUMMIES:
         raise DataError(f"{name!r} is no dummy system; expected one of {', '.join(DUMMIES)}")
     if (name == "keep-recording") != bool(source and data) or bool(source) != bool(data):
-        raise DataError(f"{name}: keep-recording needs --source and --data of the true scenes, the others take neither")
+        raise DataError("keep-recording needs --source and --data of the true scenes, the others take neither")
     answered = _recorded(scenes, source, data) if source else constant_answers(scenes, name)
     empty = 0
 

@@ -71,7 +71,7 @@ def difference_interval(first: Sequence[bool], second: Sequence[bool], scenes: S
     n = len(difference) + 2
     centre = float(difference.sum()) / n
     half = Z_95 * sqrt(((difference != 0).sum() + 1) / n - centre**2) / sqrt(n)
-    return min(low, centre - half), max(high, centre + half)
+    return max(min(low, centre - half), -1.0), min(max(high, centre + half), 1.0)
 
 
 def _bootstrap(values: NDArray[np.float64], scenes: Sequence[int]) -> tuple[float, float]:

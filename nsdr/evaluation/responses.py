@@ -110,7 +110,7 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
     """
     responses = report["responses"]
     lines = [format_table({**report, "errors": 0})]
-    if not any("tags" in report[kind] for kind in QUESTION_TYPES):
+    if report["counterfactual"]["n_options"] and "tags" not in report["counterfactual"]:
         lines.append("no observational and inferential halves: the question file has no tags; `nsdr tag` adds them")
     lines += ["", *format_references(report["references"])] if references else []
     lines.append("")
