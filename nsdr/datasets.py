@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, read_truth_file
-from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.render.flow import optical_flow
@@ -172,9 +172,9 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         found = sorted(set(known) & set(split.entries("videos"))) if self.images else known
         if not found:
             wanted = "truth" if self._render is not None else "annotations"
-            raise DataError(
-                f"{self._root}: has no {split.name} videos with {wanted}; `nsdr generate dataset` makes both"
-            )
+            others = [name for name in SPLITS if CLEVRER(self._root).split(name).entries("videos")]
+            remedy = f"it has videos of: {', '.join(others)}" if others else "`nsdr generate dataset` makes both"
+            raise DataError(f"{self._root}: has no {split.name} videos with {wanted}; {remedy}")
         return found
 
     def _truth_file(self, video: int) -> Path:

@@ -121,6 +121,8 @@ def test_the_release_has_annotations_in_place_of_truth(tmp_path) -> None:
     (tmp_path / "annotations" / "train").mkdir(parents=True)
     with pytest.raises(DataError, match="no train videos with annotations"):
         VideoDataset(tmp_path, "train")
+    with pytest.raises(DataError, match=r"no validation videos with annotations; it has videos of: train$"):
+        VideoDataset(tmp_path, "validation")
     places = [[[0.01 * f - 1, -0.5, 0.2], [0, 0.7, 0.2]] for f in range(128)]
     zero = {"orientation": [0, 0, 0], "velocity": [0, 0, 0], "angular_velocity": [0, 0, 0], "inside_camera_view": True}
     annotation = {
