@@ -1,5 +1,7 @@
 """The whole system on the clip that ships with the package, from pixels."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,13 +11,16 @@ from nsdr import (
     Pipeline,
     Program,
     QuestionError,
+    Remove,
     Rollout,
     Scene,
+    SetMass,
     VideoConfig,
     VideoError,
 )
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.questions import read_questions
+from nsdr.cli.simulate import _report as report_lines
 from nsdr.pipeline import Perception
 
 
@@ -85,6 +90,12 @@ def test_a_true_scene_answers_without_pixels(pipeline: Pipeline, example_scene: 
     answer = pipeline.answer(example_scene, "How many collisions happen?")
     assert answer.answer == "4"
     assert answer.trace[-1].value == 4
+
+
+def test_the_docs_show_what_an_intervention_changes(pipeline: Pipeline) -> None:
+    page = (Path(__file__).parent.parent / "docs" / "interventions.md").read_text()
+    simulation = pipeline.simulate(VIDEO, [Remove("green cylinder"), SetMass("cyan sphere", factor=2)])
+    assert "\n".join(report_lines(simulation)) in page
 
 
 def test_choices_missing_or_too_many(pipeline: Pipeline, example_scene: Scene) -> None:
