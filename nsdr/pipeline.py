@@ -270,10 +270,10 @@ class Pipeline:
                 assert proposals is not None
                 tracks = track(proposals, self.tracker)
             if not tracks.tracks:
-                what = video or "the proposals"
-                raise VideoError(
-                    f"{what}: no objects found in more than {self.tracker.min_frames} frames; is it a CLEVRER clip?"
-                )
+                what, least = video or "the proposals", self.tracker.min_frames
+                short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
+                hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
+                raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
             if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
                 warnings.warn(f"{video}: {doubt}", stacklevel=2)
             observed = None if true_scene is None else collisions_of(true_scene, tracks)

@@ -17,6 +17,7 @@ from nsdr import (
     SetMass,
     VideoConfig,
     VideoError,
+    VideoProposals,
 )
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.questions import read_questions
@@ -96,6 +97,16 @@ def test_the_docs_show_what_an_intervention_changes(pipeline: Pipeline) -> None:
     page = (Path(__file__).parent.parent / "docs" / "interventions.md").read_text()
     simulation = pipeline.simulate(VIDEO, [Remove("green cylinder"), SetMass("cyan sphere", factor=2)])
     assert "\n".join(report_lines(simulation)) in page
+
+
+@pytest.mark.parametrize(
+    ("n_frames", "hint"), [(12, "there are only 12; --set tracker.min_frames=N takes fewer"), (13, "is it a CLEVRER")]
+)
+def test_a_clip_too_short_for_any_object_is_told_so(pipeline: Pipeline, n_frames: int, hint: str) -> None:
+    none = np.zeros(0, int)
+    empty = VideoProposals(n_frames, none, none, none.astype(float), np.zeros((0, 2)), none, np.zeros((0, 4), int))
+    with pytest.raises(VideoError, match=f"no objects found in more than 12 frames; {hint}"):
+        pipeline.perceive(proposals=empty)
 
 
 def test_choices_missing_or_too_many(pipeline: Pipeline, example_scene: Scene) -> None:
