@@ -1,5 +1,6 @@
 """Questions beyond CLEVRER: what scenes know, the modules, the parser's rules, and the generator's questions."""
 
+import json
 import random
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,7 +10,7 @@ import pytest
 
 from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
 from nsdr.clevrer.example import VIDEO
-from nsdr.clevrer.questions import Choice
+from nsdr.clevrer.questions import Choice, read_questions
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
 from nsdr.dynamics.motion_states import MeasurementConfig
@@ -436,6 +437,23 @@ def test_what_if_questions_are_simulated_by_bullet(truths) -> None:
     candidates = find_candidates((0, "v", scene, worlds), 0, True, 1)
     (questions,) = select_questions([candidates], QuestionConfig(extensions=True, changed_per_video=1))
     assert all(isinstance(c, Choice) for q in questions.questions for c in q.choices)
+
+
+def test_the_command_writes_questions_that_can_be_read_and_tagged(truths, tmp_path) -> None:
+    for truth in truths[:2]:
+        (tmp_path / f"truth_{truth['scene_index']:05d}.json").write_text(json.dumps(truth))
+    output, tagged = str(tmp_path / "questions.json"), str(tmp_path / "tagged.json")
+    wanted = ["--questions.extensions", "true", "--questions.changed_per_video", "2", "--questions.max_options", "2"]
+    assert main(["generate", "questions", "--scenes", str(tmp_path), "-o", output, "--workers", "1", *wanted]) == 0
+    questions = [q for scene in read_questions(output) for q in scene.questions]
+    answers = {q.subtype: q.answer for q in questions}
+    assert answers["speed"].endswith(" world units per second")
+    assert len(answers["faster"].split()) == 3
+    assert max(len(q.choices) for q in questions if "get_changed" in q.program) == 2
+    assert "Descriptive questions beyond CLEVRER" in (tmp_path / "questions.statistics.md").read_text()
+    assert main(["tag", output, "--truth", str(tmp_path), "--no-blind", "-o", tagged]) == 0
+    for q in (q for scene in read_questions(tagged) for q in scene.questions if q.type == "counterfactual"):
+        assert all((c.tag is None) == ("get_changed" in q.program) for c in q.choices)
 
 
 def test_bullet_repeats_the_truth_and_says_so_if_not(truths) -> None:

@@ -13,6 +13,9 @@ from nsdr.types import Scene
 
 __all__ = ["keep_recording", "option_tags", "tag_options"]
 
+CHANGED = "get_changed"
+"""Program token of what-ifs about changed objects."""
+
 
 def keep_recording(scene: Scene) -> Scene:
     """The scene with the collisions of the video, except those of the removed object, as every counterfactual."""
@@ -45,7 +48,7 @@ def option_tags(recording: Executor, question: Question) -> list[str | None]:
 
 
 def tag_options(questions: SceneQuestions, scene: Scene) -> SceneQuestions:
-    """The questions with the tags of all options of counterfactual questions.
+    """The questions with the tags of all options of counterfactual questions, except what-ifs beyond CLEVRER.
 
     Args:
         questions: with programs and answers.
@@ -57,7 +60,7 @@ def tag_options(questions: SceneQuestions, scene: Scene) -> SceneQuestions:
     recording = Executor(keep_recording(scene))
     tagged = []
     for question in questions.questions:
-        if question.type == "counterfactual":
+        if question.type == "counterfactual" and CHANGED not in (question.program or ()):
             where = f"scene {questions.scene_index}, question {question.id}"
             try:
                 tags = option_tags(recording, question)

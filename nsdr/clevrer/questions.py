@@ -1,5 +1,6 @@
 """CLEVRER's question files: `train.json`, `validation.json` and `test.json`."""
 
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import iterate_json_list
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHAPES, SPEED_UNIT
 
 __all__ = [
     "OPTION_TAGS",
@@ -36,6 +37,9 @@ ANSWERS = frozenset(
     ["yes", "no", *map(str, range(LARGEST_COUNT + 1)), *(word for words in ATTRIBUTES.values() for word in words)]
 )
 """Answers of descriptive questions."""
+_OBJECT = " ".join(f"({'|'.join(words)})" for words in (COLORS, MATERIALS, SHAPES))
+BEYOND = re.compile(rf"\d+\.\d {SPEED_UNIT}|{'|'.join(DIRECTIONS)}|{_OBJECT}")
+"""Answers of descriptive questions beyond CLEVRER: a speed, a direction or an object."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +218,7 @@ def _answer(holder: dict[str, Any], known: Collection[str], where: str) -> str |
     answer = holder.get("answer")
     if answer is None:
         return None
-    if not isinstance(answer, str) or answer not in known:
+    if not isinstance(answer, str) or not (answer in known or (known is ANSWERS and BEYOND.fullmatch(answer))):
         expected = f"0 to {LARGEST_COUNT}, yes, no or an attribute word" if known is ANSWERS else " or ".join(known)
         raise DataError(f"{where}.answer: {shown(answer)}; expected {expected}")
     return answer

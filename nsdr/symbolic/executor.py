@@ -21,6 +21,7 @@ from nsdr.symbolic.responsibility import check_meaning, judgements
 from nsdr.symbolic.world import world_of
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.types.answers import with_lazy
+from nsdr.world.vocabulary import SPEED_UNIT
 
 __all__ = ["Executor"]
 
@@ -379,7 +380,7 @@ class Executor:
         if kind == Kind.FRAME:
             return "the whole video" if value is None else f"frame {value}"
         if kind == Kind.SPEED:
-            return f"{value:.1f} world units per second"
+            return f"{value:.1f} {SPEED_UNIT}"
         return _word(value)
 
 

@@ -14,8 +14,9 @@ from nsdr.errors import DataError, ExecutionError
 from nsdr.types import Event, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
+from nsdr.world.vocabulary import DIRECTIONS
 
-__all__ = ["CHANGES", "DIRECTIONS", "Quantities", "Simulate"]
+__all__ = ["CHANGES", "Quantities", "Simulate"]
 
 Simulate = Callable[[Intervention, int], Sequence[Event]]
 """Collisions of a video, and after it, with an intervention at a frame. Raises `DataError` where it is impossible."""
@@ -28,8 +29,6 @@ CHANGES: Mapping[str, Callable[[int], Intervention]] = {
     "standing_still": lambda i: SetVelocity(i, vx=0.0, vy=0.0),
 }
 """Changes of an object. Masses are changed from the start, velocities at the first frame at which the object is visible."""
-DIRECTIONS = ("towards the camera", "right", "away from the camera", "left")
-"""Directions of motion at 0, 90, 180 and 270 degrees from the x axis to the y axis."""
 CLEAR_DEGREES = 30.0
 """A motion is in a direction if it is at most this far from it (degrees); beyond, no single word describes it."""
 SURE = 1.645
@@ -56,7 +55,7 @@ class Quantities:
         return float(np.hypot(*self._velocity(_id(one), frame)))
 
     def direction(self, one: int, frame: int | None) -> str:
-        """One of `DIRECTIONS`."""
+        """One of `nsdr.world.vocabulary.DIRECTIONS`."""
         i = _id(one)
         vx, vy = self._velocity(i, frame)
         speed, error = math.hypot(vx, vy), self._speed_error

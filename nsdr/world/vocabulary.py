@@ -6,9 +6,11 @@ __all__ = [
     "ATTRIBUTES",
     "COLORS",
     "COLORS_RGB",
+    "DIRECTIONS",
     "MATERIALS",
     "N_ATTRIBUTE_TRIPLES",
     "SHAPES",
+    "SPEED_UNIT",
     "Color",
     "Material",
     "Shape",
@@ -26,6 +28,10 @@ ATTRIBUTES = {"color": COLORS, "material": MATERIALS, "shape": SHAPES}
 """Words of each attribute."""
 N_ATTRIBUTE_TRIPLES = len(COLORS) * len(MATERIALS) * len(SHAPES)
 """Number of attribute triples (48)."""
+DIRECTIONS = ("towards the camera", "right", "away from the camera", "left")
+"""Answers beyond CLEVRER: directions of motion at 0, 90, 180 and 270 degrees from the x axis to the y axis."""
+SPEED_UNIT = "world units per second"
+"""What stands after the number in an answer beyond CLEVRER; seconds are of simulated time."""
 
 COLORS_RGB = {
     "gray": (87, 87, 87),

@@ -27,8 +27,6 @@ EXTENSION_KINDS: dict[str, Callable[[Grammar], Pair]] = {
     "heaviest": templates.heaviest,
 }
 """Subtypes of the descriptive questions beyond CLEVRER with their templates."""
-MAX_OPTIONS = 4
-"""Max number of options of a what-if question, as of counterfactual ones."""
 
 
 def extension_questions(scene: Scene, rng: random.Random) -> Iterator[Descriptive]:
@@ -85,10 +83,11 @@ class ExtensionSelection:
 
     Args:
         seed: of ties and of the order of options.
+        max_options: max number of options of a what-if question.
     """
 
-    def __init__(self, seed: int) -> None:
-        self.rng = random.Random(f"{seed} extensions")
+    def __init__(self, seed: int, max_options: int) -> None:
+        self.rng, self.max_options = random.Random(f"{seed} extensions"), max_options
         self.answers: Counter[tuple[str, str]] = Counter()
 
     def questions(
@@ -116,7 +115,8 @@ class ExtensionSelection:
         wrong = [o for o in question.options if not o.correct]
         if not correct or not wrong:
             return ()
-        n_correct = min(len(correct), max(MAX_OPTIONS // 2, MAX_OPTIONS - len(wrong)))
-        options = self.rng.sample(correct, n_correct) + self.rng.sample(wrong, min(len(wrong), MAX_OPTIONS - n_correct))
+        most = self.max_options
+        n_correct = min(len(correct), max(most // 2, most - len(wrong)))
+        options = self.rng.sample(correct, n_correct) + self.rng.sample(wrong, min(len(wrong), most - n_correct))
         self.rng.shuffle(options)
         return tuple(Choice(i, o.text, o.program, "correct" if o.correct else "wrong") for i, o in enumerate(options))

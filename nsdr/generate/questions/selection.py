@@ -174,7 +174,7 @@ def select_questions(candidates: Iterable[Candidates], config: QuestionConfig) -
 
     Warns at the end if the scenes did not allow `CounterfactualConfig.inferential_share`.
     """
-    selection, beyond = _Selection(config), ExtensionSelection(config.seed)
+    selection, beyond = _Selection(config), ExtensionSelection(config.seed, config.max_options)
     for scene in candidates:
         found = selection.scene(scene)
         more = beyond.questions(scene.extensions, scene.changed, len(found.questions))

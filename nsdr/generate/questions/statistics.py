@@ -2,10 +2,11 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, q_type_baselines
+from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
 from nsdr.clevrer.questions import SceneQuestions
 from nsdr.generate.statistics import bar_charts
 from nsdr.io.files import atomic_path
@@ -85,12 +86,16 @@ def _markdown(counts: Mapping[str, Mapping[str, float]], scenes: Sequence[SceneQ
         "## Accuracy from the question's type alone",
         "",
         "Accuracies (%) of the Q-type baselines; multiple choice per option / per question. The most frequent answers",
-        "are those of this set itself; in the paper, those of the training set.",
+        "are those of this set itself; in the paper, those of the training set. Descriptive questions beyond CLEVRER are",
+        "left out.",
         "",
         "| baseline | descriptive | explanatory | predictive | counterfactual |",
         "|---|---|---|---|---|",
     ]
-    for baseline, rows in q_type_baselines(scenes).items():
+    of_clevrer = [
+        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in ANSWERS)) for s in scenes
+    ]
+    for baseline, rows in q_type_baselines(of_clevrer).items():
         published = PUBLISHED_Q_TYPE[baseline]
         lines.append(_row(f"Q-type ({baseline}), this set", {k: _percent(v) for k, v in rows.items()}))
         lines.append(_row(f"Q-type ({baseline}), as published", published))
