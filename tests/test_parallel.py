@@ -63,6 +63,26 @@ def sleep_under_own_name(folder: str, number: int) -> None:
     time.sleep(60)
 
 
+def begin_and_end(folder: str, number: int) -> None:
+    """Task 0 ends, others do not."""
+    Path(folder).mkdir(exist_ok=True)
+    (Path(folder) / f"begin-{number}").write_text(str(os.getpid()))
+    while number:
+        time.sleep(0.05)
+    (Path(folder) / f"end-{number}").touch()
+
+
+def refuse() -> None:
+    raise ValueError("not here")
+
+
+class Unreadable:
+    """An item that can be sent, but not received."""
+
+    def __reduce__(self) -> object:
+        return refuse, ()
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_tasks_end_and_failures_are_told(workers: int) -> None:
     outcomes = {o.item: o for o in run_tasks(double, range(5), workers=workers)}
@@ -193,6 +213,41 @@ def test_ray_does_a_lost_nodes_tasks_again(tmp_path) -> None:
         assert sorted(results) == [0, 1, 2, 3]
         assert len(list(tmp_path.glob("started-*"))) >= 5  # one was begun again
         assert [o.error for o in run_tasks(double, [3], engine="ray")] == ["ValueError: three"]
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_ray_works_in_the_programs_folder_and_ends_what_nobody_waits_for(tmp_path, monkeypatch) -> None:
+    import ray
+    from ray.cluster_utils import Cluster
+
+    package = os.getcwd()
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")  # as `ray start` in another folder
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    try:
+        monkeypatch.chdir(tmp_path)
+        ray.init(address=cluster.address, log_to_driver=False, runtime_env={"env_vars": {"PYTHONPATH": package}})
+        one_by_one = run_tasks(partial(begin_and_end, "tasks"), [0, 1], engine="ray", workers=1)
+        assert next(one_by_one).error is None
+        assert (tmp_path / "tasks" / "end-0").exists()
+        time.sleep(0.5)
+        assert not (tmp_path / "tasks" / "begin-1").exists()
+        one_by_one.close()
+        tasks = run_tasks(partial(begin_and_end, "tasks"), [0, 1], engine="ray")
+        assert next(tasks).error is None
+        begun = tmp_path / "tasks" / "begin-1"
+        while not (begun.exists() and begun.read_text()):
+            time.sleep(0.05)
+        tasks.close()
+        while running(int(begun.read_text())):
+            time.sleep(0.05)
+        (broken,) = run_tasks(double, [Unreadable()], engine="ray")
+        assert broken.error == (
+            "it cannot be sent to or from its worker (ValueError: not here); install the same packages on all machines"
+        )
     finally:
         ray.shutdown()
         cluster.shutdown()

@@ -49,7 +49,7 @@ def run_tasks(
         engine: "processes" of this machine, or "ray": the cluster that `RAY_ADDRESS` names or this program is connected
             to, or else this machine.
         workers: processes, which share the available CPU cores; 0 is one per core, 1 with "processes" works in this process.
-            Ray takes what it has.
+            With "ray", tasks at a time, each on one core; 0 keeps all of the cluster's cores busy.
 
     Raises:
         DataError: an unknown engine, Ray is not installed, or a worker process cannot start.
@@ -59,7 +59,7 @@ def run_tasks(
     if workers < 0:
         raise DataError(f"workers is {workers}; expected 0 for one per CPU core, or more")
     if engine == "ray":
-        yield from _with_ray(function, items)
+        yield from _with_ray(function, items, workers)
     elif workers == 1 or len(items) <= 1:
         for item in items:
             yield _attempt(function, item)
@@ -241,25 +241,41 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _with_ray(function: Callable[[Item], Any], items: Sequence[Item]) -> Iterator[Outcome[Item]]:
+def _with_ray(function: Callable[[Item], Any], items: Sequence[Item], workers: int) -> Iterator[Outcome[Item]]:
     try:
         import ray
     except ImportError as e:
         raise DataError("engine: ray needs Ray: pip install 'nsdr[ray]'") from e
     if not ray.is_initialized():
         ray.init(log_to_driver=False)
-    remote: Any = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_attempt)
-    most = RAY_TASKS_PER_CORE * max(int(ray.cluster_resources().get("CPU", 1)), 1)
+    remote: Any = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_attempt_in)
+    most = workers or RAY_TASKS_PER_CORE * max(int(ray.cluster_resources().get("CPU", 1)), 1)
     pending = list(items)[::-1]
     running: dict[Any, Item] = {}
-    while pending or running:
-        while pending and len(running) < most:
-            item = pending.pop()
-            running[remote.remote(function, item)] = item
-        done, _ = ray.wait(list(running), num_returns=1)
-        for reference in done:
-            item = running.pop(reference)
-            try:
-                yield ray.get(reference)
-            except ray.exceptions.RayError as e:
-                yield Outcome(item, error=f"{type(e).__name__}: its worker was lost {RAY_RETRIES + 1} times")
+    folder = os.getcwd()
+    try:
+        while pending or running:
+            while pending and len(running) < most:
+                item = pending.pop()
+                running[remote.remote(folder, function, item)] = item
+            done, _ = ray.wait(list(running), num_returns=1)
+            for reference in done:
+                item = running.pop(reference)
+                try:
+                    yield ray.get(reference)
+                except (ray.exceptions.RayTaskError, ray.exceptions.RaySystemError) as e:
+                    why = str(e).strip().splitlines()[-1]
+                    remedy = "install the same packages on all machines"
+                    yield Outcome(item, error=f"it cannot be sent to or from its worker ({why}); {remedy}")
+                except ray.exceptions.RayError as e:
+                    yield Outcome(item, error=f"{type(e).__name__}: its worker was lost {RAY_RETRIES + 1} times")
+    finally:
+        for reference in running if ray.is_initialized() else ():
+            ray.cancel(reference, force=True)
+
+
+def _attempt_in(folder: str, function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
+    """`_attempt` in this program's folder, for relative paths: Ray's workers start in that in which Ray was started."""
+    with suppress(OSError):  # machines that lack it share other, absolute, folders
+        os.chdir(folder)
+    return _attempt(function, item)
