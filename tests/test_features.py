@@ -165,6 +165,10 @@ def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(DataError, match=r"00003.npy: damaged .* delete it"):
         FeatureCache(out).get(3, {"maps"})
+    for kind in config.kinds:  # what the message says helps for every kind
+        feature_file(out, kind, 3).unlink()
+        extract_features(FeatureExtraction(str(videos), str(out), features=config, workers=1))
+        assert FeatureCache(out).get(3, {kind})[kind].shape == config.shape(kind)
     np.save(path, np.zeros((3, 256, 2, 2), np.float16))
     with pytest.raises(DataError, match=r"expected \(3, 256, 1, 3\) of float16, got \(3, 256, 2, 2\)"):
         FeatureCache(out).get(3, {"maps"})

@@ -116,6 +116,9 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
             FeatureCache(folder).check(manifest)
         load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
         write_json(folder / MANIFEST, manifest, indent=1)
+        for job in jobs:  # a video that lacks a kind is not finished, though the runner looks for the last one only
+            if not all(feature_file(folder, kind, job.item[0]).exists() for kind in config.kinds):
+                job.output.unlink(missing_ok=True)
         summary = run_jobs(partial(_extract, config, str(device)), jobs, folder, extraction.engine, extraction.workers)
     return len(summary.succeeded(jobs, folder, keep_going))
 
