@@ -4,7 +4,7 @@ from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["PRECISIONS", "resolve_device", "resolve_precision"]
+__all__ = ["PRECISIONS", "has_bfloat16", "resolve_device", "resolve_precision"]
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 """Number formats of convolutions."""
@@ -49,3 +49,10 @@ def resolve_precision(precision: str, device: Any) -> Any:
     else:
         fast = device.type == "cpu" and getattr(torch.cpu, CPU_CHECK, bool)()
     return torch.bfloat16 if fast else torch.float32
+
+
+def has_bfloat16() -> bool:
+    """Whether all layers run in bfloat16 on this processor, fast or slow: LSTMs need AVX-512."""
+    import torch
+
+    return not torch.backends.mkldnn.is_available() or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())

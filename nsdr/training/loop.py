@@ -27,7 +27,7 @@ from tqdm import tqdm
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import described, resolved
-from nsdr.io.device import resolve_device, resolve_precision
+from nsdr.io.device import has_bfloat16, resolve_device, resolve_precision
 from nsdr.io.lock import locked
 from nsdr.io.validation import check_choices, check_ranges
 from nsdr.training.run_folder import RunFolder, TrainingState
@@ -316,6 +316,8 @@ def _accelerator(config: LoopConfig) -> Accelerator:
             torch.cuda.set_device(device)
         if config.precision == "fp16" and device.type == "cpu":
             raise DataError("precision is 'fp16', which needs an accelerator; expected no or bf16 on the CPU")
+        if config.precision == "bf16" and device.type == "cpu" and not has_bfloat16():
+            raise DataError("precision is 'bf16', which this processor lacks (no AVX-512); expected no or auto")
     unused = DistributedDataParallelKwargs(find_unused_parameters=True)
     return Accelerator(mixed_precision=_mixed_precision(config), cpu=config.device == "cpu", kwargs_handlers=[unused])
 
