@@ -22,11 +22,11 @@ from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
 from nsdr.evaluation.comparison import compare_reports, format_comparison
-from nsdr.evaluation.controls import exchange
+from nsdr.evaluation.controls import exchange, write_controls
 from nsdr.evaluation.intervals import difference_interval
 from nsdr.evaluation.references import reference_rows
 from nsdr.evaluation.responses import format_report, score_responses
-from nsdr.io.video import sample_frames
+from nsdr.io.video import sample_frames, write_video
 
 OPEN = Question(0, "What color is it?", "descriptive", "query_color", None, "red", (), True)
 WHAT_IF = Question(
@@ -276,6 +276,11 @@ def test_controls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (out / "shuffled" / name).read_bytes() == VIDEO.read_bytes()
     assert json.loads((out / "shuffled" / "exchanged.json").read_text()) == {"10000": 10001, "10001": 10000}
     assert read_questions(out / "reversed" / "questions" / "validation.json") == SCENES
+    (videos / "video_10002.mp4").write_bytes(VIDEO.read_bytes())
+    two = ["controls", str(root), "-o", str(tmp_path / "two"), "--workers", "1", "--kinds", "shuffled", "--limit", "2"]
+    assert main(two) == 0
+    assert read_questions(tmp_path / "two" / "shuffled" / "questions" / "validation.json") == SCENES[:2]
+    (videos / "video_10002.mp4").unlink()
     capsys.readouterr()
     assert main([*command, "--kinds", "blind"]) == 0
     assert "0 videos written, 2 kept" in capsys.readouterr().out
@@ -287,3 +292,10 @@ def test_controls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["controls", str(root), "-o", str(tmp_path / "one"), "--limit", "1", "--workers", "1"]) == 2
     assert "kind shuffled: 1 videos: at least 2" in capsys.readouterr().err
     assert not (tmp_path / "one").exists()
+
+
+def test_controls_of_videos_of_another_shape(tmp_path: Path) -> None:
+    videos = tmp_path / "data" / "videos" / "validation"
+    write_video(videos / "video_10000.mp4", np.zeros((3, 480, 640, 3), np.uint8))  # 427x320 pixels when scaled
+    (summary,) = write_controls(tmp_path / "data", tmp_path / "out", kinds=["blind"], workers=1).values()
+    assert summary.done == ("10000",)

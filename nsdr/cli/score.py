@@ -39,7 +39,7 @@ def add_options(commands: Any, splits: list[str], engines: list[str]) -> None:
     add("--split", default="validation", choices=splits, help="which videos")
     add("--kinds", nargs="+", default=["blind", "reversed", "shuffled"], help="which controls")
     add("--seed", type=NonNegativeInt, default=0, help="shuffled: which exchange of videos")
-    add("--limit", type=NonNegativeInt, default=0, help="the first n videos; 0 for all")
+    add("--limit", type=NonNegativeInt, default=0, help="the first n videos and their questions; 0 for all")
     add("-o", "--output", required=True, help="folder, with one data set for each kind")
     add("--workers", type=NonNegativeInt, default=0, help="number of processes; 0 for one per CPU core")
     add("--engine", default="processes", choices=engines, help="where to work")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from nsdr.clevrer.dataset import CLEVRER, Split
+from nsdr.clevrer.questions import write_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.sources import FOLDER_SIZE
 from nsdr.io.files import atomic_path, write_json
@@ -46,7 +47,7 @@ def write_controls(
     """Write a data set of videos and questions for each kind of control, resumably.
 
     `output/KIND/videos/SPLIT/video_10000-11000/video_10000.mp4` has as many frames as the true video of that name, in its
-    size up to 480x320; blind and reversed videos are encoded again, exchanged ones are copies.
+    size up to 480x320; blind and reversed videos are encoded again, in even sizes, exchanged ones are copies.
 
     Args:
         root: a data set in the official layout (see `nsdr.clevrer.CLEVRER`).
@@ -54,7 +55,7 @@ def write_controls(
         split: which videos.
         kinds: some of `CONTROLS`.
         seed: of the exchange, as of `exchange`.
-        limit: the first n videos only; 0 for all.
+        limit: the first n videos and their questions only; 0 for all.
         workers: number of processes; 0 is one per CPU core.
         engine: "processes" or "ray".
 
@@ -112,8 +113,11 @@ def _write(
         write_json(folder / EXCHANGED, {str(i): source for i, source in taken.items()}, indent=1)
     if split.question_file is not None:
         target = folder / "questions" / f"{split.name}.json"
-        with atomic_path(target) as temporary:
-            shutil.copyfile(split.question_file, temporary)
+        if taken.keys() < split.entries("videos").keys():
+            write_questions(target, [scene for scene in split.questions() if scene.scene_index in taken])
+        else:
+            with atomic_path(target) as temporary:
+                shutil.copyfile(split.question_file, temporary)
     if (manifest := split.root / "manifest.json").is_file():
         write_json(folder / "manifest.json", {**read_json(manifest), "kinds": ["videos", "questions"]}, indent=1)
     return summary
@@ -125,4 +129,6 @@ def _write_video(kind: str, video: Path, output: Path) -> None:
             shutil.copyfile(video, temporary)
         return
     frames = sample_frames(video, limits().frames / FPS, 1).frames
+    height, width = (side // 2 * 2 for side in frames.shape[1:3])  # as H.264 wants
+    frames = frames[:, :height, :width]
     write_video(output, np.full_like(frames, GREY) if kind == "blind" else frames[::-1], preset=PRESET)
