@@ -327,7 +327,8 @@ def test_questions_without_answers_have_no_programs_either(generated) -> None:
     ("values", "message"),
     [
         ({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"),
-        ({"max_options": 1}, "max_options is 1; expected 2 to"),
+        ({"max_options": 1}, "max_options is 1; expected 2 to 26"),
+        ({"max_options": 27}, "max_options is 27; expected 2 to 26"),
     ],
 )
 def test_invalid_question_options_are_rejected(values, message) -> None:

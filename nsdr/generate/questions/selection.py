@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from string import ascii_uppercase
 
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
@@ -22,7 +23,7 @@ from nsdr.generate.questions.candidates import (
 )
 from nsdr.generate.questions.extensions import ExtensionSelection, changed_questions, extension_questions
 from nsdr.generate.questions.inferential import CounterfactualConfig, InferentialSelection
-from nsdr.io.validation import COUNT, MAX_SIZE, NOT_NEGATIVE, check_ranges
+from nsdr.io.validation import COUNT, NOT_NEGATIVE, check_ranges
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 
@@ -59,6 +60,8 @@ FAMILY_ANSWER_WEIGHT = 2
 """Weight of a family's uses with the same answer, relative to its uses with any answer."""
 MIN_OPTIONS = 2
 """Min number of options of a question."""
+MAX_OPTIONS = len(ascii_uppercase)
+"""Largest max number of options: prompts name them by letters."""
 PREDICTIVE_OPTIONS = 2
 """Options of a predictive question, as in the release."""
 PREDICTIVE_PER_SCENE = 1
@@ -73,7 +76,7 @@ class QuestionConfig:
 
     Attributes:
         per_video: mean number of questions per video, by descriptive subtype or other type. Defaults to the train split's.
-        max_options: max number of options of a question (predictive ones have two).
+        max_options: max number of options of a question, 2 to 26 (predictive ones have two).
         seed: seed of the wordings and of ties.
         counterfactual: what counterfactual questions ask.
         extensions: whether each video also gets questions beyond CLEVRER (`nsdr.generate.questions.extensions`).
@@ -91,7 +94,7 @@ class QuestionConfig:
     def __post_init__(self) -> None:
         if set(self.per_video) - set(PER_VIDEO):
             raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
-        check_ranges(self, per_video=NOT_NEGATIVE, max_options=(MIN_OPTIONS, MAX_SIZE), seed=COUNT)
+        check_ranges(self, per_video=NOT_NEGATIVE, max_options=(MIN_OPTIONS, MAX_OPTIONS), seed=COUNT)
         check_ranges(self, changed_per_video=COUNT)
         if self.changed_per_video and not self.extensions:
             raise DataError("changed_per_video: expected 0 without extensions; such questions are beyond CLEVRER")
