@@ -11,6 +11,7 @@ import pytest
 from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.questions import Choice, read_questions
+from nsdr.clevrer.responses import read_response
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
 from nsdr.dynamics.motion_states import MeasurementConfig
@@ -30,6 +31,7 @@ from nsdr.question_parser.beyond import extension_readings
 from nsdr.question_parser.grammar import extension_templates as templates
 from nsdr.question_parser.grammar.templates import described, every
 from nsdr.question_parser.parser import QuestionParser
+from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import ObjectPhysics
@@ -454,6 +456,13 @@ def test_the_command_writes_questions_that_can_be_read_and_tagged(truths, tmp_pa
     assert main(["tag", output, "--truth", str(tmp_path), "--no-blind", "-o", tagged]) == 0
     for q in (q for scene in read_questions(tagged) for q in scene.questions if q.type == "counterfactual"):
         assert all((c.tag is None) == ("get_changed" in q.program) for c in q.choices)
+
+
+@pytest.mark.parametrize("answer", ["1.8 world units per second", "towards the camera", "right", "red rubber sphere"])
+def test_answers_beyond_clevrer_are_read_and_rewarded(answer) -> None:
+    right, wrong = f"<answer>{answer}</answer>", "<answer>cylinder</answer>"
+    assert read_response(f"Final answer: {answer.capitalize()}.").answer == answer
+    assert exact([right, wrong], solution=[right, right], options=[[], []]) == [1.0, 0.0]
 
 
 def test_bullet_repeats_the_truth_and_says_so_if_not(truths) -> None:

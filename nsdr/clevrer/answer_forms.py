@@ -5,7 +5,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 
 from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import ANSWERS
+from nsdr.clevrer.questions import ANSWERS, BEYOND
 from nsdr.errors import DataError
 
 __all__ = ["UnreadableError", "is_bare", "plain", "read_letters", "read_word"]
@@ -77,11 +77,13 @@ def is_bare(text: str) -> bool:
 
 
 def read_word(text: str) -> str:
-    """The one answer word that a word or sentence of `plain` text names.
+    """The one answer word that a word or sentence of `plain` text names, or the answer beyond CLEVRER that it is.
 
     Raises:
         UnreadableError: no answer word, several different ones, a denial, a question, or a number that is not whole.
     """
+    if BEYOND.fullmatch(bare := text.casefold().strip(" .!\"'")):
+        return bare
     lower = text.casefold().replace("n't", " not ")
     tokens = re.findall(r"[^\s,;:!?\"()\[\]{}/]+", re.sub(r"(?<=[a-z])-(?=[a-z])", " ", lower))
     words = [_same(re.sub(r"^[.-]+(?!\d)|[.-]+$", "", token.strip("'<>"))) for token in tokens]
