@@ -33,6 +33,8 @@ from nsdr.question_parser.grammar.templates import described, every
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace
+from nsdr.symbolic.narration import narrate
+from nsdr.symbolic.verify import verify
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera
@@ -428,6 +430,9 @@ def test_generated_questions_agree_with_their_programs(truths) -> None:
         for q in added:
             assert Executor(scene).answer(q.program).answer == q.answer
             assert extension_readings(q.text, "descriptive") == (q.program,)
+            *claims, answer = narrate(Executor(scene).answer(q.program), scene).splitlines()
+            assert answer == f"<answer>{q.answer}</answer>"
+            assert all(len(verify(claim, scene).claims) >= 1 for claim in claims)
 
 
 def test_what_if_questions_are_simulated_by_bullet(truths) -> None:

@@ -240,7 +240,8 @@ class _Narration:
             counted = counted_set(steps, trace, source.inputs[0])
             if counted and counted.motion:
                 self.states.append(_moving_clause(self.name(index), False, counted))
-        self.conclusions.append(f"the {attribute} of {self.name(index, without=attribute)} is {step.value}")
+        if attribute in ATTRIBUTES:  # claims know no speeds, directions and names
+            self.conclusions.append(f"the {attribute} of {self.name(index, without=attribute)} is {step.value}")
 
     def _placed(self, index: int, order: TraceStep, steps: Sequence[Step], trace: Sequence[TraceStep]) -> None:
         """ "the second cube to enter is the red cube", where that says all that the program does."""
