@@ -297,5 +297,14 @@ def test_controls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_controls_of_videos_of_another_shape(tmp_path: Path) -> None:
     videos = tmp_path / "data" / "videos" / "validation"
     write_video(videos / "video_10000.mp4", np.zeros((3, 480, 640, 3), np.uint8))  # 427x320 pixels when scaled
+    splits = {"train": [0, 0], "validation": [10000, 10001], "test": [15000, 15000]}
+    manifest = {"splits": splits, "kinds": ["videos", "annotations"], "n_frames": 3, "config": {"seed": 1}}
+    (tmp_path / "data" / "manifest.json").write_text(json.dumps(manifest))
     (summary,) = write_controls(tmp_path / "data", tmp_path / "out", kinds=["blind"], workers=1).values()
     assert summary.done == ("10000",)
+    found = json.loads((tmp_path / "out" / "blind" / "manifest.json").read_text())
+    assert found == {
+        "splits": splits,
+        "kinds": ["videos", "questions"],
+        "n_frames": 3,
+    }  # and no seed, which exports would give

@@ -119,7 +119,9 @@ def _write(
             with atomic_path(target) as temporary:
                 shutil.copyfile(split.question_file, temporary)
     if (manifest := split.root / "manifest.json").is_file():
-        write_json(folder / "manifest.json", {**read_json(manifest), "kinds": ["videos", "questions"]}, indent=1)
+        content = {**read_json(manifest), "kinds": ["videos", "questions"]}
+        content.pop("config", None)  # no seed simulates what these videos show
+        write_json(folder / "manifest.json", content, indent=1)
     return summary
 
 
