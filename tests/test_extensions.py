@@ -10,6 +10,7 @@ import pytest
 
 from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
 from nsdr.clevrer.example import VIDEO
+from nsdr.clevrer.prompts import prompt
 from nsdr.clevrer.questions import Choice, read_questions
 from nsdr.clevrer.responses import read_response
 from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
@@ -429,6 +430,8 @@ def test_generated_questions_agree_with_their_programs(truths) -> None:
         assert {q.subtype for q in added} >= {"speed", "faster", "heavier"}
         for q in added:
             assert Executor(scene).answer(q.program).answer == q.answer
+            example = prompt(q).partition("<answer>")[2].partition("<")[0]
+            assert len(example.split()) == len(q.answer.split()) or q.subtype == "direction"
             assert extension_readings(q.text, "descriptive") == (q.program,)
             *claims, answer = narrate(Executor(scene).answer(q.program), scene).splitlines()
             assert answer == f"<answer>{q.answer}</answer>"

@@ -5,16 +5,28 @@ from string import ascii_uppercase
 
 from nsdr.clevrer.questions import Question
 from nsdr.errors import DataError
+from nsdr.world.vocabulary import DIRECTIONS, SPEED_UNIT
 
-__all__ = ["NO_OPTION", "answer_text", "option_letters", "prompt", "solution"]
+__all__ = ["INSTRUCTIONS", "NO_OPTION", "answer_text", "option_letters", "prompt", "solution"]
 
 NO_OPTION = "none"
 """The answer to a multiple-choice question of which no option is right."""
 ONE_WORD = "Answer with one word or number inside answer tags, such as <answer>red</answer>."
+SPEED = f"Answer with the speed to one decimal inside answer tags, such as <answer>1.8 {SPEED_UNIT}</answer>."
+DIRECTION = (
+    f"Answer with {', '.join(DIRECTIONS[:-1])} or {DIRECTIONS[-1]} inside answer tags, such as <answer>left</answer>."
+)
+OBJECT = (
+    "Answer with color, material and shape of the object inside answer tags, such as <answer>red metal cube</answer>."
+)
 LETTERS = (
     "Any number of the options may be right. Answer with the letters of all that are, inside answer tags, such as "
     f"<answer>A,C</answer>, or <answer>{NO_OPTION}</answer>."
 )
+BEYOND = {"speed": SPEED, "direction": DIRECTION, "faster": OBJECT, "heavier": OBJECT}
+"""How to answer descriptive questions beyond CLEVRER that take more than one word, by subtype."""
+INSTRUCTIONS = (ONE_WORD, SPEED, DIRECTION, OBJECT, LETTERS)
+"""All that prompts say about how to answer."""
 
 
 def option_letters(n: int) -> str:
@@ -38,7 +50,7 @@ def prompt(question: Question) -> str:
     Any number of the options may be right. Answer with the letters of …
     """
     if not question.choices:
-        return f"{question.text}\n{ONE_WORD}"
+        return f"{question.text}\n{BEYOND.get(question.subtype or '', ONE_WORD)}"
     letters = option_letters(len(question.choices))
     options = [f"{letter}. {c.text}" for letter, c in zip(letters, question.choices, strict=True)]
     return "\n".join([question.text, *options, LETTERS])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nsdr.clevrer.answer_forms import UnreadableError, is_bare, plain, read_letters, read_word
-from nsdr.clevrer.prompts import LETTERS, ONE_WORD, option_letters
+from nsdr.clevrer.prompts import INSTRUCTIONS, option_letters
 from nsdr.clevrer.questions import Question
 from nsdr.world.nouns import ADJECTIVES, NOUNS
 
@@ -95,7 +95,7 @@ Found = tuple[str | frozenset[str], str]
 def _read(text: str, read: Read, options: Sequence[str]) -> Found:
     """The answer and where it was found."""
     text = re.sub(r"<\|\w+\|>|</s>", "", text)  # end-of-text tokens
-    for instruction in (ONE_WORD, LETTERS):  # a prompt that is repeated holds examples in tags
+    for instruction in INSTRUCTIONS:  # a prompt that is repeated holds examples in tags
         text = text.replace(instruction, "")
     if not text.strip():
         raise UnreadableError("an empty response")
