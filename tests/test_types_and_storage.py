@@ -99,6 +99,15 @@ def test_pickling_and_copying_keep_values_and_read_only_arrays(small_scene: Scen
     assert not twin.visible.flags.writeable
 
 
+def test_long_fields_are_printed_by_their_size() -> None:
+    assert repr(Rollout(np.zeros((1, 4, 2)), np.ones((1, 4), bool), ())).startswith(
+        "Rollout(location_world=float64[1, 4, 2], visible=bool[1, 4], collisions=(), "
+    )
+    events = tuple(Event("collision", frame, (0, 1)) for frame in range(20))
+    pair = (SceneObject(0, "red", "metal", "cube"), SceneObject(1, "blue", "metal", "cube"))
+    assert "events=<20 of Event>" in repr(Scene(pair, 128, np.ones((2, 128), bool), None, events))
+
+
 @pytest.mark.parametrize("ending", [".json", ".npz"])
 def test_scene_survives_a_round_trip(small_scene: Scene, tmp_path, ending) -> None:
     save(small_scene, tmp_path / f"scene{ending}")

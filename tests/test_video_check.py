@@ -296,6 +296,12 @@ def test_what_is_no_video_is_named(tmp_path, kind: str, message: str) -> None:
             function(tmp_path / "v.mp4")
 
 
+def test_a_saved_scene_in_place_of_a_video_is_told_how_to_be_read(tmp_path) -> None:
+    (tmp_path / "scene.json").write_text("{}")
+    with pytest.raises(VideoError, match=r"scene\.json: is a text file; expected a video; nsdr\.load"):
+        read_video(tmp_path / "scene.json")
+
+
 def encoded(path, codec: str, sound: bool = False) -> None:
     import av
 

@@ -39,7 +39,8 @@ def check_is_video(path: Path) -> None:
     if not head:
         raise VideoError(f"{path}: is empty (0 bytes); expected a video")
     if (found := _other_kind(head)) is not None:
-        raise VideoError(f"{path}: is {found}; expected a video")
+        hint = "; nsdr.load(nsdr.Scene, ...) reads a saved scene" if path.suffix == ".json" else ""
+        raise VideoError(f"{path}: is {found}; expected a video{hint}")
 
 
 def _other_kind(head: bytes) -> str | None:

@@ -14,6 +14,9 @@ FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 
+MAX_SHOWN = 12
+"""Items of the longest tuple that is printed in full."""
+
 
 def store_array(owner: object, name: str, shape: Sequence[int | None], kind: str) -> None:
     """Check an array's shape (None = any length) and dtype kind ("f" float, "i" integer, "b" boolean); make it read-only."""
@@ -61,8 +64,9 @@ def check_values(owner: str, name: str, array: NDArray[Any], lowest: float, high
 class ArrayHolder:
     """Base of the dataclasses that hold arrays or mappings.
 
-    Instances are compared by value and are not hashable. Pickling and copying go through the constructor: read-only
-    mappings cannot be pickled themselves, and unpickled arrays would be writable.
+    Instances are compared by value and are not hashable. Printed, an array is its dtype and shape, such as
+    `float32[5, 128, 2]`. Pickling and copying go through the constructor: read-only mappings cannot be pickled themselves,
+    and unpickled arrays would be writable.
     """
 
     def _values(self) -> list[Any]:
@@ -73,6 +77,10 @@ class ArrayHolder:
             return NotImplemented
         return all(_equal(a, b) for a, b in zip(self._values(), other._values(), strict=True))
 
+    def __repr__(self) -> str:
+        shown = (f"{f.name}={_short(v)}" for f, v in zip(fields(self), self._values(), strict=True))  # type: ignore[arg-type]
+        return f"{type(self).__name__}({', '.join(shown)})"
+
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in self._values())
 
@@ -82,3 +90,11 @@ def _equal(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
     return not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray) and bool(a == b)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{list(value.shape)}"
+    if isinstance(value, tuple) and len(value) > MAX_SHOWN:
+        return f"<{len(value)} of {type(value[0]).__name__}>"
+    return repr(dict(value) if isinstance(value, MappingProxyType) else value)

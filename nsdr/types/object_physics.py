@@ -9,7 +9,7 @@ from nsdr.types.checks import ArrayHolder, FloatArray, check, check_values, stor
 __all__ = ["ObjectPhysics"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ObjectPhysics(ArrayHolder):
     """Velocities and relative masses of n objects, with their errors. Seconds are of simulated time: a frame is 0.028 s.
 

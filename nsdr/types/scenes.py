@@ -65,7 +65,7 @@ class Doubt:
             check_whole("Doubt", "removed", self.removed, 0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rollout(ArrayHolder):
     """Trajectories and collisions of all objects, either as observed and predicted or with one object removed.
 
@@ -101,7 +101,7 @@ class Rollout(ArrayHolder):
             check(fits, f"Rollout: {event} is not a collision of two of the {n} objects at a frame")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DynamicsPrediction(ArrayHolder):
     """The dynamics predictor's output for one video.
 
@@ -130,7 +130,7 @@ class DynamicsPrediction(ArrayHolder):
         object.__setattr__(self, "counterfactual", MappingProxyType(dict(self.counterfactual)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene(ArrayHolder):
     """The symbolic scene that programs run on.
 

@@ -31,7 +31,7 @@ class EventChange:
     probability: float | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Simulation(ArrayHolder):
     """A video and what follows it, as it is and with interventions. Ids are those of `objects` everywhere but in `scene`.
 

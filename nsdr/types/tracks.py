@@ -45,7 +45,7 @@ def check_objects(owner: str, objects: Sequence[SceneObject]) -> None:
     check(ids == list(range(len(ids))), f"{owner}: object ids must be 0..{len(ids) - 1} in order, got {ids}")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class VideoProposals(ArrayHolder):
     """The frame parser's output for one video: one row per detected object, sorted by frame.
 
@@ -98,7 +98,7 @@ class VideoProposals(ArrayHolder):
         return len(self.frame_index)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Track(ArrayHolder):
     """One object followed through the video: its identity and its detections.
 
