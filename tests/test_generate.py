@@ -488,6 +488,13 @@ def test_the_error_for_missing_blender_names_the_package(monkeypatch) -> None:
         Blender(RenderConfig())
 
 
+def test_a_missing_simulator_is_named_before_the_work(monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(DataError, match=r"^simulating needs PyBullet: pip install 'nsdr\[generate\]'$"):
+        generate_dataset(DatasetConfig(str(tmp_path / "set")))
+    assert not (tmp_path / "set").exists()
+
+
 def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     for values, message in (
         ({"renderer": "oil"}, "renderer is 'oil'; expected preview or"),

@@ -34,6 +34,7 @@ from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.limits import limits
 from nsdr.io.lock import locked
+from nsdr.io.outputs import check_installed
 from nsdr.io.reading import read_json
 from nsdr.io.runner import Job, run_jobs
 from nsdr.io.tasks import ENGINES, run_in_order
@@ -168,9 +169,10 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
         keep_going: when videos fail, make questions and statistics of the others.
 
     Raises:
-        DataError: the folder holds a data set with another configuration, another process writes to it, or some videos failed
-            (the others are written).
+        DataError: PyBullet is not installed, the folder holds a data set with another configuration, another process writes to
+            it, or some videos failed (the others are written).
     """
+    check_installed("pybullet", "simulating needs PyBullet", "generate")
     for shard in config.each_shard():
         root = Path(shard.output)
         with locked(root):
