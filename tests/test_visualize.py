@@ -19,7 +19,7 @@ from nsdr.io.video import read_video
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import DynamicsPrediction, Rollout
 from nsdr.visualize import annotated_image, report, stroboscopic_image, write_annotated_image, write_report
-from nsdr.visualize.figures import figure_png, plan_figure
+from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.impacts import event_text, hitter
 from nsdr.world.vocabulary import COLORS
 
@@ -168,6 +168,15 @@ def test_plan_shows_all_objects_with_labels_that_do_not_overlap() -> None:
     boxes = [t.get_window_extent() for t in axes.texts if t.get_text()]
     assert len(boxes) == 8
     assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    figure_png(figure)
+
+
+def test_stars_of_the_causal_figure_are_on_no_objects_row(perceived) -> None:
+    scene = perceived[1].scene
+    figure = causal_figure(scene)
+    stars = [line.get_ydata()[0] for line in figure.axes[0].lines if line.get_marker() == "*"]
+    assert len(stars) == sum(e.kind == "collision" for e in scene.events)
+    assert all(star % 1 == 0.5 for star in stars)
     figure_png(figure)
 
 

@@ -153,7 +153,7 @@ def causal_figure(scene: Scene) -> Any:
         color = np.array(COLORS_RGB[o.color]) / 255
         if len(visible):
             axes.plot(visible[[0, -1]], [o.id, o.id], color=color, lw=3, solid_capstyle="round", zorder=2)
-    positions = [(e.frame, float(np.mean(e.objects))) for e in scene.events]
+    positions = [(e.frame, _between(*e.objects) if e.kind == "collision" else e.objects[0]) for e in scene.events]
     for event, position in zip(scene.events, positions, strict=True):
         if event.kind == "collision":
             axes.plot([event.frame] * 2, event.objects, color="black", lw=1.2, zorder=1)
@@ -172,6 +172,12 @@ def causal_figure(scene: Scene) -> Any:
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
     return figure
+
+
+def _between(first: int, second: int) -> float:
+    """A place between two rows, on none, as near to their middle as there is."""
+    low, high = sorted((first, second))
+    return low + (high - low - 1) // 2 + 0.5
 
 
 def figure_png(figure: Any) -> bytes:
