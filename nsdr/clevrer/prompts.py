@@ -7,7 +7,7 @@ from nsdr.clevrer.questions import Question
 from nsdr.errors import DataError
 from nsdr.world.vocabulary import DIRECTIONS, SPEED_UNIT
 
-__all__ = ["INSTRUCTIONS", "NO_OPTION", "answer_text", "option_letters", "prompt", "solution"]
+__all__ = ["NO_OPTION", "answer_text", "option_letters", "prompt", "solution"]
 
 NO_OPTION = "none"
 """The answer to a multiple-choice question of which no option is right."""
