@@ -258,7 +258,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
 
 def _fingerprint(config: DatasetConfig) -> str:
     """Of everything that a video depends on beside its index."""
-    return fingerprint(config=_manifest(config)["config"])
+    return fingerprint(config=_manifest(config)["config"], code=__name__)
 
 
 def _as_json(value: Any) -> Any:
