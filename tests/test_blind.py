@@ -149,9 +149,9 @@ def test_command_refuses_what_it_cannot_tag(files, capsys) -> None:
     write_questions(files / "none.json", [replace(s, questions=s.questions[:1]) for s in scenes(8)])
     for name, message in (
         ("bad.json", f"bad.json with {truth}: scene 0, question 0, choice 0: has no program"),
-        ("none.json", "none.json: has no counterfactual question"),
+        ("none.json", "none.json: has no counterfactual question, and --truth tags only those"),
     ):
-        assert main(["tag", str(files / name), "--truth", truth, "--no-blind", "-o", output]) == 2
+        assert main(["tag", str(files / name), "--truth", truth, "-o", output]) == 2
         assert message in capsys.readouterr().err
     assert not (files / "tagged.json").exists()
     assert main(["tag", questions, "--truth", truth, "-o", questions]) == 2

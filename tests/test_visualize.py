@@ -77,6 +77,19 @@ def test_report_shows_the_stages_that_there_are(perceived, tmp_path) -> None:
     assert f"<td class=number>{entered}<td>the purple metal cube enters" in page
 
 
+def test_report_lists_each_stretch_of_motion(perceived, tmp_path) -> None:
+    scene = perceived[1].scene
+    moving = np.zeros_like(scene.moving)
+    moving[0, [3, 4, 5, 20]] = True
+    visible = scene.visible.copy()
+    visible[0, :22] = True
+    write_report(
+        tmp_path / "r.html", None, Perception(None, None, None, replace(scene, moving=moving, visible=visible)), []
+    )
+    first = re.search(r"<tr><td class=number>0<td>.*?<tr>", (tmp_path / "r.html").read_text())[0]
+    assert "<td>3\u20135, 20<tr>" in first
+
+
 def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_steps(
     perceived, tmp_path, monkeypatch
 ) -> None:

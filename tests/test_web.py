@@ -233,7 +233,7 @@ def test_errors_become_one_line_and_bugs_are_logged(caplog: pytest.LogCaptureFix
 
 def test_folders_of_clips(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
-    for name in ("a/one.mp4", "two.MP4", "notes.txt"):
+    for name in ("a/one.mp4", "two.MP4", "notes.txt", ".unfinished.mp4"):
         (tmp_path / name).write_bytes(b"x")
     assert list(serve._clips(str(tmp_path))) == ["a/one.mp4", "two.MP4"]
     assert list(serve._clips("")) == [VIDEO.name]

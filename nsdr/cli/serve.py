@@ -8,6 +8,7 @@ from jsonargparse.typing import PositiveFloat, PositiveInt
 
 from nsdr.cli.common import check_port, settings_of
 from nsdr.errors import DataError
+from nsdr.io.listing import find_files
 from nsdr.io.outputs import check_installed
 
 __all__ = ["add_options", "serve"]
@@ -59,7 +60,7 @@ def _clips(folder: str) -> dict[str, Path]:
     root = Path(folder)
     if not root.is_dir():
         raise DataError(f"{folder}: expected a folder of clips, found {'a file' if root.exists() else 'nothing'}")
-    found = sorted(path for path in root.rglob("*") if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file())
+    found = [path for path in find_files(root, "*") if path.suffix.lower() in VIDEO_SUFFIXES]
     if not found:
         raise DataError(f"{folder}: no .mp4 files in it; leave it out for the clip of the package")
     return {str(path.relative_to(root)): path for path in found}

@@ -22,11 +22,11 @@ def tag(options: Any) -> int:
     inputs = [options.questions, *options.truth, *([options.train] if options.train else [])]
     check_output(options.output, [".json"], inputs)
     scenes = read_questions(options.questions)
-    if options.no_blind and all(q.type != "counterfactual" for s in scenes for q in s.questions):
-        raise DataError(
-            f"{options.questions}: has no counterfactual question, and only those are tagged with --no-blind"
-        )
     if options.truth:
+        if all(q.type != "counterfactual" for s in scenes for q in s.questions):
+            raise DataError(
+                f"{options.questions}: has no counterfactual question, and --truth tags only those; leave it out"
+            )
         scenes = _with_tags(scenes, options.truth, options.questions)
     if not options.no_blind:
         from nsdr.baselines.blind import tag_blind

@@ -21,7 +21,7 @@ from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, 
 from nsdr.visualize.impacts import event_text
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.visualize.strobe import EVERY, stroboscopic_image
-from nsdr.visualize.timeline import TIMELINE_STYLE, timeline_html
+from nsdr.visualize.timeline import TIMELINE_STYLE, spans, timeline_html
 from nsdr.visualize.video import write_annotated_video
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -120,19 +120,17 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
 def _objects(scene: Scene) -> str:
     rows = []
     for o in scene.objects:
-        seen = np.flatnonzero(scene.visible[o.id])
-        frames = f"{seen[0]}\u2013{seen[-1]}" if len(seen) else "never"
         red, green, blue = COLORS_RGB[o.color]
         swatch = f"<span class='swatch {o.material}' style='background-color: rgb({red},{green},{blue})'></span>"
-        moving = "not known" if scene.moving is None else _motion(scene.moving[o.id] & scene.visible[o.id])
-        rows.append(f"<tr><td class=number>{o.id}<td>{swatch} {o.name}<td>{frames}<td>{moving}")
-    return f"<table><tr><th class=number>object<th>name<th>in frames<th>moves{''.join(rows)}</table>"
+        moving = "not known" if scene.moving is None else _frames(scene.moving[o.id] & scene.visible[o.id])
+        rows.append(f"<tr><td class=number>{o.id}<td>{swatch} {o.name}<td>{_frames(scene.visible[o.id])}<td>{moving}")
+    return f"<table><tr><th class=number>object<th>name<th>in frames<th>moves in frames{''.join(rows)}</table>"
 
 
-def _motion(moving: NDArray[np.bool_]) -> str:
-    """Frames of the first and last motion."""
-    frames = np.flatnonzero(moving)
-    return f"in frames {frames[0]}\u2013{frames[-1]}" if len(frames) else "never"
+def _frames(flags: NDArray[np.bool_]) -> str:
+    """The frames at which flags are set."""
+    stretches = [f"{a}\u2013{end - 1}" if end - a > 1 else str(a) for a, end in spans(flags)]
+    return ", ".join(stretches) or "never"
 
 
 def _events(scene: Scene, dynamics: DynamicsPrediction | None) -> str:
