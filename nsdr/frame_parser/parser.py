@@ -3,8 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import count, islice
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,9 +18,8 @@ from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
-from nsdr.io.checkpoint import load_network
 from nsdr.io.device import resolve_precision
-from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.pretrained import PretrainedModel
 from nsdr.io.threads import limit_threads
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -29,7 +27,7 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 __all__ = ["FrameParser"]
 
 
-class FrameParser(PretrainedPart):
+class FrameParser(PretrainedModel[nn.Module]):
     """Detects objects with their masks and attributes in the frames of a video (paper, section 4.1).
 
     It runs on the device of the network's weights, and its results are on the CPU.
@@ -47,6 +45,7 @@ class FrameParser(PretrainedPart):
     """
 
     part = "frame_parser"
+    built_from = (FrameParserConfig, build_frame_parser)
 
     def __init__(self, model: nn.Module, batch_size: int = 8, stride: int = 1, precision: str = "auto") -> None:
         if batch_size < 1 or stride < 1:
@@ -55,24 +54,10 @@ class FrameParser(PretrainedPart):
         self.model = model.eval().to(memory_format=torch.channels_last)
         self.batch_size, self.stride, self.precision = batch_size, stride, precision
 
-    @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
-        """The frame parser of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
-
-        Raises:
-            CheckpointError: `frame_parser.safetensors` or `frame_parser.json` is missing or corrupt, or of another network.
-        """
-        return cls(load_network(folder, "frame_parser", FrameParserConfig, build_frame_parser), **options)
-
-    @property
-    def network(self) -> nn.Module:
-        """The Mask R-CNN."""
-        return self.model
-
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         if not isinstance(self.model, FrameParserNetwork):
             raise CheckpointError(f"expected a network of build_frame_parser, got {type(self.model).__name__}")
-        return self.model.config, {}
+        return super()._description()
 
     @limit_threads()
     @torch.no_grad()

@@ -1,18 +1,20 @@
 """What parts with weights have in common: loading, saving and moving between devices."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
-from nsdr.io.checkpoint import find_checkpoint, save_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_network, save_checkpoint
 from nsdr.io.device import resolve_device
 
 if TYPE_CHECKING:
     import torch
     from torch import nn
 
-__all__ = ["PretrainedPart"]
+__all__ = ["PretrainedModel", "PretrainedPart"]
+
+Model = TypeVar("Model", bound="nn.Module")
 
 
 class PretrainedPart(ABC):
@@ -88,3 +90,33 @@ class PretrainedPart(ABC):
         import torch
 
         return next((p.device for p in self.network.parameters()), torch.device("cpu"))
+
+
+class PretrainedModel(PretrainedPart, Generic[Model]):
+    """A part with one network, which its settings rebuild.
+
+    Attributes:
+        built_from: the dataclass of the settings, and what builds the network from them.
+        model: the network; `model.config` are its settings.
+    """
+
+    built_from: ClassVar[tuple[type, Callable[[Any], "nn.Module"]]]
+    model: Model
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
+        """The part of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
+
+        Raises:
+            CheckpointError: a file is missing or corrupt, or holds another kind of network.
+        """
+        make: Callable[..., Self] = cls
+        return make(load_network(folder, cls.part, *cls.built_from), **options)
+
+    @property
+    def network(self) -> Model:
+        """The network."""
+        return self.model
+
+    def _description(self) -> tuple[Any, Mapping[str, Any]]:
+        return self.model.config, {}

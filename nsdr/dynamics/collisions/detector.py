@@ -1,18 +1,12 @@
 """Finds the collisions of a video with the collision network."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Self
-
 import numpy as np
 import torch
-from torch import nn
 
 from nsdr.dynamics.collisions.features import NetworkInputs, arrays_from_states, near_pairs, network_inputs
 from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.io.checkpoint import load_network
-from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.pretrained import PretrainedModel
 from nsdr.io.threads import limit_threads
 from nsdr.types import Event
 
@@ -22,7 +16,7 @@ PEAK_STEPS = 2
 """Steps on each side of the most probable one that decide the frame of a collision."""
 
 
-class TrackCollisionDetector(PretrainedPart):
+class TrackCollisionDetector(PretrainedModel[CollisionNetwork]):
     """Collisions in observed motion, by a temporal network over whole tracks.
 
     Differs from the paper: the paper's network sees image patches of few frames.
@@ -32,27 +26,11 @@ class TrackCollisionDetector(PretrainedPart):
     """
 
     part = "collisions"
+    built_from = (CollisionNetworkConfig, CollisionNetwork)
 
     def __init__(self, model: CollisionNetwork) -> None:
         self.model = model.eval()
         self.config = model.config
-
-    @property
-    def network(self) -> nn.Module:
-        """The collision network."""
-        return self.model
-
-    def _description(self) -> tuple[Any, Mapping[str, Any]]:
-        return self.config, {}
-
-    @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
-        """Load `collisions.safetensors` and its JSON.
-
-        Raises:
-            CheckpointError: missing or corrupt, or another kind of network.
-        """
-        return cls(load_network(folder, "collisions", CollisionNetworkConfig, CollisionNetwork), **options)
 
     @limit_threads(1)
     @torch.no_grad()

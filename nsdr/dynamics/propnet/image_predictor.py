@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +15,6 @@ from nsdr.dynamics.propnet.image_patches import MAX_VALUE, PATCH_CHANNELS, objec
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import load_network
 from nsdr.io.threads import limit_threads
 from nsdr.types import DynamicsPrediction, Event, VideoTracks
 
@@ -35,15 +33,7 @@ class ImagePredictor(PatchPredictor):
     """
 
     reads_images = True
-
-    @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
-        """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
-
-        Raises:
-            CheckpointError: missing or corrupt, or another kind of network.
-        """
-        return cls(load_network(folder, "dynamics", PatchModelConfig, ImageModel), **options)
+    built_from = (PatchModelConfig, ImageModel)
 
     @limit_threads(1)
     def predict(

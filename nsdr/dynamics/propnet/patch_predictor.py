@@ -1,9 +1,8 @@
 """The paper's dynamics predictor: one-step predictions of a patch network, rolled out from the first observations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -14,8 +13,7 @@ from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig, PatchNetwork
 from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
-from nsdr.io.checkpoint import load_network
-from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.pretrained import PretrainedModel
 from nsdr.io.threads import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
@@ -53,7 +51,7 @@ def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolAr
     return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
 
 
-class PatchPredictor(PretrainedPart):
+class PatchPredictor(PretrainedModel[PatchNetwork]):
     """PropNet over patches (paper, section 4.2).
 
     Collisions of the video are judged on the observed samples. The future is rolled out from the last samples; with an object
@@ -69,6 +67,7 @@ class PatchPredictor(PretrainedPart):
     """
 
     part = "dynamics"
+    built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchModelConfig, PatchModel)
     default_checkpoint = "dynamics_paper"
 
     def __init__(
@@ -78,23 +77,6 @@ class PatchPredictor(PretrainedPart):
         self.horizon_frame = horizon_frame
         self.smoothing = smoothing or SmoothingConfig()
         self.config = model.config
-
-    @property
-    def network(self) -> nn.Module:
-        """The propagation network."""
-        return self.model
-
-    def _description(self) -> tuple[Any, Mapping[str, Any]]:
-        return self.config, {}
-
-    @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
-        """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
-
-        Raises:
-            CheckpointError: missing or corrupt, or another kind of network.
-        """
-        return cls(load_network(folder, "dynamics", PatchModelConfig, PatchModel), **options)
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:

@@ -1,14 +1,12 @@
 """The state backend: propagation networks on ground-plane states (paper, section 4.2)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import combinations
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
 
 from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
@@ -20,8 +18,7 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.checkpoint import load_network
-from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.pretrained import PretrainedModel
 from nsdr.io.threads import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
@@ -34,7 +31,7 @@ OBSERVED_AT_ONCE = 32
 """Frames that the observer sees in one call: so many fit into a processor's cache. Results do not depend on it."""
 
 
-class StatePredictor(PretrainedPart):
+class StatePredictor(PretrainedModel[StateModel]):
     """Propagation networks over ground-plane states (paper, section 4.2).
 
     Differs from the paper: states instead of image patches; observed collisions are read from motion before and after;
@@ -48,6 +45,7 @@ class StatePredictor(PretrainedPart):
     """
 
     part = "dynamics"
+    built_from = (StateModelConfig, StateModel)
 
     def __init__(
         self,
@@ -61,23 +59,6 @@ class StatePredictor(PretrainedPart):
         self.shortcut = shortcut
         self.horizon_frame = horizon_frame
         self.smoothing = smoothing or SmoothingConfig()
-
-    @property
-    def network(self) -> nn.Module:
-        """The propagation network."""
-        return self.model
-
-    def _description(self) -> tuple[Any, Mapping[str, Any]]:
-        return self.config, {}
-
-    @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
-        """Load `dynamics.safetensors` and its JSON; `options` are the constructor's.
-
-        Raises:
-            CheckpointError: missing or corrupt, or another kind of network.
-        """
-        return cls(load_network(folder, "dynamics", StateModelConfig, StateModel), **options)
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
