@@ -22,6 +22,7 @@ def test_the_page_of_facts_has_released_and_generated_numbers_side_by_side(tmp_p
     assert (
         """dataset --videos 2 --seed 0 --first_scene 0 --splits '{"train": 0.5, "test": 0.5}' --renderer none""" in page
     )
+    assert "--masks false --render.width 480 --render.height 320`" in page
     number = {
         name: len([q for s in read_questions(p) for q in s.questions])
         for name, p in (

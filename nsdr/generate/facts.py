@@ -110,8 +110,11 @@ The columns of the paper's Table 1.
 
 
 def _command(config: Mapping[str, object]) -> str:
-    """The command that made a data set, as far as `SETTINGS` go."""
+    """The command that made a data set, as far as `SETTINGS` and the size of its videos go."""
     values = {name: config.get(name) for name in SETTINGS}
+    render = config.get("render")
+    if isinstance(render, Mapping):
+        values |= {f"render.{name}": render.get(name) for name in ("width", "height")}
     texts = {name: value if isinstance(value, str) else json.dumps(value) for name, value in values.items()}
     return " ".join(["nsdr generate dataset", *(f"--{name} {shlex.quote(text)}" for name, text in texts.items())])
 
