@@ -168,6 +168,21 @@ def test_losses_are_finite_even_without_objects(tiny_frames) -> None:
     assert all(torch.isfinite(v) for v in model([image], [nothing]).values())
 
 
+def test_boxes_are_float32_in_mixed_precision(tiny_frames, monkeypatch) -> None:
+    model = build_frame_parser(TINY).train()
+    image, target = FrameDataset(tiny_frames, "train")[0]
+    given = []
+    monkeypatch.setattr(model.rpn, "assign_targets_to_anchors", lambda anchors, targets: given.extend(anchors) or 1 / 0)
+    decode = model.rpn.box_coder.decode
+    monkeypatch.setattr(
+        model.rpn.box_coder, "decode", lambda d, a: given.append(d) or given.append(decode(d, a)) or given[-1]
+    )
+    with pytest.raises(ZeroDivisionError), torch.autocast("cpu", torch.bfloat16):
+        model([image], [target])
+    assert {value.dtype for value in given} == {torch.float32}
+    assert len(given) == 3
+
+
 def test_network_learns_a_tiny_batch(tiny_frames) -> None:
     torch.manual_seed(0)
     model = build_frame_parser(TINY).train()

@@ -19,7 +19,7 @@ from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser, question_parser_task
 from nsdr.training.ablation import ALL, parse_sizes
-from nsdr.training.loop import LoopConfig, LossTerm, Task, learning_rate_at, train
+from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train
 from nsdr.training.run_folder import RunFolder, TrainingState
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -129,6 +129,33 @@ def test_a_run_folder_of_another_configuration_is_refused(tmp_path) -> None:
     question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "2"))
     with pytest.raises(DataError, match=r"started with another configuration \(loop\)"):
         question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "4"))
+    question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "2", "--loop.device", "auto"))
+
+
+def test_more_processes_than_devices_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    monkeypatch.setenv("LOCAL_WORLD_SIZE", "2")
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    with pytest.raises(DataError, match="2 processes on this machine share 1 CUDA devices"):
+        _accelerator(LoopConfig())
+
+
+def test_an_optimizers_state_keeps_the_memory_format(tmp_path: Path) -> None:
+    def state() -> TrainingState:
+        torch.manual_seed(0)
+        model = torch.nn.Conv2d(3, 4, 3).to(memory_format=torch.channels_last)
+        optimizer = torch.optim.AdamW(model.parameters())
+        model(torch.ones(1, 3, 5, 5).to(memory_format=torch.channels_last)).sum().backward()
+        optimizer.step()
+        return TrainingState(model, optimizer)
+
+    saved, loaded = state(), state()
+    saved.save(tmp_path)
+    loaded.load(tmp_path, {})
+    for model, optimizer in ((s.model, s.optimizer) for s in (saved, loaded)):
+        average = optimizer.state[model.weight]["exp_avg"]
+        assert average.stride() == model.weight.stride() == (27, 1, 9, 3)
+    assert torch.equal(*(s.optimizer.state[s.model.weight]["exp_avg"] for s in (saved, loaded)))
 
 
 def test_unknown_keys_are_errors(tmp_path) -> None:

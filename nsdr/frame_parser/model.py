@@ -11,7 +11,9 @@ from torchvision.models.detection import MaskRCNN
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.backbone_utils import BackboneWithFPN
 from torchvision.models.detection.faster_rcnn import FastRCNNPredictor, TwoMLPHead
+from torchvision.models.detection.image_list import ImageList
 from torchvision.models.detection.mask_rcnn import MaskRCNNHeads, MaskRCNNPredictor
+from torchvision.models.detection.rpn import RPNHead
 from torchvision.models.resnet import BasicBlock
 from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
 
@@ -197,16 +199,18 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         "mask_head": MaskRCNNHeads(c.fpn_channels, (c.mask_channels,) * c.mask_layers, dilation=1),
         "mask_predictor": MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
     }
+    anchors = _ExactAnchors(
+        sizes=tuple((size,) for size in c.anchor_sizes_px),
+        aspect_ratios=(ANCHOR_ASPECT_RATIOS,) * len(c.anchor_sizes_px),
+    )
     model = FrameParserNetwork(
         backbone,
         min_size=HEIGHT_PX,
         max_size=WIDTH_PX,
         image_mean=list(c.image_mean),
         image_std=list(c.image_std),
-        rpn_anchor_generator=AnchorGenerator(
-            sizes=tuple((size,) for size in c.anchor_sizes_px),
-            aspect_ratios=(ANCHOR_ASPECT_RATIOS,) * len(c.anchor_sizes_px),
-        ),
+        rpn_anchor_generator=anchors,
+        rpn_head=_ExactRPNHead(c.fpn_channels, anchors.num_anchors_per_location()[0]),
         rpn_pre_nms_top_n_train=RPN_CANDIDATES_TRAIN,
         rpn_pre_nms_top_n_test=RPN_CANDIDATES,
         rpn_post_nms_top_n_train=c.train_proposals,
@@ -228,6 +232,24 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
     )
     model.config = c
     return model
+
+
+class _ExactAnchors(AnchorGenerator):
+    """Anchors in float32 in mixed precision, too: bfloat16 has whole pixels only up to 256."""
+
+    def forward(self, image_list: ImageList, feature_maps: list[Tensor]) -> list[Tensor]:
+        found: list[Tensor] = super().forward(image_list, [level[:1].float() for level in feature_maps])
+        return found
+
+
+class _ExactRPNHead(RPNHead):
+    """Its outputs are float32 in mixed-precision training, so that boxes are decoded in it."""
+
+    def forward(self, x: list[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
+        logits, deltas = super().forward(x)
+        if self.training:
+            logits, deltas = [level.float() for level in logits], [level.float() for level in deltas]
+        return logits, deltas
 
 
 def _roi_pool(cells: int) -> MultiScaleRoIAlign:

@@ -1,7 +1,8 @@
 """The training loop of every part, on Accelerate; a run that is killed at any moment can be resumed.
 
 Each step depends only on the weights, the optimizer's state and the step's number. A resumed run therefore gives the same
-result as an uninterrupted one, and n processes with batches of B the same as one process with batches of n B.
+result as an uninterrupted one, and n processes with batches of B the same as one process with batches of n B; on CUDA up to
+rounding, as some sums have no fixed order there.
 """
 
 import logging
@@ -59,8 +60,8 @@ class LoopConfig:
         clip_norm: maximum norm of the gradient; larger gradients are scaled down.
         ema: decay per step of an exponential moving average of the weights, which is evaluated and saved instead of them; 0
             for none.
-        precision: "no" (float32), "bf16" or "fp16" mixed precision; "auto" is "bf16" where the device multiplies bfloat16
-            matrices, else "no" (on processors without AMX, bfloat16 is slower than float32).
+        precision: "no" (float32; CUDA's convolutions are TF32, as PyTorch has it), "bf16" or "fp16" mixed precision; "auto" is
+            "bf16" where the device multiplies bfloat16 matrices, else "no" (on processors without AMX, bfloat16 is slower).
         seed: seed of the initial weights, the batches and the augmentation.
         log_every: steps between two lines of losses in `metrics.jsonl`.
         evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
@@ -190,11 +191,7 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
 
 def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accelerator) -> dict[str, float]:
     losses, optimizer = accelerator.prepare(_Losses(task), _optimizer(task.model, config))
-    average = (
-        AveragedModel(task.model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
-        if config.ema
-        else None
-    )
+    average = _average(task.model, config)
     evaluated = task.model if average is None else average.module
     state = TrainingState(task.model, optimizer, average, accelerator.scaler)
     start, record = folder.restore(state)
@@ -241,13 +238,14 @@ def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accel
             totals, counts = (torch.stack([term[k].float() for term in terms.values()]) for k in (0, 1))
             all_totals, all_counts = accelerator.reduce(torch.stack([totals.detach(), counts]), "sum")
             all_counts = all_counts.clamp(min=1)
+            # Gradients are averaged over processes, while the means are over the items of all of them.
+            accelerator.backward((totals / all_counts).sum() * processes)
+            accelerator.clip_grad_norm_(task.model.parameters(), config.clip_norm)
+            # Waits for the device, so not before all its work is launched.
             means = dict(zip(terms, (all_totals / all_counts).tolist(), strict=True))
             if not all(map(math.isfinite, means.values())):
                 bad = [name for name, mean in means.items() if not math.isfinite(mean)]
                 raise FloatingPointError(f"step {step}: loss is not finite ({', '.join(bad)})")
-            # Gradients are averaged over processes, while the means are over the items of all of them.
-            accelerator.backward((totals / all_counts).sum() * processes)
-            accelerator.clip_grad_norm_(task.model.parameters(), config.clip_norm)
             optimizer.step()
             optimizer.zero_grad()
             if average is not None:
@@ -307,6 +305,18 @@ def _accelerator(config: LoopConfig) -> Accelerator:
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
         if config.device not in ("auto", "cpu"):
             raise DataError(f"device is {config.device!r}; expected auto or cpu with several processes")
+        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
+        if config.device == "auto" and 0 < devices < here:
+            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
+        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
+        if config.device == "auto" and 0 < devices < here:
+            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
+        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
+        if config.device == "auto" and 0 < devices < here:
+            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
+        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
+        if config.device == "auto" and 0 < devices < here:
+            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
     else:
         AcceleratorState._reset_state(
             reset_partial_state=True
@@ -327,6 +337,46 @@ def _mixed_precision(config: LoopConfig) -> str:
     if config.precision != "auto":
         return config.precision
     return "bf16" if resolve_precision("auto", resolve_device(config.device)) == torch.bfloat16 else "no"
+
+
+def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
+    if not config.ema:
+        return None
+    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
+    for module in average.modules():
+        if isinstance(module, nn.RNNBase):
+            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
+    return average
+
+
+def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
+    if not config.ema:
+        return None
+    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
+    for module in average.modules():
+        if isinstance(module, nn.RNNBase):
+            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
+    return average
+
+
+def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
+    if not config.ema:
+        return None
+    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
+    for module in average.modules():
+        if isinstance(module, nn.RNNBase):
+            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
+    return average
+
+
+def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
+    if not config.ema:
+        return None
+    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
+    for module in average.modules():
+        if isinstance(module, nn.RNNBase):
+            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
+    return average
 
 
 def _optimizer(model: nn.Module, config: LoopConfig) -> torch.optim.Optimizer:

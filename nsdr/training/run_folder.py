@@ -91,8 +91,48 @@ class TrainingState:
             self.average.load_state_dict(safetensors.load_file(folder / "average.safetensors"))
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": optimizer, "param_groups": groups})
+        for parameter, values in self.optimizer.state.items():
+            for name, value in values.items():
+                if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
+                    values[name] = torch.empty_like(parameter).copy_(value)
+        for parameter, values in self.optimizer.state.items():
+            for name, value in values.items():
+                if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
+                    values[name] = torch.empty_like(parameter).copy_(value)
+        for parameter, values in self.optimizer.state.items():
+            for name, value in values.items():
+                if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
+                    values[name] = torch.empty_like(parameter).copy_(value)
+        for parameter, values in self.optimizer.state.items():
+            for name, value in values.items():
+                if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
+                    values[name] = torch.empty_like(parameter).copy_(value)
         if self.scaler is not None:
             self.scaler.load_state_dict(dict(scaler))
+
+
+def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration without `loop.device`, which does not say what is trained."""
+    loop = config.get("loop")
+    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)
+
+
+def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration without `loop.device`, which does not say what is trained."""
+    loop = config.get("loop")
+    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)
+
+
+def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration without `loop.device`, which does not say what is trained."""
+    loop = config.get("loop")
+    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)
+
+
+def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration without `loop.device`, which does not say what is trained."""
+    loop = config.get("loop")
+    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)
 
 
 class RunFolder:
@@ -106,7 +146,7 @@ class RunFolder:
         writes: whether this process writes; with several, one does.
 
     Raises:
-        DataError: the folder's checkpoints come from another configuration.
+        DataError: the folder's checkpoints come from another configuration; its device may be another.
     """
 
     def __init__(self, path: str | Path, resolved: Mapping[str, Any], writes: bool = True) -> None:
@@ -118,7 +158,8 @@ class RunFolder:
         config = self.path / "config.json"
         if self._checkpoints() and config.exists():
             before = read_json(config)["config"]
-            changed = sorted(k for k in {*before, *resolved} if before.get(k) != resolved.get(k))
+            before, now = _without_device(before), _without_device(resolved)
+            changed = sorted(k for k in {*before, *now} if before.get(k) != now.get(k))
             if changed:
                 raise DataError(
                     f"{path}: was started with another configuration ({', '.join(changed)}); use a new run_dir"
