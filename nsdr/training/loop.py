@@ -308,15 +308,6 @@ def _accelerator(config: LoopConfig) -> Accelerator:
         here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
         if config.device == "auto" and 0 < devices < here:
             raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
-        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
-        if config.device == "auto" and 0 < devices < here:
-            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
-        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
-        if config.device == "auto" and 0 < devices < here:
-            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
-        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
-        if config.device == "auto" and 0 < devices < here:
-            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
     else:
         AcceleratorState._reset_state(
             reset_partial_state=True
@@ -337,36 +328,6 @@ def _mixed_precision(config: LoopConfig) -> str:
     if config.precision != "auto":
         return config.precision
     return "bf16" if resolve_precision("auto", resolve_device(config.device)) == torch.bfloat16 else "no"
-
-
-def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
-    if not config.ema:
-        return None
-    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
-    for module in average.modules():
-        if isinstance(module, nn.RNNBase):
-            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
-    return average
-
-
-def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
-    if not config.ema:
-        return None
-    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
-    for module in average.modules():
-        if isinstance(module, nn.RNNBase):
-            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
-    return average
-
-
-def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
-    if not config.ema:
-        return None
-    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
-    for module in average.modules():
-        if isinstance(module, nn.RNNBase):
-            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
-    return average
 
 
 def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:

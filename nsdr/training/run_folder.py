@@ -95,38 +95,8 @@ class TrainingState:
             for name, value in values.items():
                 if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
                     values[name] = torch.empty_like(parameter).copy_(value)
-        for parameter, values in self.optimizer.state.items():
-            for name, value in values.items():
-                if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
-                    values[name] = torch.empty_like(parameter).copy_(value)
-        for parameter, values in self.optimizer.state.items():
-            for name, value in values.items():
-                if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
-                    values[name] = torch.empty_like(parameter).copy_(value)
-        for parameter, values in self.optimizer.state.items():
-            for name, value in values.items():
-                if value.shape == parameter.shape:  # in the parameter's memory format, as the optimizer made it
-                    values[name] = torch.empty_like(parameter).copy_(value)
         if self.scaler is not None:
             self.scaler.load_state_dict(dict(scaler))
-
-
-def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration without `loop.device`, which does not say what is trained."""
-    loop = config.get("loop")
-    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)
-
-
-def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration without `loop.device`, which does not say what is trained."""
-    loop = config.get("loop")
-    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)
-
-
-def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration without `loop.device`, which does not say what is trained."""
-    loop = config.get("loop")
-    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)
 
 
 def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
