@@ -1,6 +1,7 @@
 """The question generator: its questions, their answers, and the balance of a question set."""
 
 import json
+import math
 import random
 import re
 import warnings
@@ -190,6 +191,21 @@ def test_answers_are_balanced_within_each_type(many_candidates) -> None:
     for kind in ("explanatory", "predictive", "counterfactual"):
         assert 100 * rows[kind][0] == pytest.approx(published[kind][0], abs=4)
     assert rows["predictive"] == (0.5, 0.0)
+
+
+def test_the_form_of_a_question_does_not_tell_its_answer(many_candidates) -> None:
+    candidates = {(c.scene_index, d.text): d for c in many_candidates for d in c.descriptive}
+    answers: dict[tuple[str, str], Counter[str]] = {}
+    for scene in select_questions(many_candidates, QuestionConfig()):
+        for q in (q for q in scene.questions if q.type == "descriptive"):
+            asked = candidates[scene.scene_index, q.text]
+            answers.setdefault((asked.subtype, asked.form), Counter())[asked.answer] += 1
+    for subtype, n_answers in {"count": 4, "exist": 2, "query_color": 8, "query_shape": 3, "query_material": 2}.items():
+        forms = [counts for (of, _), counts in answers.items() if of == subtype and counts.total() > 2]
+        n = sum(counts.total() for counts in forms)
+        guessed = sum(counts.most_common(1)[0][1] for counts in forms) / n
+        even = sum(math.ceil(counts.total() / n_answers) for counts in forms) / n
+        assert guessed < even + 0.05, subtype
 
 
 def test_not_says_nothing_about_how_many_options_are_correct(many_candidates) -> None:

@@ -4,7 +4,7 @@ import random
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations
 
 from nsdr.baselines.recording import keep_recording
@@ -29,6 +29,7 @@ DESCRIPTION_WEIGHTS = {
 """Relative frequency of each set of attributes in descriptions of a single object; close to the released questions."""
 ABSENT_CLASSES = 4
 """Number of classes without objects that each scene's questions mention ("Are there any green cubes that …?")."""
+_ATTRIBUTE_WORDS = frozenset(word for known in ATTRIBUTES.values() for word in known)
 _ATTRIBUTE_TOKENS = re.compile(r"\S+ filter_(color|material|shape) ?")
 
 
@@ -41,7 +42,7 @@ class Descriptive:
         program: its program.
         subtype: CLEVRER's subtype, such as "count" or "query_color".
         answer: the correct answer.
-        family: the program without attribute words.
+        family: the program without attribute words and their filters.
     """
 
     text: str
@@ -49,6 +50,11 @@ class Descriptive:
     subtype: str
     answer: str
     family: str
+
+    @cached_property
+    def form(self) -> str:
+        """The program without attribute words: all that its text says but for the words themselves."""
+        return " ".join(token for token in self.program if token not in _ATTRIBUTE_WORDS)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """CLEVRER questions for scenes with known ground truth, balanced over a data set.
 
 `nsdr.generate.questions.candidates` lists all questions of a scene. The selection goes through the scenes in order and takes
-the questions that bring the data set's answers closest to their target shares, so that a question's type says nothing about
-its answer, nor does "not" about its options'.
+the questions that bring the data set's answers closest to their target shares, so that a question's type and form say as little
+as scenes allow about its answer, nor does "not" about its options'.
 """
 
 import random
@@ -26,6 +26,7 @@ from nsdr.generate.questions.inferential import CounterfactualConfig, Inferentia
 from nsdr.io.validation import COUNT, NOT_NEGATIVE, check_ranges
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
+from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["Candidates", "QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
 
@@ -56,8 +57,6 @@ KEPT_PER_ANSWER = 3
 """Max number of a scene's candidates with the same family and answer."""
 MIN_OWED = 0.5
 """Another question is selected while at least this many are owed, which rounds to the nearest number."""
-FAMILY_ANSWER_WEIGHT = 2
-"""Weight of a family's uses with the same answer, relative to its uses with any answer."""
 MIN_OPTIONS = 2
 """Min number of options of a question."""
 MAX_OPTIONS = len(ascii_uppercase)
@@ -193,6 +192,8 @@ class _Selection:
         self.config, self.rng = config, random.Random(f"{config.seed} selection")
         self.owed = dict.fromkeys(config.per_video, 0.0)
         self.answers: Counter[tuple[str, str]] = Counter()
+        self.forms: Counter[str] = Counter()
+        self.forms_with: Counter[tuple[str, str]] = Counter()
         self.families: Counter[tuple[str, ...]] = Counter()
         self.correct: Counter[tuple[str, bool, int]] = Counter()
         self.options: Counter[tuple[str, bool, str, bool]] = Counter()
@@ -221,13 +222,15 @@ class _Selection:
         selected: list[Question] = []
         in_scene: Counter[str] = Counter()
         while remaining and self.owed[kind] >= MIN_OWED:
+            answer = self._scarcest(kind, sorted({c.answer for c in remaining}))
             best = min(
-                remaining,
-                key=lambda c: (self._answer_use(c), in_scene[c.family], self._family_use(c), self.rng.random()),
+                (c for c in remaining if c.answer == answer),
+                key=lambda c: (in_scene[c.family], self._excess(c), self.families[kind, c.family], self.rng.random()),
             )
-            self.answers[kind, best.answer] += 1
+            self.answers[kind, answer] += 1
+            self.forms[best.form] += 1
+            self.forms_with[best.form, answer] += 1
             self.families[kind, best.family] += 1
-            self.families[best.family, best.answer] += 1
             in_scene[best.family] += 1
             self.owed[kind] -= 1
             selected.append(Question(0, best.text, "descriptive", kind, best.program, best.answer, ()))
@@ -236,12 +239,13 @@ class _Selection:
             ]
         return selected
 
-    def _answer_use(self, c: Descriptive) -> float:
-        share = COUNT_SHARES.get(c.answer, OTHER_COUNT_SHARE) if c.subtype == "count" else 1.0
-        return (self.answers[c.subtype, c.answer] + self.rng.random()) / share
+    def _scarcest(self, kind: str, answers: Sequence[str]) -> str:
+        """The answer that was given least, relative to its target share."""
+        return min(answers, key=lambda a: (self.answers[kind, a] + self.rng.random()) / _target_share(kind, a))
 
-    def _family_use(self, c: Descriptive) -> float:
-        return self.families[c.subtype, c.family] + FAMILY_ANSWER_WEIGHT * self.families[c.family, c.answer]
+    def _excess(self, c: Descriptive) -> float:
+        """By how many questions of its form its answer would exceed its target share."""
+        return self.forms_with[c.form, c.answer] + 1 - _target_share(c.subtype, c.answer) * (self.forms[c.form] + 1)
 
     def _multiple_choice(self, kind: str, candidates: Candidates) -> list[Question]:
         remaining = [c for c in candidates.multiple_choice if c.type == kind]
@@ -306,3 +310,9 @@ class _Selection:
             selected.append(best)
             self.options[question.type, question.negated, best.kind, best.correct] += 1
         return selected
+
+
+def _target_share(subtype: str, answer: str) -> float:
+    if subtype == "count":
+        return COUNT_SHARES.get(answer, OTHER_COUNT_SHARE)
+    return 1 / (2 if subtype == "exist" else len(ATTRIBUTES[subtype.removeprefix("query_")]))
