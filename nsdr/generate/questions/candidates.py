@@ -53,7 +53,7 @@ class Descriptive:
 
     @cached_property
     def form(self) -> str:
-        """The program without attribute words: all that its text says but for the words themselves."""
+        """The program without attribute words; their filters stay, unlike in `family`."""
         return " ".join(token for token in self.program if token not in _ATTRIBUTE_WORDS)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from string import ascii_uppercase
 
+from nsdr.baselines.q_type import ANSWERS
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
@@ -26,7 +27,6 @@ from nsdr.generate.questions.inferential import CounterfactualConfig, Inferentia
 from nsdr.io.validation import COUNT, NOT_NEGATIVE, check_ranges
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
-from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["Candidates", "QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
 
@@ -313,6 +313,4 @@ class _Selection:
 
 
 def _target_share(subtype: str, answer: str) -> float:
-    if subtype == "count":
-        return COUNT_SHARES.get(answer, OTHER_COUNT_SHARE)
-    return 1 / (2 if subtype == "exist" else len(ATTRIBUTES[subtype.removeprefix("query_")]))
+    return COUNT_SHARES.get(answer, OTHER_COUNT_SHARE) if subtype == "count" else 1 / len(ANSWERS[subtype])
