@@ -11,19 +11,20 @@ import torch
 from accelerate.utils import send_to_device
 
 from nsdr import DataError
-from nsdr.baselines.base import BASELINES
+from nsdr.baselines.base import BASELINES, Batch, Sizes
 from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
 from nsdr.baselines.features import MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
-from nsdr.baselines.vocabulary import Vocabulary
+from nsdr.baselines.vocabulary import PAD, Vocabulary
 from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, parse_config
+from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
-from nsdr.training.run_folder import training_time
+from nsdr.training.run_folder import parse_training, training_time
 from tests.second_device import second_device
 
 FRAMES, CHANNELS, GRID, OBJECTS = 5, 6, (2, 3), 3
@@ -146,6 +147,47 @@ def test_a_baseline_overfits_eight_questions(name: str, scenes, folder) -> None:
     assert report["descriptive"]["n"] == 2 * len(two)
 
 
+@pytest.mark.parametrize(("name", "least"), [("mac", 0.0015), ("mac_objects", 0.01), ("memory", 0.001), ("tbd", 0.03)])
+def test_before_training_the_scores_depend_on_text_and_video_together(name: str, least: float) -> None:
+    """By PyTorch's own initialisation a third to a hundredth of `least` of the scores' variance does."""
+    config = parse_training(BaselineTraining, ["--config", f"configs/baselines/reference/{name}.yaml"], "baseline")
+    kind, rng = BASELINES[name], torch.Generator().manual_seed(0)
+    texts, videos, frames, objects, channels = 20, 6, 25, 5, 256
+    torch.manual_seed(0)
+    network = kind(config.model_config(), Sizes(80, 21, len(PROGRAM_TOKENS), channels, (4, 6))).eval()
+    programs = [[PROGRAM_TOKENS.index(w) for w in p.split()] for _, _, p in TEXTS for _ in range(texts // len(TEXTS))]
+    batch = Batch(
+        torch.randint(2, 80, (texts, 12), generator=rng),
+        torch.zeros(texts, dtype=torch.long),
+        program=torch.nn.utils.rnn.pad_sequence([torch.tensor(p) for p in programs], True, PAD),
+    )
+
+    def features(*shape: int) -> torch.Tensor:
+        """Positive and mostly alike, as the features of videos from a fixed camera."""
+        return torch.rand(1, frames, *shape, generator=rng) + torch.rand(videos, 1, *shape, generator=rng)
+
+    of_videos = {
+        "pooled": features(channels),
+        "maps": features(channels, 4, 6),
+        "objects": features(objects, channels + 4),
+    }
+    with torch.no_grad():
+        scores = torch.stack(
+            [
+                network(
+                    batch._replace(
+                        **{name: values[v : v + 1] for name, values in of_videos.items()},
+                        has_object=torch.ones(1, frames, objects, dtype=torch.bool),
+                    )
+                )
+                for v in range(videos)
+            ]
+        )
+    by_text, by_video = scores.mean(0, keepdim=True), scores.mean(1, keepdim=True)
+    together = scores - by_text - by_video + scores.mean((0, 1))
+    assert together.var() > least * (by_text - by_text.mean(1, keepdim=True)).var()
+
+
 @pytest.mark.parametrize("name", BASELINES.names())
 def test_padding_and_order_do_not_matter(name: str, scenes, folder) -> None:
     baseline, features = built(name, scenes, folder)
@@ -225,6 +267,7 @@ def test_an_experiment_trains_a_baseline_once_and_scores_it(scenes, folder, tmp_
     assert first["training"] | {"seed": 0, "videos": 4, "system": "cnn_mlp"} == first["training"]
     table = (tmp_path / "results" / "table.md").read_text()
     assert re.search(r"- CNN\+MLP: `nsdr train baseline --config .*training\.yaml`, [\d,]+ parameters, seed 0", table)
+    assert ", 24 texts about 4 videos seen 0.7 times, " in table
     assert measured(row) == first  # kept
     checkpoint = {"name": "CNN+MLP", "trained": str(tmp_path / "run" / "checkpoint"), "features": str(folder)}
     assert measured({**checkpoint, "exclude": [11]})["table"] == first["table"]

@@ -198,6 +198,15 @@ def test_odd_widths_work(name: str) -> None:
     assert scores(network(name, **width, embedding=7), batch()).shape == (3, 5)
 
 
+def test_dropout_is_no_motion_to_memory() -> None:
+    model = network("memory", dropout=0.5).train()
+    read: list[Tensor] = []
+    model.motion.register_forward_pre_hook(lambda _, inputs: read.append(inputs[0]))  # type: ignore[union-attr]
+    inputs = batch()
+    model(inputs._replace(pooled=torch.ones(2, 4, 6)))
+    assert not read[0].any()
+
+
 def test_masked_softmax() -> None:
     mask = torch.tensor([[True, False, True], [False, False, False]])
     weights = masked_softmax(torch.tensor([[0.0, 9.0, 0.0], [1.0, 2.0, 3.0]]), mask)

@@ -5,7 +5,8 @@ Johnson, Hariharan, van der Maaten, Hoffman, Fei-Fei, Zitnick, Girshick: "Inferr
 
 Differs from the paper:
     - no program generator: programs are given, the data set's or those of our question parser;
-    - video: values are features of every frame, and the second 3x3 convolution of a residual module runs over 3 frames instead;
+    - video: Yi et al. run the modules on features of a convolutional LSTM, as far as we know; here values are features of every
+      frame, and the second 3x3 convolution of a residual module runs over 3 frames instead;
       the classifier takes the maximum over time; three channels hold the coordinates in time and space;
     - an option's program and its question's are one tree, joined by `belong_to`;
     - the modules without arguments (`objects`, `events`, `start` ...) are residual modules on the video's features; the paper's

@@ -1,5 +1,6 @@
 """Layers that several baselines share: the encoder of texts and the answer head."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -8,7 +9,7 @@ from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
 from nsdr.question_parser.tokenizer import PAD
 
-__all__ = ["AnswerHead", "EncodedText", "TextEncoder", "masked_mean"]
+__all__ = ["AnswerHead", "EncodedText", "TextEncoder", "initialise", "masked_mean"]
 
 
 class EncodedText(NamedTuple):
@@ -91,6 +92,21 @@ class AnswerHead(nn.Sequential):
             nn.Dropout(dropout),
             nn.Linear(hidden, answers),
         )
+
+
+def initialise(network: nn.Module, weights: Callable[[Tensor], Tensor]) -> None:
+    """Draw the weights of all linear and convolution layers anew, and set their biases to 0.
+
+    Args:
+        network: its layers are changed in place; embeddings and LSTMs keep PyTorch's initialisation.
+        weights: fills a tensor of weights, such as `torch.nn.init.xavier_uniform_`. PyTorch's default for these layers
+            shrinks the signal with each of them: the scores of a deep network hardly differ from video to video at first.
+    """
+    for layer in network.modules():
+        if isinstance(layer, nn.Linear | nn.Conv2d):
+            weights(layer.weight)
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
 
 
 def masked_mean(values: Tensor, mask: Tensor) -> Tensor:

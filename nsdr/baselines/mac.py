@@ -9,9 +9,10 @@ Differs from the paper:
       weights sum the frames to one map, which the read unit attends to. Yi et al. do not describe their unit further.
     - Sines and cosines of the frame's index are added to the features, so that the network can tell the order of the frames.
     - MAC (V+) reads detected objects (features and box) of all frames at once instead of feature maps. Yi et al. do not say
-      in enough detail how they give object information to the network.
+      in enough detail how they give object information to the network. The frame parser's attributes are not given.
     - One rate of dropout for the words, the features, the memory that is read and the answer, where MAC has one each. Dropout
       of the memory is drawn anew in each step.
+    - Linear and convolution layers start from Xavier's weights, as in MAC's code as far as we know; LSTMs from PyTorch's.
     - Word embeddings are learnt with the network; none are trained beforehand.
 """
 
@@ -24,7 +25,7 @@ from torch.nn import functional as F
 
 from nsdr.baselines.attention import masked_softmax, time_encoding
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, TextEncoder
+from nsdr.baselines.layers import AnswerHead, TextEncoder, initialise
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["Mac", "MacConfig", "MacObjects"]
@@ -74,6 +75,7 @@ class Mac(Baseline):
         )
         self.over_frames = _ReadAttention(width)
         self.over_cells = _ReadAttention(width)
+        initialise(self, nn.init.xavier_uniform_)
 
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""
@@ -111,6 +113,7 @@ class MacObjects(Baseline):
             nn.ELU(),
         )
         self.over_objects = _ReadAttention(width)
+        initialise(self, nn.init.xavier_uniform_)
 
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""

@@ -9,6 +9,7 @@ Differs from the paper:
     - The memory attends to its slots with a linear function of the states, and all activations inside of it are tanh.
     - The answer is computed from the last states of the fusion, the question memory, the video memory and the encoded text by a
       network with a hidden layer. Without the text it learns no more in our short trainings than how frequent the answers are.
+    - Linear layers start from Xavier's weights.
     - Word embeddings are learnt with the network; none are trained beforehand.
     - Yi et al. do not state the sizes; those here are ours, with three steps of fusion.
 """
@@ -20,7 +21,7 @@ from torch import Tensor, nn
 
 from nsdr.baselines.attention import masked_softmax
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, TextEncoder
+from nsdr.baselines.layers import AnswerHead, TextEncoder, initialise
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["HeterogeneousMemory", "MemoryConfig"]
@@ -71,12 +72,13 @@ class HeterogeneousMemory(Baseline):
         self.modality = _Attention(width)
         self.fusion = nn.LSTMCell(width, width)
         self.answer = AnswerHead(4 * width, width, sizes.answers, config.dropout)
+        initialise(self, nn.init.xavier_uniform_)
 
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""
         assert batch.pooled is not None
         frames = self.dropout(batch.pooled)
-        change = torch.diff(frames, dim=1, prepend=frames[:, :1])
+        change = self.dropout(torch.diff(batch.pooled, dim=1, prepend=batch.pooled[:, :1]))
         streams = torch.stack([self.appearance(frames)[0], self.motion(change)[0]], 2)
         video = self.video_memory(streams, torch.ones_like(frames[..., 0], dtype=torch.bool))[batch.video]
         text = self.text(batch.words)

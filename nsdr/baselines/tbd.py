@@ -21,7 +21,8 @@ Differs from the paper:
     - no `same` module, which CLEVRER's programs do not need, and no Or; `compare` reads masks, not encodings;
     - an option's program and its question's are one tree, joined by `belong_to`;
     - a malformed program runs a `query` module of its own on the whole video;
-    - no penalty on the masks.
+    - no penalty on the masks;
+    - all linear and convolution layers start from He's weights (Kaiming, normal), as in the paper's code as far as we know.
 """
 
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ from torch import Tensor, nn
 
 from nsdr.baselines.assembled import Assembled, AssembledConfig, SpaceConv, TimeConv
 from nsdr.baselines.base import Batch, Sizes
+from nsdr.baselines.layers import initialise
 from nsdr.baselines.program_graph import INSTRUCTIONS, MALFORMED
 from nsdr.io.validation import SIZE, check_ranges
 
@@ -85,6 +87,7 @@ class TbdNet(Assembled):
         super().__init__(config, sizes)
         names = [name for name in INSTRUCTIONS if name not in PARAMETERLESS]
         self.program_modules = nn.ModuleDict({name: _module(name, config) for name in names})
+        initialise(self, nn.init.kaiming_normal_)
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
         """As of `Assembled`: masks are (N, F, h, w, 1), encodings (N, F, h, w, width)."""

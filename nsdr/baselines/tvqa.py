@@ -8,6 +8,7 @@ Differs from the paper:
     - A question and its option are one text, which is scored over all answers. Lei et al. encode them separately and give each
       option one number.
     - The LSTM over the words and the first one over the objects do not share weights.
+    - Objects are given by features of the shared backbone and their boxes, without the frame parser's attributes.
     - Sines and cosines of the frame's index are added to the objects' features, because frames have different numbers of them.
     - Word embeddings are learnt with the network; none are trained beforehand.
     - Yi et al. do not state the sizes; those here are those of Lei et al. as far as they are known to us.

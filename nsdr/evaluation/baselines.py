@@ -166,7 +166,10 @@ def _training(row: BaselineRow, folder: Path) -> dict[str, Any]:
     known: dict[str, Any] = {name: details[name] for name in TRAINING if name in details}
     training = details.get("training")
     if isinstance(training, dict):
-        known["seed"] = training["loop"]["seed"]
+        loop = training["loop"]
+        known["seed"] = loop["seed"]
+        if "texts" in known:
+            known["passes"] = loop["steps"] * loop["batch_size"] / known["texts"]
     command = f"nsdr train baseline --config {row.train}" if row.train else f"checkpoint {row.trained}"
     return {**known, "command": command}
 
@@ -177,7 +180,8 @@ def training_text(training: Mapping[str, Any]) -> str:
     if "seed" in training:
         parts.append(f"seed {training['seed']}")
     if "texts" in training:
-        parts.append(f"{training['texts']:,} texts about {training['videos']:,} videos")
+        seen = f" seen {training['passes']:.1f} times" if "passes" in training else ""
+        parts.append(f"{training['texts']:,} texts about {training['videos']:,} videos{seen}")
     if "seconds" in training:
         parts.append(f"trained in {training['seconds']:.0f} s ({training['cpu_seconds']:.0f} s of CPU time)")
     return ", ".join(parts)
