@@ -15,12 +15,22 @@ from nsdr.io.limits import limits
 from nsdr.io.registry import Registry
 from nsdr.io.validation import check_choices, check_ranges
 
-__all__ = ["BACKENDS", "BackendConfig", "BackendFactory", "backend_settings", "checkpoint_folders", "load_backend"]
+__all__ = [
+    "BACKENDS",
+    "READ_NO_IMAGES",
+    "BackendConfig",
+    "BackendFactory",
+    "backend_settings",
+    "checkpoint_folders",
+    "load_backend",
+]
 
 PATCH_CHECKPOINT = "dynamics_paper"
 """Checkpoint of the paper's network, beside `default`."""
 PATCH_BACKENDS = ("paper", "paper_images")
 """Backends whose network sees patches."""
+READ_NO_IMAGES = ("physics", "state", "paper")
+"""Backends that see the tracks alone."""
 COLLISIONS = ("predicted", "velocity")
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from tqdm import tqdm
 
@@ -17,7 +17,7 @@ from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.parsed_programs import with_parsed_programs
 from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
-from nsdr.dynamics.registry import checkpoint_folders
+from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.parsing import endpoint_parse, parse_all
@@ -57,6 +57,7 @@ class EvaluationConfig:
         root: data set in the official layout (see `nsdr.clevrer.CLEVRER`), in place of `questions` and `data`.
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
+        videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
         programs: "parsed", "gold" for those of the question file, or the released parser's files (`parsed_programs/*.json`),
             separated by commas.
         parser: address of an OpenAI-compatible server that parses the texts (`nsdr.question_parser.endpoint`), in place of the
@@ -87,6 +88,7 @@ class EvaluationConfig:
     root: str = ""
     split: str = "validation"
     source: str = "proposals"
+    videos: str = ""
     programs: str = "parsed"
     parser: str = ""
     parser_model: str = ""
@@ -139,6 +141,8 @@ class EvaluationConfig:
             raise DataError("collisions: velocity needs --semantics official; for NE of a backend use its YAML file")
         if self.stride != 1 and self.source != "videos":
             raise DataError(f"stride is of the frame parser and needs --source videos, not {self.source}")
+        if self.videos and (self.source != "proposals" or self.root):
+            raise DataError("videos goes with --source proposals and --data; leave it out")
         if bool(self.truth_source) != bool(self.truth):
             raise DataError("truth_source and truth go together; give both or none")
         if self.split != "validation" and not self.root:
@@ -174,7 +178,12 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         parse = parse or programs_of(config, questions)
         return evaluate(_official(questions, Path(config.data), config.collisions), parse, config.types)
     wanted = {s.scene_index for s in questions}
+    if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
+        raise DataError(
+            f"videos would do nothing: dynamics {settings.dynamics.backend!r} reads no images; leave it out"
+        )
     source = SOURCES[config.source](data, wanted)
+    video_of = SOURCES["videos"](Path(config.videos), wanted) if config.videos else None
     true_source = SOURCES[config.truth_source](Path(config.truth), wanted) if config.truth_source else None
     scenes: dict[int, Scene | Path | NsdrError] = {}
     jobs: list[Job[tuple[PerceptionInput, Scene | None]]] = []
@@ -189,6 +198,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
             scenes[s.scene_index] = found
             continue
         try:
+            found = found if video_of is None else {**found, **cast(PerceptionInput, video_of(s))}
             job = _job(config, settings, s.scene_index, found, true_scene)
         except NsdrError as e:
             scenes[s.scene_index] = e
@@ -231,7 +241,7 @@ def _check_no_pipeline_options(config: EvaluationConfig) -> None:
 def evaluation_fingerprint(config: EvaluationConfig) -> str:
     """Of everything a report depends on; folders count by the names, sizes and times of their files."""
     inputs: list[Any] = []
-    for name in (config.questions, config.data, config.truth, config.root, *config.program_files()):
+    for name in (config.questions, config.data, config.videos, config.truth, config.root, *config.program_files()):
         path = Path(name)
         if name and path.is_dir():
             files = find_files(path, "*")
@@ -240,7 +250,7 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
             inputs.append(path)
     values = asdict(config)
     for unneeded in (
-        *("questions", "data", "truth", "root", "cache", "engine", "workers", "device"),
+        *("questions", "data", "videos", "truth", "root", "cache", "engine", "workers", "device"),
         *("config", "set", "dynamics", "stride"),
     ):
         values.pop(unneeded)

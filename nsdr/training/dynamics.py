@@ -22,4 +22,5 @@ def main(argv: Sequence[str] | None = None) -> str:
     if config.network == "state":
         return train_part("dynamics", StateModelTask(config), config, config.model, {"network": config.network})
     task = PatchModelTask(config) if config.network == "paper" else ImageModelTask(config)
-    return train_part("dynamics", task, config, config.patches, {"network": config.network})
+    inputs = {"scenes": [len(task.data), len(task.held_out)]}
+    return train_part("dynamics", task, config, config.patches, {"network": config.network}, inputs)

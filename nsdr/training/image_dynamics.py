@@ -1,5 +1,6 @@
 """Training task of the paper's dynamics network on images (`network: paper_images`)."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
@@ -16,18 +17,27 @@ from nsdr.dynamics.propnet.image_model import ImageModel
 from nsdr.dynamics.propnet.image_patches import MAX_VALUE
 from nsdr.dynamics.propnet.image_predictor import ImagePredictor
 from nsdr.dynamics.propnet.patch_model import STEP_SCALE
+from nsdr.dynamics.propnet.patch_predictor import patch_boxes
 from nsdr.training.loop import LossTerm
 from nsdr.training.patch_dynamics import PatchModelTask
-from nsdr.training.track_task import DynamicsTraining, joined, pair_loss
+from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, joined, pair_loss
 from nsdr.types import Event
 
 __all__ = ["ImageModelTask"]
+
+BOX_WEIGHTS = (5.0, 5.0, 0.25, 0.25)
+"""Weights of the squared errors of column, row, width and height. With equal ones, whole pixels of the masks' bounds and
+turning cubes make up most of the loss, and nothing but the next boxes depends on sizes."""
+DRAWN_FROM_FRAME = 60
+"""Frame after which the patches of held-out scenes are drawn and compared."""
+DRAWN_STEPS = (1, 5)
+"""Steps after which drawn patches are compared."""
 
 
 class ImageModelTask(PatchModelTask):
     """Squared errors of boxes and patches one step later, and cross-entropy of collisions; each step goes on from the last.
 
-    Patches lie in `run_dir/patches` and are read from there, not held in memory.
+    Patches lie in `run_dir/patches` and are read from there, not held in memory. Gradients do not pass from step to step.
     """
 
     def network(self, config: DynamicsTraining) -> nn.Module:
@@ -65,11 +75,12 @@ class ImageModelTask(PatchModelTask):
         """`motion` and `image`, the squared errors of boxes (B, N, 4) and patches, and `collision` of pairs (B, N, N)."""
         exists, c = batch["exists"], self.config.patches
         boxes, patches = batch["boxes"][:, :, : c.window], batch["patches"][:, :, : c.window]
+        of_box = torch.tensor(BOX_WEIGHTS, device=boxes.device)
         motion, image, collision = [], [], []
         for step in range(self.config.rollout_steps):
             following, drawn, logits = model(boxes, patches, batch["static"], exists)
             weight = (batch["reliable"][:, :, c.window + step] & exists).float()
-            error = ((following - batch["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
+            error = (((following - batch["boxes"][:, :, c.window + step]) / STEP_SCALE).square() * of_box).sum(-1)
             difference = (drawn - batch["patches"][:, :, c.window + step]).square().sum(2).mean((-1, -2))
             motion.append(LossTerm((error * weight).sum(), weight.sum()))
             image.append(LossTerm((difference * weight).sum(), weight.sum()))
@@ -81,5 +92,31 @@ class ImageModelTask(PatchModelTask):
         return {"motion": joined(motion), "image": joined(image), "collision": joined(collision)}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(ImagePredictor(cast(ImageModel, model)))
+        """Scores of observed collisions, and errors of rollouts and of drawn patches, on the held-out scenes."""
+        network = cast(ImageModel, model)
+        return self.measure(ImagePredictor(network, LAST_FRAME)) | self._drawing_errors(network)
+
+    @torch.no_grad()
+    def _drawing_errors(self, model: ImageModel) -> dict[str, float]:
+        """Mean absolute errors (0-1) of patches `DRAWN_STEPS` later: of those drawn, and of the last one seen (`_kept`)."""
+        c, h, found = self.config.patches, self.held_out, defaultdict[str, list[float]](list)
+        device = next(model.parameters()).device
+        every = DRAWN_FROM_FRAME + np.arange(1 - c.window, 1 + max(DRAWN_STEPS)) * c.stride_frames
+        all_boxes = patch_boxes(h.location_world, h.box_px, h.reliable, 0).astype(np.float32)
+        for i in range(len(h)):
+            here = np.flatnonzero(h.exists[i] & h.present[i, :, DRAWN_FROM_FRAME] & h.reliable[i][:, every].all(1))
+            if not len(here):
+                continue
+            true = torch.from_numpy(self._patches(h.scene[i])[here][:, every]).to(device).float()[None] / MAX_VALUE
+            boxes = torch.from_numpy(all_boxes[i, here][:, every[: c.window]]).to(device)[None]
+            static = torch.from_numpy(h.static[i, here]).to(device)[None]
+            patches, exists = true[:, :, : c.window], torch.ones(1, len(here), dtype=torch.bool, device=device)
+            for step in range(1, 1 + max(DRAWN_STEPS)):
+                following, drawn, _ = model(boxes, patches, static, exists)
+                boxes = torch.cat([boxes[:, :, 1:], following[:, :, None]], 2)
+                patches = torch.cat([patches[:, :, 1:], drawn[:, :, None]], 2)
+                if step in DRAWN_STEPS:
+                    target = true[:, :, c.window - 1 + step]
+                    found[f"image_error_{step}"].append(float((drawn - target).abs().mean()))
+                    found[f"image_error_{step}_kept"].append(float((true[:, :, c.window - 1] - target).abs().mean()))
+        return {name: float(np.mean(values)) for name, values in found.items()}

@@ -103,4 +103,4 @@ class PatchModelTask(TrackTask):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(PatchPredictor(cast(PatchModel, model)))
+        return self.measure(PatchPredictor(cast(PatchModel, model), LAST_FRAME))

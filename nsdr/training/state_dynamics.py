@@ -141,4 +141,4 @@ class StateModelTask(TrackTask):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(StatePredictor(cast(StateModel, model)))
+        return self.measure(StatePredictor(cast(StateModel, model), horizon_frame=LAST_FRAME))

@@ -75,7 +75,7 @@ def _kept(split: Split, index: int, cache: Path, config: PatchModelConfig) -> Ro
     video, path = Path(split.video(index)), cache / f"motion_{index:05d}.npz"
     annotation, masks = split.annotation(index), split.raw_proposals(index)
     sizes = [config.patch_cells, config.cell_px]
-    made_from = fingerprint(inputs=[video, masks], config=[sizes, annotation])
+    made_from = fingerprint(inputs=[video, masks], config=[sizes, annotation], code=__name__)
     try:
         arrays = read_npz(path)
         if str(arrays.pop("fingerprint", "")) == made_from:

@@ -22,10 +22,12 @@ __all__ = ["ImageModel", "PatchDecoder"]
 
 HALVINGS = 8
 """The three convolutions make patches smaller by this factor, and the decoder's larger by it."""
+DARKEST = 0.02
+"""Values of the last patch are brought into this distance from 0 and 1 before the decoder changes them."""
 
 
 class PatchDecoder(nn.Module):
-    """Hidden states (..., hidden) -> patches (..., 4, cells, cells) in 0-1, by three transposed convolutions."""
+    """Hidden states and the last patches -> the next patches, by three transposed convolutions."""
 
     def __init__(self, config: PatchModelConfig) -> None:
         super().__init__()
@@ -37,11 +39,11 @@ class PatchDecoder(nn.Module):
             layers += [nn.ConvTranspose2d(inputs, outputs, 4, stride=2, padding=1), nn.ReLU()]
         self.convolutions = nn.Sequential(*layers, nn.ConvTranspose2d(first, PATCH_CHANNELS, 4, stride=2, padding=1))
 
-    def forward(self, hidden: Tensor) -> Tensor:
-        """Decode each object: (..., hidden) -> (..., 4, cells, cells) in 0-1."""
+    def forward(self, hidden: Tensor, last: Tensor) -> Tensor:
+        """Decode each object: (..., hidden) and last patches (..., 4, cells, cells) in 0-1 -> next patches, alike."""
         maps = self.start(hidden).view(-1, self.channels, self.side, self.side)
-        patches: Tensor = self.convolutions(maps).float().sigmoid().unflatten(0, hidden.shape[:-1])
-        return patches
+        change = self.convolutions(maps).float().unflatten(0, hidden.shape[:-1])
+        return (change + last.float().clamp(DARKEST, 1 - DARKEST).logit()).sigmoid()
 
 
 class ImageModel(PatchNetwork):
@@ -50,8 +52,10 @@ class ImageModel(PatchNetwork):
     Relations carry a state over the propagation steps.
 
     Differs from the paper: images show the object alone (image times mask), so that a removed object leaves no pixels in the
-    patches of others; a relation sees the receiver's patches, and the sender's as they lie around the receiver; the change of
-    the box is predicted beside the next patch; the relation predictor also predicts the collisions of the window's steps.
+    patches of others; a relation sees the receiver's patches, and the sender's as they lie around the receiver; position,
+    motion, material and shape are constant channels, as in the paper, and join the convolutions' output as well; the decoder
+    draws the change of the last patch; the change of the box is predicted beside the next patch; the relation predictor also
+    predicts the collisions of the window's steps.
     """
 
     def __init__(self, config: PatchModelConfig) -> None:
@@ -61,10 +65,10 @@ class ImageModel(PatchNetwork):
                 f"patch_cells: expected a multiple of {HALVINGS} for a network on images, got {config.patch_cells}"
             )
         seen, steps = PATCH_CHANNELS * config.window, 2 * (config.window - 1)
-        own = seen + 2 * config.window + 2 + steps + STATIC_FEATURES
-        pair = 2 * seen + 2 * config.window + steps + 2 * STATIC_FEATURES
-        self.object_encoder = PatchEncoder(own, 0, config)
-        self.relation_encoder = PatchEncoder(pair, 0, config)
+        own = 4 * config.window + steps + STATIC_FEATURES
+        pair = 2 * config.window + steps + 2 * STATIC_FEATURES
+        self.object_encoder = PatchEncoder(seen + own, own, config)
+        self.relation_encoder = PatchEncoder(2 * seen + pair, pair, config)
         self.network = PropNet(
             nn.Identity(),
             nn.Identity(),
@@ -96,22 +100,23 @@ class ImageModel(PatchNetwork):
         kinds = [static[:, :, None].expand(-1, -1, n, -1), static[:, None].expand(-1, n, -1, -1)]
         own = patches.flatten(2, 3)
         both = torch.cat([own[:, :, None].expand(-1, -1, n, -1, -1, -1), self._around_receivers(centre, patches)], 3)
-        of_object = torch.cat([centre.flatten(2), boxes[:, :, -1, 2:], motion, static], -1)
+        of_object = torch.cat([boxes.flatten(2), motion, static], -1)
         of_pair = torch.cat([apart, motion[:, None] - motion[:, :, None], *kinds], -1)
-        objects = self.object_encoder(_with_channels(own, of_object), of_object[..., :0])
-        pairs = self.relation_encoder(_with_channels(both, of_pair), of_pair[..., :0])
+        objects = self.object_encoder(_with_channels(own, of_object), of_object)
+        pairs = self.relation_encoder(_with_channels(both, of_pair), of_pair)
         outputs, collision = self.network(objects, pairs, exists)
-        inertia = boxes[:, :, -1] - boxes[:, :, -2]
+        inertia = F.pad(centre[:, :, -1] - centre[:, :, -2], (0, 2))  # sizes stay
         following = boxes[:, :, -1] + inertia + outputs[..., :4].float() * STEP_SCALE
-        return following, self.decoder(outputs[..., 4:].relu()), (collision + collision.transpose(1, 2)) / 2
+        drawn = self.decoder(outputs[..., 4:].relu(), patches[:, :, -1])
+        return following, drawn, (collision + collision.transpose(1, 2)) / 2
 
     def _around_receivers(self, centre: Tensor, patches: Tensor) -> Tensor:
-        """(B, N, N, window * 4, cells, cells): the sender's patches as they lie in the receiver's present one."""
+        """(B, N, N, window * 4, cells, cells): the sender's patches as they lie in the receiver's of the same sample."""
         b, n, window = patches.shape[:3]
         cells, cell_px = self.config.patch_cells, self.config.cell_px
         scale = torch.tensor(BOX_SCALE[:2], device=centre.device)
         # Position of the receiver's patch in that of the sender, in halves of a patch.
-        shift = (centre[:, :, None, -1:] - centre[:, None]) * scale / (cells * cell_px / 2)
+        shift = (centre[:, :, None] - centre[:, None]) * scale / (cells * cell_px / 2)
         middles = (torch.arange(cells, device=centre.device) + 0.5) / cells * 2 - 1
         grid = torch.stack(torch.meshgrid(middles, middles, indexing="xy"), -1)
         places = grid + shift.flatten(0, 3)[:, None, None]

@@ -85,9 +85,13 @@ def _patch(
     frame: NDArray[np.uint8], mask: NDArray[np.uint8], centre: NDArray[Any], config: PatchModelConfig
 ) -> NDArray[np.uint8]:
     """(4, cells, cells) around a position (column, row); outside the image everything is 0."""
-    image = np.concatenate([frame * mask[..., None], mask[..., None] * np.uint8(MAX_VALUE)], -1)
     side = round(config.patch_cells * config.cell_px)
-    move = np.array([[1.0, 0.0, side / 2 - centre[0]], [0.0, 1.0, side / 2 - centre[1]]])
+    low = np.floor(centre - side / 2).astype(int) - 1
+    left, top = np.clip(low, 0, (WIDTH_PX - 1, HEIGHT_PX - 1)).tolist()
+    right, bottom = np.clip(low + side + 3, (left + 1, top + 1), (WIDTH_PX, HEIGHT_PX)).tolist()
+    around, covered = frame[top:bottom, left:right], mask[top:bottom, left:right, None]
+    image = np.concatenate([around * covered, covered * np.uint8(MAX_VALUE)], -1)
+    move = np.array([[1.0, 0.0, left + side / 2 - centre[0]], [0.0, 1.0, top + side / 2 - centre[1]]])
     cut = cv2.warpAffine(image, move, (side, side), borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 0))
     cells = cv2.resize(cut, (config.patch_cells, config.patch_cells), interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(np.asarray(cells, np.uint8).transpose(2, 0, 1))
