@@ -86,6 +86,18 @@ def test_the_most_frequent_answers_are_those_of_the_training_questions(experimen
     assert after["descriptive"]["accuracy"] < before["descriptive"]["accuracy"]
 
 
+def test_a_question_type_baseline_answers_the_questions_of_its_neighbours(experiment, tmp_path) -> None:
+    text = experiment.read_text()
+    experiment.write_text(text.replace("source: scenes}", "source: scenes, types: [descriptive]}"))
+    run_experiment(experiment, tmp_path / "results")
+    truth, guess, _ = json.loads((tmp_path / "results" / "example.json").read_text())["rows"]
+    assert guess["table"]["descriptive"]["n"] == truth["table"]["descriptive"]["n"]
+    assert guess["table"]["counterfactual"]["n_questions"] == truth["table"]["counterfactual"]["n_questions"] == 0
+    experiment.write_text(text.replace(f"questions: {QUESTIONS}, data: {tmp_path}/data", "root: CLEVRER"))
+    with pytest.raises(DataError, match="row 'guess': root: a Q-type row reads a question file; give questions"):
+        read_experiment(experiment)
+
+
 def test_the_docs_show_the_tables_as_they_were_measured() -> None:
     root = Path(__file__).parent.parent
     page = "".join((root / "docs" / name).read_text() for name in ("results.md", "interventions.md"))

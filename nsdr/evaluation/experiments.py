@@ -22,7 +22,7 @@ from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
 from nsdr.evaluation.calibration import calibration_text
 from nsdr.evaluation.halves import blind_text
-from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation
+from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
 from nsdr.evaluation.score import first_failure, score_answers
 from nsdr.io.configuration import config_of
 from nsdr.io.files import atomic_path, write_json
@@ -123,6 +123,8 @@ def _row(common: dict[str, Any], row: Any) -> ExperimentRow:
         if {"train", "trained"} & set(row):
             return _trained_row(name, common, {k: v for k, v in row.items() if k != "name"})
         if baseline:  # reads no scenes
+            if "root" in values:
+                raise DataError("root: a Q-type row reads a question file; give questions in its place")
             values.setdefault("data", values.get("questions", ""))
         return ExperimentRow(name, config_of(EvaluationConfig, values), baseline, training)
     except DataError as e:
@@ -222,7 +224,8 @@ def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[
 
 
 def _baseline(config: EvaluationConfig, row: ExperimentRow) -> dict[str, Any]:
-    scenes = [s for s in read_questions(config.questions) if s.scene_index not in set(config.exclude)]
+    listed, _ = selected_questions(config)
+    scenes = [replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed]
     training = read_questions(row.training) if row.training else None
     try:
         return score_answers(q_type_answers(scenes, row.baseline, training=training))
