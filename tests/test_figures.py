@@ -57,7 +57,13 @@ def test_the_curve_has_a_line_for_each_question_type() -> None:
 def test_training_curves_show_the_loss_of_each_run(tmp_path, capsys) -> None:
     lines = [{"step": 20, "loss": 1.5}, {"step": 30, "found": 0.4}, {"step": 40, "loss": 0.5}]
     (axes,) = training_curves({"mac": lines}).axes
-    assert [tuple(point) for point in axes.lines[0].get_xydata()] == [(20, 1.5), (40, 0.5)]
+    smoothed, logged = axes.lines
+    assert [tuple(point) for point in logged.get_xydata()] == [(20, 1.5), (40, 0.5)]
+    assert [tuple(point) for point in smoothed.get_xydata()] == [(20, 1.5), (40, 0.5)]  # too few to smooth
+    steps = [{"step": step, "loss": float(step >= 50)} for step in range(100)]
+    assert training_curves({"mac": steps}).axes[0].lines[0].get_ydata()[[0, 42, 50, 57, 99]].tolist() == pytest.approx(
+        [0, 0, 8 / 15, 1, 1]
+    )
     for name, content in (("mac", "".join(f"{json.dumps(line)}\n" for line in lines)), ("iep", "[]\n")):
         (tmp_path / name).mkdir()
         (tmp_path / name / "metrics.jsonl").write_text(content)
