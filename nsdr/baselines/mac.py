@@ -18,6 +18,7 @@ Differs from the paper:
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -83,13 +84,13 @@ class Mac(Baseline):
         videos, frames = batch.maps.shape[:2]
         cells = self.stem(batch.maps.flatten(0, 1)).flatten(2).transpose(1, 2).unflatten(0, (videos, frames))
         time = time_encoding(frames, self.reasoning.width, cells)
-        summaries = (cells.mean(2) + time)[batch.video]
+        summaries = self.over_frames.projected(cells.mean(2) + time).of(batch.video)
         of_texts = (cells + time[:, None]).flatten(2)[batch.video]
 
         def read(control: Tensor, memory: Tensor) -> Tensor:
             frame_weights = self.over_frames(control, memory, summaries)
             latent = torch.bmm(frame_weights[:, None], of_texts).unflatten(2, cells.shape[2:])[:, 0]
-            return _weighted(self.over_cells(control, memory, latent), latent)
+            return _weighted(self.over_cells(control, memory, self.over_cells.projected(latent)), latent)
 
         return self.reasoning(batch.words, read)
 
@@ -121,11 +122,12 @@ class MacObjects(Baseline):
         assert batch.has_object is not None
         objects = self.stem(batch.objects)
         objects = objects + time_encoding(objects.shape[1], self.reasoning.width, objects)[:, None]
-        of_texts = objects.flatten(1, 2)[batch.video]
+        objects = objects.flatten(1, 2)
+        of_texts, projected = objects[batch.video], self.over_objects.projected(objects).of(batch.video)
         mask = batch.has_object.flatten(1)[batch.video]
         return self.reasoning(
             batch.words,
-            lambda control, memory: _weighted(self.over_objects(control, memory, of_texts, mask), of_texts),
+            lambda control, memory: _weighted(self.over_objects(control, memory, projected, mask), of_texts),
         )
 
 
@@ -134,20 +136,36 @@ def _weighted(weights: Tensor, items: Tensor) -> Tensor:
     return torch.bmm(weights[:, None], items)[:, 0]
 
 
+class _Projected(NamedTuple):
+    """What a read unit needs of its items in every step: `item` and `kept`, both (..., K, W)."""
+
+    item: Tensor
+    kept: Tensor
+
+    def of(self, rows: Tensor) -> "_Projected":
+        """Those of some rows (B,) of the first axis."""
+        return _Projected(self.item[rows], self.kept[rows])
+
+
 class _ReadAttention(nn.Module):
     """Attention of MAC's read unit: which items fit the control, given the memory."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
+        self.width = width
         self.memory = nn.Linear(width, width)
         self.item = nn.Linear(width, width)
         self.join = nn.Linear(2 * width, width)
         self.score = nn.Linear(width, 1)
 
-    def forward(self, control: Tensor, memory: Tensor, items: Tensor, mask: Tensor | None = None) -> Tensor:
+    def projected(self, items: Tensor) -> _Projected:
+        """Items (..., K, W), as far as they are the same in every step: projected, and their share of the joined features."""
+        return _Projected(self.item(items), F.linear(items, self.join.weight[:, self.width :], self.join.bias))
+
+    def forward(self, control: Tensor, memory: Tensor, items: _Projected, mask: Tensor | None = None) -> Tensor:
         """Control and memory (B, W), items (B, K, W), mask (B, K) -> weights (B, K)."""
-        interaction = self.memory(memory)[:, None] * self.item(items)
-        joined = F.elu(self.join(torch.cat([interaction, items], 2)))
+        interaction = self.memory(memory)[:, None] * items.item
+        joined = F.elu(F.linear(interaction, self.join.weight[:, : self.width]) + items.kept)
         scores = self.score(F.elu(control[:, None] * joined))[..., 0]
         return scores.softmax(1) if mask is None else masked_softmax(scores, mask)
 
