@@ -1,7 +1,9 @@
 """Whole folders of videos."""
 
 import json
+import re
 import shutil
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -188,6 +190,13 @@ def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, 
     assert "source scenes needs no pipeline: --truth_source would do nothing" in capsys.readouterr().err
 
 
+def test_every_setting_of_an_evaluation_is_an_option(capsys) -> None:
+    assert main(["evaluate", "--help"]) == 0
+    words = set(re.findall(r"--[\w-]+", capsys.readouterr().out))
+    missing = {f.name for f in fields(EvaluationConfig)} - {word[2:].replace("-", "_") for word in words}
+    assert not missing
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -196,6 +205,8 @@ def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, 
         (["--source", "truth", "--collisions", "velocity"], "needs --semantics official"),
         (["--source", "truth", "--semantics", "official"], "runs on predictions, not on truth"),
         (["--source", "truth", "--truth", "x"], "truth_source and truth go together"),
+        (["--source", "truth", "--videos", "x"], "videos goes with --source proposals"),
+        (["--source", "proposals", "--videos", "x"], "videos would do nothing: dynamics 'physics' reads no images"),
         (["--source", "truth", "--every", "0"], "0 does not conform to restriction v>0"),
         (["--source", "truth", "--set", "tracker.score"], "expected key=value"),
         (["--source", "truth", "--split", "train"], "split train is of --root and does nothing without it"),

@@ -18,7 +18,9 @@ def evaluate(options: Any) -> int:
 
     names = {f.name for f in fields(EvaluationConfig)}
     config = EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names})
-    inputs = [path for path in (config.questions, config.data, config.truth, *config.program_files()) if path]
+    inputs = [
+        path for path in (config.questions, config.data, config.videos, config.truth, *config.program_files()) if path
+    ]
     if options.output is not None:
         check_output(options.output, [".json"], inputs)
     if options.submission is not None:

@@ -202,6 +202,7 @@ def evaluate_options(commands: Commands) -> None:
         "--source", required=True, help="what scenes are made from: videos, proposals, tracks, … or an installed source"
     )
     add("--data", default="", help="folder of these files (or one compact file)")
+    add("--videos", default="", help="folder of the videos of --data's proposals, for --dynamics that reads images")
     add("--root", default="", help="folder in the official layout, in place of --questions and --data")
     add("--split", default="validation", choices=SPLITS, help="of --root")
     add("--programs", default="parsed", help="parsed, gold, or the released parser's JSON files, separated by commas")
