@@ -22,8 +22,8 @@ __all__ = ["ImageModel", "PatchDecoder"]
 
 HALVINGS = 8
 """The three convolutions make patches smaller by this factor, and the decoder's larger by it."""
-DARKEST = 0.02
-"""Values of the last patch are brought into this distance from 0 and 1 before the decoder changes them."""
+DARKEST = 1 / 255
+"""Values of the last patch are brought this far from 0 and 1, a step of 8-bit colours, before the decoder changes them."""
 
 
 class PatchDecoder(nn.Module):
