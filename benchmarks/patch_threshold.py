@@ -1,0 +1,42 @@
+"""Scores of observed collisions by `collision_threshold`, of the paper's networks on patches.
+
+`python benchmarks/patch_threshold.py --checkpoint runs/dynamics_paper/checkpoint --config configs/dynamics/paper.yaml`
+
+The scenes are those that the training of CONFIG leaves out. Patches of images are read from the run's folder, or made there.
+Other options are those of `nsdr train dynamics`, such as `--proposals FILE --truth FILE --run_dir FOLDER`.
+"""
+
+import argparse
+from dataclasses import replace
+
+from nsdr.dynamics.metrics import collision_scores
+from nsdr.dynamics.propnet.image_predictor import ImagePredictor
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.training.image_dynamics import ImageModelTask
+from nsdr.training.patch_dynamics import PatchModelTask
+from nsdr.training.run_folder import parse_training
+from nsdr.training.track_task import DynamicsTraining
+
+THRESHOLDS = [round(0.05 * k, 2) for k in range(1, 20)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--checkpoint", required=True, help="folder of the trained network")
+    options, others = parser.parse_known_args()
+    config = parse_training(DynamicsTraining, others, "dynamics")
+    on_images = config.network == "paper_images"
+    task = ImageModelTask(config) if on_images else PatchModelTask(config)
+    predictor = (ImagePredictor if on_images else PatchPredictor).from_checkpoint(options.checkpoint)
+    scenes = [task.states(i) for i in range(len(task.held_out))]
+    print(f"{len(scenes)} scenes, {sum(len(events) for _, events in scenes)} collisions")
+    for threshold in THRESHOLDS:
+        predictor.config = replace(predictor.config, collision_threshold=threshold)
+        scores = collision_scores([(predictor.observed_collisions(states), events) for states, events in scenes])
+        print(
+            f"{threshold:.2f}: " + ", ".join(f"{name.removeprefix('collision_')} {x:.3f}" for name, x in scores.items())
+        )
+
+
+if __name__ == "__main__":
+    main()
