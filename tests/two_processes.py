@@ -3,11 +3,12 @@
 torchrun --standalone --nproc_per_node 2 tests/two_processes.py PROPOSALS TRUTH OUTPUT BATCH_SIZE
 """
 
+import os
 import sys
 from pathlib import Path
 
 import torch
-from accelerate import Accelerator, PartialState
+from accelerate import Accelerator
 
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.state_model import StateModelConfig
@@ -21,10 +22,11 @@ from nsdr.training.track_task import DynamicsTraining
 
 def main(proposals: str, truth: str, output: str, batch_size: str) -> None:
     """Train three small networks and write `NETWORK_RANK.pt` for each."""
-    rank = PartialState(cpu=True).process_index
+    rank = os.environ.get("RANK", "0")
+    device = "cpu" if torch.cuda.is_available() else "auto"
     for name in ("state", "paper", "question_parser"):
         run = f"{output}/{name}"
-        loop = LoopConfig(steps=2, batch_size=int(batch_size), optimizer="sgd", learning_rate=0.1, device="cpu")
+        loop = LoopConfig(steps=2, batch_size=int(batch_size), optimizer="sgd", learning_rate=0.1, device=device)
         task: Task
         if name == "question_parser":
             small = QuestionParserConfig(embedding=8, hidden=16, max_tokens=5)

@@ -302,7 +302,8 @@ def train_part(
 
 def _accelerator(config: LoopConfig) -> Accelerator:
     """Moves models to the device, casts and synchronises gradients."""
-    if int(os.environ.get("WORLD_SIZE", "1")) > 1:
+    several = int(os.environ.get("WORLD_SIZE", "1")) > 1
+    if several:
         if config.device not in ("auto", "cpu"):
             raise DataError(f"device is {config.device!r}; expected auto or cpu with several processes")
         here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
@@ -320,7 +321,9 @@ def _accelerator(config: LoopConfig) -> Accelerator:
         if config.precision == "bf16" and device.type == "cpu" and not has_bfloat16():
             raise DataError("precision is 'bf16', which this processor lacks (no AVX-512); expected no or auto")
     unused = DistributedDataParallelKwargs(find_unused_parameters=True)
-    return Accelerator(mixed_precision=_mixed_precision(config), cpu=config.device == "cpu", kwargs_handlers=[unused])
+    # Unless it is told so, Accelerate takes each of several processes without a GPU for the only one.
+    on_cpu = config.device == "cpu" or (several and not torch.cuda.is_available())
+    return Accelerator(mixed_precision=_mixed_precision(config), cpu=on_cpu, kwargs_handlers=[unused])
 
 
 def _mixed_precision(config: LoopConfig) -> str:
