@@ -34,6 +34,8 @@ TWO_REDS = "the red metal cube and the red rubber sphere"
         ("unseen_events objects filter_collision unique", "the collision after the video"),
         (f"events {BLUE} filter_collision unique {BLUE} get_col_partner",
          "the other object of the collision of the blue object"),
+        (f"objects {BLUE} query_shape filter_shape red filter_color unique",
+         "the red object with the shape of the blue object"),
     ],
 )  # fmt: skip
 def test_noun_phrases(program: str, phrase: str) -> None:

@@ -1,12 +1,13 @@
+import contextlib
 import copy
 import pickle
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from nsdr import Program, ProgramError
+from nsdr import ExecutionError, Executor, Program, ProgramError, narrate
 from nsdr.symbolic import MODULES, Kind
 from nsdr.symbolic.modules import ALL_WORDS, DISPATCH
 from nsdr.symbolic.reference import extension_page, reference_page
@@ -146,6 +147,20 @@ def test_pickling_and_copying_keep_a_program(tokens: list[str]) -> None:
         assert twin == program
         assert hash(twin) == hash(program)
         assert twin.result == program.result
+
+
+RED_CUBE = ["objects", "red", "filter_color", "cube", "filter_shape", "unique"]
+
+
+@given(st.sampled_from([Kind.NUMBER, Kind.BOOLEAN]).flatmap(lambda k: programs(k)))
+@example(["objects", *RED_CUBE, "query_shape", "filter_shape", "count"])
+@example(["objects", *RED_CUBE, "query_shape", "filter_shape", "green", "filter_color", "unique", "query_color"])
+@example([*RED_CUBE, "counterfact_events", "exist"])
+@settings(deadline=None, max_examples=200, suppress_health_check=list(HealthCheck))
+def test_every_program_is_told_in_words_or_refused_in_words(executor: Executor, tokens: list[str]) -> None:
+    with contextlib.suppress(ExecutionError):
+        answer = executor.answer(tokens)
+        assert narrate(answer, executor.scene).endswith(f"<answer>{answer.answer}</answer>")
 
 
 def test_questions_that_judge_a_choice_can_be_pickled() -> None:

@@ -58,7 +58,7 @@ def _objects(steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> C
             if motion or trace[step.inputs[0]].kind != Kind.OBJECTS:
                 return None
             motion, frame = MOTION_FILTERS[step.token], trace[step.inputs[1]].value
-        elif step.token not in OBJECT_FILTERS:
+        elif step.token not in OBJECT_FILTERS or steps[step.inputs[1]].inputs:
             return None
         index = step.inputs[0]
     return CountedSet(words, motion, frame=frame) if steps[index].token == "objects" else None
@@ -71,7 +71,7 @@ def _events(steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Co
     relation, frame = "", None
     while steps[index].inputs:
         step = steps[index]
-        source, argument = step.inputs
+        argument = step.inputs[-1]
         if step.token in EVENT_FILTERS:
             kinds.add(EVENT_FILTERS[step.token])
             if trace[argument].kind == Kind.OBJECT:
@@ -82,7 +82,7 @@ def _events(steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Co
             relation, frame = step.token.removeprefix("filter_"), trace[argument].value.frame
         else:
             return None
-        index = source
+        index = step.inputs[0]
     later = steps[index].token == "unseen_events"
     if len(kinds) != 1 or not (later or steps[index].token == "events") or (later and relation):
         return None

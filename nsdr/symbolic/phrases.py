@@ -21,14 +21,17 @@ COMPARISONS = {f"get_{word}": word for word in ("faster", "slower", "heavier", "
 
 
 def attribute_words(steps: Sequence[Step], index: int) -> tuple[str, ...]:
-    """Attribute words of the filters that gave a step's set of objects, in the order color, material, shape."""
+    """Attribute words of the filters that gave a step's set of objects, in the order color, material, shape.
+
+    Filters by the attribute of another object, which a program looks up, have no word.
+    """
     words = []
     while steps[index].token in (*OBJECT_FILTERS, *MOTION_FILTERS, "unique"):
         if steps[index].token in OBJECT_FILTERS:
             words.append(steps[steps[index].inputs[1]].token)
         index = steps[index].inputs[0]
     order = [word for values in ATTRIBUTES.values() for word in values]
-    return tuple(sorted(words, key=order.index))
+    return tuple(sorted((word for word in words if word in order), key=order.index))
 
 
 def indefinite(noun: str) -> str:
@@ -81,6 +84,8 @@ def _objects(steps: Sequence[Step], index: int) -> str:
         if step.token in MOTION_FILTERS:
             motion += MOTION_FILTERS[step.token] + " "
             clause += _time_clause(steps, step.inputs[1])
+        elif step.token in OBJECT_FILTERS and (of := steps[step.inputs[1]].inputs):
+            clause += f" with the {step.token.removeprefix('filter_')} of {noun_phrase(steps, of[0])}"
         index = step.inputs[0]
     return motion + noun + clause
 
