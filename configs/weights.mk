@@ -12,13 +12,16 @@ MOTION := --proposals $(DATA)/real/proposals_train.npz --truth $(DATA)/real/trut
 FRAMES := --frames $(DATA)/frames
 run = $(NSDR) train $(1) --config configs/$(2).yaml --run_dir $(WEIGHTS)/$(3) $(4) $(TRY)
 
-.PHONY: weights weights-frame-parser weights-dynamics weights-dynamics-paper weights-collisions weights-question-parser
+PARTS := $(addprefix weights-,frame-parser dynamics dynamics-paper dynamics-images collisions question-parser)
 
-weights: weights-frame-parser weights-dynamics weights-dynamics-paper weights-collisions weights-question-parser
+.PHONY: weights $(PARTS)
+
+weights: $(PARTS)
 
 weights-frame-parser: $(WEIGHTS)/default/frame_parser.json
 weights-dynamics: $(WEIGHTS)/default/dynamics.json
 weights-dynamics-paper: $(WEIGHTS)/dynamics_paper/dynamics.json
+weights-dynamics-images: $(WEIGHTS)/dynamics_paper_images/dynamics.json
 weights-collisions: $(WEIGHTS)/default/collisions.json
 weights-question-parser: $(WEIGHTS)/default/question_parser.json
 
@@ -42,6 +45,12 @@ $(WEIGHTS)/paper_fast_second/checkpoint/dynamics.json: $(WEIGHTS)/paper_fast/che
 
 $(WEIGHTS)/dynamics_paper/dynamics.json: $(WEIGHTS)/paper_fast/checkpoint/dynamics.json $(WEIGHTS)/paper_fast_second/checkpoint/dynamics.json
 	$(NSDR) train average $(^D) --part dynamics --output $(@D)
+
+$(WEIGHTS)/images/statistics.md:
+	$(NSDR) generate dataset --config configs/generate/preview.yaml -o $(@D) --videos $(or $(STEPS),400) --splits '{"train": 1}'
+
+$(WEIGHTS)/dynamics_paper_images/dynamics.json: $(WEIGHTS)/images/statistics.md
+	$(call run,dynamics,dynamics/paper,paper_images,--data $(<D) --output $(@D))
 
 $(WEIGHTS)/default/collisions.json:
 	$(call run,collisions,dynamics/collisions,collisions,$(MOTION) --output $(@D))

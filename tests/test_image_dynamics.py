@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import CheckpointError, DataError, VideoError
+from nsdr import DataError, VideoError
 from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
@@ -310,11 +310,16 @@ def test_an_evaluation_gives_the_videos_of_proposals_to_a_backend_on_images(root
         EvaluationConfig(**common, source="videos", videos=videos)
 
 
-def test_without_weights_the_backend_says_how_to_get_some() -> None:
-    with pytest.raises(
-        CheckpointError, match=r"'paper_images': no weights ship; train them .configs/dynamics/paper\.yaml"
-    ):
-        load_backend(find_checkpoint(), "paper_images")
+def test_the_shipped_weights_stand_for_the_default_checkpoint(root) -> None:
+    backend = load_backend(find_checkpoint(), "paper_images")
+    assert isinstance(backend, ImagePredictor)
+    assert (backend.config.hidden, backend.config.patch_cells) == (512, 24)
+    assert checkpoint_folders(find_checkpoint(), backend_settings("paper_images"))[1:] == [
+        find_checkpoint("dynamics_paper_images")
+    ]
+    video, proposals, tracks, _ = scene(root)
+    prediction = backend.predict(tracks, None, VideoPixels(read_frames(video), proposals))
+    assert prediction.observed.location_world.shape == (2, 180, 2)
 
 
 def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:

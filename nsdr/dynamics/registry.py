@@ -8,7 +8,7 @@ from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.physics.predictor import CollisionDetector, PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.track_smoothing import SmoothingConfig
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
-from nsdr.errors import CheckpointError, DataError
+from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.limits import limits
@@ -25,10 +25,8 @@ __all__ = [
     "load_backend",
 ]
 
-PATCH_CHECKPOINT = "dynamics_paper"
-"""Checkpoint of the paper's network, beside `default`."""
-PATCH_BACKENDS = ("paper", "paper_images")
-"""Backends whose network sees patches."""
+PATCH_CHECKPOINTS = {"paper": "dynamics_paper", "paper_images": "dynamics_paper_images"}
+"""Backends whose network sees patches, and the shipped checkpoint of each beside `default`."""
 READ_NO_IMAGES = ("physics", "state", "paper")
 """Backends that see the tracks alone."""
 COLLISIONS = ("predicted", "velocity")
@@ -41,7 +39,7 @@ class BackendConfig:
     Attributes:
         backend: a name in `BACKENDS`: "physics" (a simulator fitted to the tracks), "state" (PropNet on ground-plane states),
             "paper" (PropNet on patches), "paper_images" (PropNet on patches of images; videos only), or one of another package.
-        weights: folder of the trained network, for "paper" and "paper_images"; "" for the checkpoint's, or the shipped one's.
+        weights: folder of the trained network, for "paper" and "paper_images"; "" for the checkpoint's, or the shipped ones.
         shortcut: objects that a removal cannot influence keep their observed motion (not for "paper" and "paper_images").
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
         collisions: "predicted", or "velocity" for collisions from changes of velocity alone (NE).
@@ -122,11 +120,6 @@ def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
 def _paper_images(folder: Path, config: BackendConfig) -> DynamicsBackend:
     from nsdr.dynamics.propnet.image_predictor import ImagePredictor
 
-    if not config.weights and folder.resolve() == find_checkpoint().resolve():
-        raise CheckpointError(
-            "dynamics 'paper_images': no weights ship; train them (configs/dynamics/paper.yaml), and name their folder as in "
-            "configs/dynamics/variants/paper_images.yaml"
-        )
     options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
     return ImagePredictor.from_checkpoint(_patch_folder(folder, config), **options)
 
@@ -134,20 +127,20 @@ def _paper_images(folder: Path, config: BackendConfig) -> DynamicsBackend:
 def _patch_folder(folder: Path, config: BackendConfig) -> Path:
     """Where the weights of a network on patches are: of `config`, else of the checkpoint.
 
-    For "paper", the shipped `dynamics_paper` stands for `default`. Weights of the network on images are not shipped.
+    The shipped checkpoint of the backend stands for `default`.
     """
     if config.weights:
         return find_checkpoint(config.weights)
-    is_default = config.backend == "paper" and folder.resolve() == find_checkpoint().resolve()
-    return find_checkpoint(PATCH_CHECKPOINT) if is_default else folder
+    is_default = folder.resolve() == find_checkpoint().resolve()
+    return find_checkpoint(PATCH_CHECKPOINTS[config.backend]) if is_default else folder
 
 
 def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> DynamicsBackend:
     """A dynamics backend with its weights.
 
     Args:
-        folder: the checkpoint with `dynamics.safetensors`; for "paper" and the folder of `default`, the shipped
-            `dynamics_paper` is read instead.
+        folder: the checkpoint with `dynamics.safetensors`; for "paper" and "paper_images" and the folder of `default`, the
+            shipped `dynamics_paper` and `dynamics_paper_images` are read instead.
         settings: a backend's name, a YAML file of a `BackendConfig`, or one.
 
     Raises:
@@ -169,11 +162,11 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
         config = BackendConfig(str(settings))
     if config.backend not in BACKENDS.names():
         raise DataError(f"dynamics backend {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
-    if config.backend in PATCH_BACKENDS and not config.shortcut:
+    if config.backend in PATCH_CHECKPOINTS and not config.shortcut:
         raise DataError(f"shortcut: false does nothing with dynamics {config.backend!r}, which has no shortcut")
-    if config.weights and config.backend not in PATCH_BACKENDS:
+    if config.weights and config.backend not in PATCH_CHECKPOINTS:
         raise DataError(f"weights: does nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
-    if config.backend in ("state", *PATCH_BACKENDS) and config.physics != PhysicsConfig():
+    if config.backend in ("state", *PATCH_CHECKPOINTS) and config.physics != PhysicsConfig():
         raise DataError(f"settings of physics do nothing with dynamics {config.backend!r}; leave them out")
     if config.collisions != "velocity" and config.velocity != VelocityConfig():
         raise DataError("settings of velocity do nothing without collisions: velocity; add it, or leave them out")
@@ -182,5 +175,5 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
 
 def checkpoint_folders(folder: Path, config: BackendConfig) -> list[Path]:
     """Folders whose weights a pipeline with this backend uses."""
-    patches = [_patch_folder(folder, config)] if config.backend in PATCH_BACKENDS else []
+    patches = [_patch_folder(folder, config)] if config.backend in PATCH_CHECKPOINTS else []
     return [*dict.fromkeys([folder, *patches])]

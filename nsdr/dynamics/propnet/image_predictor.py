@@ -34,6 +34,7 @@ class ImagePredictor(PatchPredictor):
 
     reads_images = True
     built_from = (PatchModelConfig, ImageModel)
+    default_checkpoint = "dynamics_paper_images"
 
     @limit_threads(1)
     def predict(
