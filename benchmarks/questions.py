@@ -3,7 +3,7 @@
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
 refused; `also` lists other programs that are right. Prints, for each file and kind, the shares that are right, refused, and
 accepted and wrong, and those of the texts that must be refused, with 95 % intervals. Three sets ship:
-`benchmarks/questions_by_hand.json` and `nsdr/question_parser/grammar/paraphrases.json` were used to tune the rules;
+`benchmarks/questions_by_hand.json` and `nsdr/language/paraphrases.json` were used to tune the rules;
 `benchmarks/questions_blind.json` was written by someone who had not seen the parser, and nobody who tunes it may read it.
 """
 

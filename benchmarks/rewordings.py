@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
+from nsdr.language.templates import TEXT_KINDS, sample
 
 __all__ = ["drawn_rows", "paraphrased"]
 

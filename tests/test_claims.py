@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from nsdr import Answer, DataError, Event, ExecutionError, Scene, SceneObject, minimal_pairs, narrate, verify
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions

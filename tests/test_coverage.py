@@ -6,8 +6,8 @@ import warnings
 import pytest
 
 from nsdr import DataError, ProgramError, QuestionError
+from nsdr.language.templates import TEXT_KINDS, sample
 from nsdr.question_parser.coverage import check_coverage, check_text
-from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Program
 

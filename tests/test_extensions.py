@@ -27,10 +27,10 @@ from nsdr.generate.questions.selection import QuestionConfig, find_candidates, g
 from nsdr.generate.records import annotation_document, truth_document
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
+from nsdr.language import extension_templates as templates
+from nsdr.language.templates import described, every
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.question_parser.beyond import extension_readings
-from nsdr.question_parser.grammar import extension_templates as templates
-from nsdr.question_parser.grammar.templates import described, every
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace

@@ -5,10 +5,10 @@ import random
 import pytest
 
 from nsdr import QuestionError
-from nsdr.question_parser.grammar.lexicon import OTHER_WORDS
-from nsdr.question_parser.grammar.paraphrase import VOCABULARY, draw_wording
-from nsdr.question_parser.grammar.phrases import PHRASES
-from nsdr.question_parser.grammar.templates import TEXT_KINDS
+from nsdr.language.lexicon import OTHER_WORDS
+from nsdr.language.paraphrase import VOCABULARY, draw_wording
+from nsdr.language.phrases import PHRASES
+from nsdr.language.templates import TEXT_KINDS
 from nsdr.question_parser.normal import corrected, normal_form
 
 

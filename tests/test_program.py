@@ -3,8 +3,7 @@ import pickle
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 from nsdr import ExecutionError, Executor, Program, ProgramError, narrate
 from nsdr.symbolic import MODULES, Kind

@@ -3,12 +3,12 @@ import random
 import pytest
 import torch
 
-import nsdr.question_parser.grammar
+import nsdr.language
 from nsdr import CheckpointError, DataError, Program, QuestionError, QuestionParser
 from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
+from nsdr.language.paraphrase import VOCABULARY, read_paraphrases
+from nsdr.language.templates import TEXT_KINDS, sample
 from nsdr.question_parser.constraint import allowed, first_stack, following
-from nsdr.question_parser.grammar.paraphrase import VOCABULARY, read_paraphrases
-from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.parser import build_networks, pad
@@ -190,7 +190,7 @@ def test_a_parser_moves_to_a_device_or_says_why_not(parser: QuestionParser, tmp_
 
 
 def test_public_names_load_from_the_packages() -> None:
-    for package in (nsdr.question_parser, nsdr.question_parser.grammar):
+    for package in (nsdr.question_parser, nsdr.language):
         assert all(getattr(package, name) is not None for name in package.__all__)
         assert dir(package) == sorted(package.__all__)
         with pytest.raises(AttributeError, match="has no attribute 'nothing'"):

@@ -29,7 +29,7 @@ from nsdr.generate.questions.selection import (
 )
 from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.generate.records import truth_document
-from nsdr.question_parser.grammar.templates import Grammar, described, every
+from nsdr.language.templates import Grammar, described, every
 from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from nsdr.errors import CheckpointError, DataError
 from nsdr.io.limits import VARIABLE, Limits, check_limit, limits

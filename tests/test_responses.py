@@ -4,8 +4,7 @@ import json
 import time
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from nsdr.clevrer import Response, prompt, read_response, read_response_to, solution
 from nsdr.clevrer.questions import ANSWERS, Choice, Question

@@ -10,8 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from pycocotools import mask as rle
 
 from nsdr import DataError, Event, Rollout, Scene, SceneObject, VideoError, VideoProposals, load

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from nsdr import Program, ProgramError
+from nsdr.language.paraphrase import draw_wording, read_paraphrases
+from nsdr.language.rules import Rules, Slot, filled
+from nsdr.language.templates import TEXT_KINDS, sample
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.coverage import readings
-from nsdr.question_parser.grammar.paraphrase import draw_wording, read_paraphrases
-from nsdr.question_parser.grammar.rules import Rules, Slot, filled
-from nsdr.question_parser.grammar.templates import TEXT_KINDS, sample
 from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS
 from nsdr.question_parser.wording import in_words

@@ -2,8 +2,8 @@
 
 from functools import lru_cache
 
-from nsdr.question_parser.grammar.extensions import EXTENDED, EXTENSION_PHRASES, EXTENSION_SYMBOLS
-from nsdr.question_parser.grammar.rules import filled
+from nsdr.language.extensions import EXTENDED, EXTENSION_PHRASES, EXTENSION_SYMBOLS
+from nsdr.language.rules import filled
 from nsdr.question_parser.normal import normal_form
 
 __all__ = ["extension_readings"]

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 
 from nsdr.errors import ProgramError, QuestionError
 from nsdr.io.limits import check_limit
-from nsdr.question_parser.grammar.english import ENGLISH, START_SYMBOLS
-from nsdr.question_parser.grammar.rules import filled
+from nsdr.language.english import ENGLISH, START_SYMBOLS
+from nsdr.language.rules import filled
 from nsdr.question_parser.normal import Normal, normal_form
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.question_parser.wording import in_words

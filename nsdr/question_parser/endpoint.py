@@ -10,10 +10,10 @@ from functools import lru_cache
 from typing import Any, Self
 
 from nsdr.errors import ProgramError, QuestionError
+from nsdr.language.templates import TEXT_KINDS
 from nsdr.question_parser.chat_client import ChatClient
 from nsdr.question_parser.constraint import allowed
 from nsdr.question_parser.coverage import check_coverage, check_text
-from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.tokenizer import END
 from nsdr.symbolic.modules import MODULES, WORDS
 from nsdr.symbolic.program import Program

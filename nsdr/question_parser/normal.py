@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from nsdr.errors import QuestionError
-from nsdr.question_parser.grammar.english import ENGLISH
-from nsdr.question_parser.grammar.lexicon import (
+from nsdr.language.english import ENGLISH
+from nsdr.language.lexicon import (
     ADJECTIVES,
     CLAUSE_STARTS,
     FORMS,
@@ -21,8 +21,8 @@ from nsdr.question_parser.grammar.lexicon import (
     QUESTION_STARTS,
     SHORT_CORRECTABLE,
 )
-from nsdr.question_parser.grammar.phrases import PHRASES
-from nsdr.question_parser.grammar.rules import Slot
+from nsdr.language.phrases import PHRASES
+from nsdr.language.rules import Slot
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["Normal", "normal_form"]

@@ -13,9 +13,9 @@ from nsdr.errors import CheckpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.checkpoint import load_description, load_network
 from nsdr.io.pretrained import PretrainedPart
 from nsdr.io.threads import limit_threads
+from nsdr.language.templates import TEXT_KINDS
 from nsdr.question_parser.beyond import extension_readings
 from nsdr.question_parser.coverage import REMEDY, check_coverage, check_text, readings, refusal
-from nsdr.question_parser.grammar.templates import TEXT_KINDS
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer, split_words
@@ -26,7 +26,7 @@ __all__ = ["QuestionParser", "build_networks", "pad"]
 MIN_PROBABILITY = 0.5
 """Programs with a smaller probability are rejected (0-1): such a program is more probable than all others together. What a text
 says is checked by rules: with thresholds of 0 and of 0.5, `python benchmarks/questions.py benchmarks/questions_by_hand.json
-nsdr/question_parser/grammar/paraphrases.json --rules 400 --seed 1 --min_probability 0` prints the same, with 0.9 fewer are
+nsdr/language/paraphrases.json --rules 400 --seed 1 --min_probability 0` prints the same, with 0.9 fewer are
 right."""
 MAX_BATCH_TEXTS = 512
 """Largest number of texts in one forward pass."""

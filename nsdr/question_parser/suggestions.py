@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 from itertools import combinations
 
 from nsdr.errors import ExecutionError
-from nsdr.question_parser.grammar.templates import Chooser, Grammar, Pair, described, every
+from nsdr.language.templates import Chooser, Grammar, Pair, described, every
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
@@ -45,7 +45,7 @@ STEMS = {
 
 
 class _Names:
-    """Descriptions of objects; implements `nsdr.question_parser.grammar.templates.Phrases`."""
+    """Descriptions of objects; implements `nsdr.language.templates.Phrases`."""
 
     def __init__(self, names: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> None:
         self.names, self.classes = list(names), classes

@@ -15,9 +15,9 @@ from nsdr.clevrer.questions import iterate_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
 from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
-from nsdr.question_parser.grammar.english import ENGLISH, START_SYMBOLS
-from nsdr.question_parser.grammar.paraphrase import VOCABULARY, draw_wording, read_paraphrases
-from nsdr.question_parser.grammar.templates import TEXT_KINDS, Pair, sample
+from nsdr.language.english import ENGLISH, START_SYMBOLS
+from nsdr.language.paraphrase import VOCABULARY, draw_wording, read_paraphrases
+from nsdr.language.templates import TEXT_KINDS, Pair, sample
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.normal import normal_form
 from nsdr.question_parser.parser import QuestionParser, build_networks, pad

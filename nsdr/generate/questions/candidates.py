@@ -10,7 +10,7 @@ from itertools import combinations
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.questions import OPTION_TAGS
 from nsdr.errors import ExecutionError
-from nsdr.question_parser.grammar.templates import Chooser, Grammar, Pair, every
+from nsdr.language.templates import Chooser, Grammar, Pair, every
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -96,7 +96,7 @@ class MultipleChoice:
 
 
 class SceneWords:
-    """Descriptions of a scene's objects and classes; implements `nsdr.question_parser.grammar.templates.Phrases`."""
+    """Descriptions of a scene's objects and classes; implements `nsdr.language.templates.Phrases`."""
 
     def __init__(self, scene: Scene, rng: random.Random) -> None:
         self.rng = rng

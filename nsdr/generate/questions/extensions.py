@@ -8,8 +8,8 @@ from itertools import combinations
 from nsdr.clevrer.questions import Choice, Question
 from nsdr.errors import ExecutionError
 from nsdr.generate.questions.candidates import Descriptive, MultipleChoice, Option, SceneWords
-from nsdr.question_parser.grammar import extension_templates as templates
-from nsdr.question_parser.grammar.templates import Grammar, Pair, every
+from nsdr.language import extension_templates as templates
+from nsdr.language.templates import Grammar, Pair, every
 from nsdr.symbolic import Executor
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene

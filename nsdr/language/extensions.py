@@ -5,8 +5,8 @@ They are read by rules alone: the networks have not learnt them.
 
 import re
 
-from nsdr.question_parser.grammar.english import ENGLISH_RULES
-from nsdr.question_parser.grammar.rules import Rules
+from nsdr.language.english import ENGLISH_RULES
+from nsdr.language.rules import Rules
 
 __all__ = ["EXTENDED", "EXTENSION_PHRASES", "EXTENSION_SYMBOLS"]
 

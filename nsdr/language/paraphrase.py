@@ -8,9 +8,9 @@ from importlib.resources import files
 from typing import Any
 
 from nsdr.io.reading import parse_json
-from nsdr.question_parser.grammar.english import ENGLISH, START_SYMBOLS
-from nsdr.question_parser.grammar.rules import SLOT_FORMS, Slot, filled
-from nsdr.question_parser.grammar.templates import Pair, random_words
+from nsdr.language.english import ENGLISH, START_SYMBOLS
+from nsdr.language.rules import SLOT_FORMS, Slot, filled
+from nsdr.language.templates import Pair, random_words
 from nsdr.world.vocabulary import COLORS, MATERIALS
 
 __all__ = ["VOCABULARY", "draw_wording", "read_paraphrases"]
@@ -56,6 +56,6 @@ def draw_wording(kind: str, rng: random.Random) -> Pair:
 def read_paraphrases() -> list[dict[str, Any]]:
     """The set written by hand: rows of `kind` (of text), `text` and `program` (postfix tokens)."""
     content: list[dict[str, Any]] = parse_json(
-        files("nsdr.question_parser.grammar").joinpath("paraphrases.json").read_bytes(), "paraphrases.json"
+        files("nsdr.language").joinpath("paraphrases.json").read_bytes(), "paraphrases.json"
     )
     return content

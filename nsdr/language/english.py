@@ -4,7 +4,7 @@ The start symbols are DESCRIPTIVE, MULTIPLE and CHOICE. A text that is none of t
 the program says all that the text says.
 """
 
-from nsdr.question_parser.grammar.rules import Rules
+from nsdr.language.rules import Rules
 
 __all__ = ["ENGLISH", "ENGLISH_RULES", "START_SYMBOLS"]
 

@@ -1,9 +1,9 @@
 """Texts of questions beyond CLEVRER with their programs: speeds, directions, masses, what-ifs (see `grammar.extensions`).
 
-Templates are functions of a `Grammar`, for `nsdr.question_parser.grammar.templates.every`.
+Templates are functions of a `Grammar`, for `nsdr.language.templates.every`.
 """
 
-from nsdr.question_parser.grammar.templates import Grammar, Pair
+from nsdr.language.templates import Grammar, Pair
 
 __all__ = [
     "CHANGE_TEXTS",

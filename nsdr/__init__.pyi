@@ -1,0 +1,61 @@
+from .clevrer.dataset import CLEVRER as CLEVRER
+from .dynamics.physics.predictor import PhysicsPredictor as PhysicsPredictor
+from .dynamics.propnet.patch_model import PatchModel as PatchModel
+from .dynamics.propnet.patch_predictor import PatchPredictor as PatchPredictor
+from .dynamics.propnet.state_model import StateModel as StateModel
+from .dynamics.propnet.state_predictor import StatePredictor as StatePredictor
+from .dynamics.registry import BackendConfig as BackendConfig, load_backend as load_backend
+from .errors import (
+    CheckpointError as CheckpointError,
+    DataError as DataError,
+    ExecutionError as ExecutionError,
+    NsdrError as NsdrError,
+    ProgramError as ProgramError,
+    QuestionError as QuestionError,
+    VideoError as VideoError,
+)
+from .evaluation.runner import EvaluationConfig as EvaluationConfig, run_evaluation as run_evaluation
+from .evaluation.score import evaluate as evaluate
+from .frame_parser.dataset import FrameDataset as FrameDataset
+from .frame_parser.model import build_frame_parser as build_frame_parser
+from .frame_parser.parser import FrameParser as FrameParser
+from .frame_parser.video_check import VideoConfig as VideoConfig
+from .io.storage import load as load, save as save
+from .pipeline import Perception as Perception, Pipeline as Pipeline, PipelineConfig as PipelineConfig
+from .question_parser.model import ParserNetwork as ParserNetwork
+from .question_parser.parser import QuestionParser as QuestionParser
+from .symbolic import (
+    Executor as Executor,
+    Program as Program,
+    explain as explain,
+    format_trace as format_trace,
+    format_tree as format_tree,
+)
+from .symbolic.minimal_pairs import MinimalPair as MinimalPair, minimal_pairs as minimal_pairs
+from .symbolic.narration import narrate as narrate
+from .symbolic.verify import Claim as Claim, Verification as Verification, verify as verify
+from .tracking.tracker import TrackerConfig as TrackerConfig, track as track
+from .types import (
+    Add as Add,
+    Answer as Answer,
+    ChoiceAnswer as ChoiceAnswer,
+    Doubt as Doubt,
+    DynamicsPrediction as DynamicsPrediction,
+    Event as Event,
+    EventChange as EventChange,
+    Freeze as Freeze,
+    Move as Move,
+    Remove as Remove,
+    Rollout as Rollout,
+    Scene as Scene,
+    SceneObject as SceneObject,
+    SetMass as SetMass,
+    SetVelocity as SetVelocity,
+    Simulation as Simulation,
+    TraceStep as TraceStep,
+    Track as Track,
+    VideoProposals as VideoProposals,
+    VideoTracks as VideoTracks,
+)
+
+__version__: str

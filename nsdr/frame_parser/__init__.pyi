@@ -1,0 +1,21 @@
+from .dataset import (
+    AugmentConfig as AugmentConfig,
+    FrameDataset as FrameDataset,
+    augment as augment,
+    collate as collate,
+    image_tensor as image_tensor,
+)
+from .metrics import average_precision as average_precision, detection_scores as detection_scores
+from .model import (
+    FrameParserConfig as FrameParserConfig,
+    FrameParserNetwork as FrameParserNetwork,
+    build_frame_parser as build_frame_parser,
+)
+from .parser import FrameParser as FrameParser
+from .training_frames import frame_records as frame_records, write_frames as write_frames
+from .video_check import (
+    VideoCheck as VideoCheck,
+    VideoConfig as VideoConfig,
+    check_video as check_video,
+    clip_frames as clip_frames,
+)

@@ -1,0 +1,8 @@
+from .selection import (
+    Candidates as Candidates,
+    QuestionConfig as QuestionConfig,
+    find_candidates as find_candidates,
+    generate_questions as generate_questions,
+    select_questions as select_questions,
+)
+from .statistics import count_questions as count_questions, write_question_statistics as write_question_statistics
