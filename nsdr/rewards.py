@@ -21,8 +21,8 @@ from nsdr.clevrer.schema import get
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
-from nsdr.symbolic.statements import PAST_KINDS
-from nsdr.symbolic.verify import Claim, Verification, verify
+from nsdr.claims.statements import PAST_KINDS
+from nsdr.claims.verification import Claim, Verification, verify
 from nsdr.types import Scene
 
 __all__ = ["MAX_OF_A_KIND", "answer_format", "exact", "per_option", "read_scene", "trace_score", "trace_verified"]

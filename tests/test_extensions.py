@@ -34,8 +34,8 @@ from nsdr.question_parser.beyond import extension_readings
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace
-from nsdr.symbolic.narration import narrate
-from nsdr.symbolic.verify import verify
+from nsdr.claims.narration import narrate
+from nsdr.claims.verification import verify
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera

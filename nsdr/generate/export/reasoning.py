@@ -7,7 +7,7 @@ from nsdr.clevrer.prompts import solution
 from nsdr.clevrer.questions import Question
 from nsdr.errors import NsdrError
 from nsdr.symbolic import Executor
-from nsdr.symbolic.narration import Length, narrate
+from nsdr.claims.narration import Length, narrate
 from nsdr.types import Answer, Scene
 
 __all__ = ["reasoner"]

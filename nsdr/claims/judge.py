@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nsdr.symbolic.causal import ancestor_sets
-from nsdr.symbolic.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.types import Event, Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 
