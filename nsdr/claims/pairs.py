@@ -5,8 +5,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from nsdr.errors import DataError
 from nsdr.claims.verification import TOLERANCE_FRAMES, Claim, Verification, verify
+from nsdr.errors import DataError
 from nsdr.types import Scene
 from nsdr.world.nouns import ADJECTIVES, NOUNS
 from nsdr.world.vocabulary import ATTRIBUTES
