@@ -64,8 +64,8 @@ def test_uncertain_collisions_survive_saving_and_old_files_have_none(unsure: Sce
 
 def test_files_of_earlier_versions_are_read(unsure: Scene, tmp_path) -> None:
     save(unsure, tmp_path / "scene.json")
-    text = (tmp_path / "scene.json").read_text().replace('"UncertainCollision"', '"Doubt"').replace('"uncertain"', '"doubts"')
-    (tmp_path / "scene.json").write_text(text)
+    text = (tmp_path / "scene.json").read_text().replace("UncertainCollision", "Doubt")
+    (tmp_path / "scene.json").write_text(text.replace('"uncertain"', '"doubts"'))
     assert load(Scene, tmp_path / "scene.json") == unsure
 
 

@@ -346,7 +346,7 @@ def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30
         (lambda d: d["unseen"][0].update(frame=10**12), r"unseen, counterfactual and uncertain events: frame: 1(,000){4}"),
         (lambda d: d["counterfactual"].update(map={}), r"counterfactual\.map: expected a list"),
         (lambda d: d["counterfactual"]["map"].append([99, []]), "counterfactual: expected object ids from 0 to 5 as keys"),
-        (lambda d: d.update(uncertain=[uncertain(probability=1.5)]), r"uncertain\[0\]: .*probability: expected 0 to 1, got 1.5"),
+        (lambda d: d.update(uncertain=[uncertain(probability=1.5)]), r"uncertain.*probability: expected 0 to 1, got 1.5"),
         (lambda d: d.update(uncertain=[uncertain(probability="a")]), r"uncertain\[0\].probability: expected float, got 'a'"),
         (lambda d: d.update(uncertain=[uncertain(removed=9)]), "Scene.uncertain: expected removed objects from 0 to 5, got 9"),
         (lambda d: d.update(uncertain=[uncertain(frame=10**12)]), r"uncertain events: frame: 1(,000){4}"),
