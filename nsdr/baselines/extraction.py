@@ -26,7 +26,7 @@ from nsdr.baselines.features import (
     manifest_of,
 )
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.proposals import read_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.io.device import resolve_device, resolve_precision

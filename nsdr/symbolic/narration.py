@@ -9,7 +9,7 @@ from itertools import combinations, pairwise
 from string import ascii_uppercase
 from typing import Any, Literal, get_args
 
-from nsdr.clevrer.prompts import answer_text
+from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import causal_path
 from nsdr.symbolic.counted_sets import CountedSet, counted_set

@@ -99,7 +99,7 @@ def seen_objects(annotation: Mapping[str, Any], frame: int) -> tuple[SeenObject,
     """The objects whose centres are in a frame, the nearest to the camera last.
 
     Args:
-        annotation: as `nsdr.clevrer.annotations.read_annotation` gives it.
+        annotation: as `nsdr.clevrer.files.annotations.read_annotation` gives it.
         frame: index of the frame.
     """
     words = {

@@ -17,9 +17,9 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
-from nsdr.clevrer.schema import LARGEST_COORDINATE, cached_object, check_new, shown
-from nsdr.clevrer.typed import convert, read_typed
+from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
+from nsdr.clevrer.files.schema import LARGEST_COORDINATE, cached_object, check_new, shown
+from nsdr.clevrer.files.typed import convert, read_typed
 from nsdr.errors import DataError
 from nsdr.io.limits import Limits, check_limit, limits
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
