@@ -35,8 +35,8 @@ class CounterfactualConfig:
     """What counterfactual questions ask.
 
     Attributes:
-        inferential_share: share of their options that are inferential (`nsdr.clevrer.OPTION_TAGS`), met as closely as the scenes
-            allow; None leaves it as it falls. CLEVRER has about 0.15.
+        inferential_share: share of their options that are inferential (`nsdr.clevrer.OPTION_TAGS`), met as closely as
+            the scenes allow; None leaves it as it falls. CLEVRER has about 0.15.
     """
 
     inferential_share: float | None = None
