@@ -230,7 +230,7 @@ def test_every_public_name_is_exported_by_the_package() -> None:
     assert set(nsdr.clevrer.__all__) == public == set(dir(nsdr.clevrer))
     for name in nsdr.clevrer.__all__:
         assert not inspect.ismodule(getattr(nsdr.clevrer, name)), name
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match="nothing"):
         nsdr.clevrer.nothing  # noqa: B018
 
 
