@@ -30,7 +30,7 @@ VIDEO_FEATURES = ("pooled", "maps", "objects")
 
 
 class FeatureSource(Protocol):
-    """Features of videos, such as `nsdr.baselines.features.FeatureCache`.
+    """Features of videos, such as `nsdr.baselines.features.files.FeatureCache`.
 
     Attributes:
         channels: C of the feature vectors and maps.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.extraction import frames_of, spaced
+from nsdr.baselines.features.extraction import frames_of, spaced
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path

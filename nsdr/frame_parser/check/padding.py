@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.empty_scene import COLUMNS, ROWS, FloatArray, cells
+from nsdr.frame_parser.check.ground import COLUMNS, ROWS, FloatArray, cells
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["ASPECT", "ASPECT_TOLERANCE", "Box", "content_box", "middle_of"]

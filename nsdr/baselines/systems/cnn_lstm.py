@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, TextEncoder
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["CnnLstm", "CnnLstmConfig"]

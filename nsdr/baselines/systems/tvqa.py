@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from nsdr.baselines.attention import masked_softmax, time_encoding
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, TextEncoder
+from nsdr.baselines.systems.attention import masked_softmax, time_encoding
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["TvqaConfig", "TvqaPlus"]

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from nsdr.baselines.attention import masked_softmax
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, TextEncoder, initialise
+from nsdr.baselines.systems.attention import masked_softmax
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["HeterogeneousMemory", "MemoryConfig"]

@@ -31,10 +31,10 @@ from typing import Any, ClassVar, NamedTuple, final
 import torch
 from torch import Tensor, nn
 
-from nsdr.baselines.assembled import Assembled, AssembledConfig, SpaceConv, TimeConv
 from nsdr.baselines.base import Batch, Sizes
-from nsdr.baselines.layers import initialise
-from nsdr.baselines.program_graph import INSTRUCTIONS, MALFORMED
+from nsdr.baselines.systems.assembled import Assembled, AssembledConfig, SpaceConv, TimeConv
+from nsdr.baselines.systems.layers import initialise
+from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED
 from nsdr.io.validation import SIZE, check_ranges
 
 __all__ = ["Mask", "TbdConfig", "TbdNet"]

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.empty_scene import FloatArray, GroundFit
+from nsdr.frame_parser.check.ground import FloatArray, GroundFit
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["marked_px"]

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, masked_mean
+from nsdr.baselines.systems.layers import AnswerHead, masked_mean
 from nsdr.io.validation import SHARE, SIZE, check_ranges
 from nsdr.question_parser.tokenizer import PAD
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.empty_scene import GroundFit
+from nsdr.frame_parser.check.ground import GroundFit
 
 __all__ = ["corrected_levels"]
 

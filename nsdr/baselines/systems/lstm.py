@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, TextEncoder
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["Lstm", "LstmConfig"]

@@ -19,9 +19,9 @@ from typing import final
 import torch
 from torch import Tensor, nn
 
-from nsdr.baselines.assembled import Assembled, AssembledConfig, SpaceConv, TimeConv
 from nsdr.baselines.base import Sizes
-from nsdr.baselines.program_graph import INSTRUCTIONS
+from nsdr.baselines.systems.assembled import Assembled, AssembledConfig, SpaceConv, TimeConv
+from nsdr.baselines.systems.program_graph import INSTRUCTIONS
 
 __all__ = ["Iep"]
 

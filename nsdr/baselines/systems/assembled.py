@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead
-from nsdr.baselines.program_graph import ProgramGraph, execute, program_graph
+from nsdr.baselines.systems.layers import AnswerHead
+from nsdr.baselines.systems.program_graph import ProgramGraph, execute, program_graph
 from nsdr.errors import DataError
 from nsdr.io.validation import SIZE, check_ranges
 from nsdr.question_parser.tokenizer import PROGRAM_TOKENS

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.empty_scene import COLUMNS, KEPT, ROWS, FloatArray, cells
+from nsdr.frame_parser.check.ground import COLUMNS, KEPT, ROWS, FloatArray, cells
 from nsdr.world.camera import WIDTH_PX
 
 __all__ = ["camera_motion"]

@@ -113,7 +113,7 @@ def references() -> dict[str, FloatArray]:
     `python benchmarks/video_check.py --references CLIPS` made them: the median over time and over clips rendered by us with
     Blender (500000-500005), and an image of the preview renderer.
     """
-    with (resources.files("nsdr.frame_parser") / "empty_scenes.npz").open("rb") as file, np.load(file) as stored:
+    with (resources.files("nsdr.frame_parser.check") / "empty_scenes.npz").open("rb") as file, np.load(file) as stored:
         return {name: stored[name].astype(np.float32) for name in stored.files}
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError, VideoError
-from nsdr.frame_parser.empty_scene import TURNS, FloatArray, GroundFit, fit_ground, read_background, references, turned
-from nsdr.frame_parser.padding import ASPECT, ASPECT_TOLERANCE, Box, content_box, middle_of
-from nsdr.frame_parser.shots import change, first_shot, is_cut
-from nsdr.frame_parser.video_reasons import MAX_GROUND_DISTANCE, Look, reasons
+from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, fit_ground, read_background, references, turned
+from nsdr.frame_parser.check.padding import ASPECT, ASPECT_TOLERANCE, Box, content_box, middle_of
+from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
+from nsdr.frame_parser.check.shots import change, first_shot, is_cut
 from nsdr.io.validation import MANY, check_ranges
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
 from nsdr.io.video_kinds import check_is_video

@@ -24,9 +24,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.baselines.attention import masked_softmax, time_encoding
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.layers import AnswerHead, TextEncoder, initialise
+from nsdr.baselines.systems.attention import masked_softmax, time_encoding
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["Mac", "MacConfig", "MacObjects"]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.backbone import CHANNELS, IMAGENET, STRIDES
+from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDES
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import PRECISIONS

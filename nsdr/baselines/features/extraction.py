@@ -16,8 +16,8 @@ from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d
 from torchvision.ops import roi_align
 
-from nsdr.baselines.backbone import image_batch, load_backbone
-from nsdr.baselines.features import (
+from nsdr.baselines.features.backbone import image_batch, load_backbone
+from nsdr.baselines.features.files import (
     BOX_NUMBERS,
     MANIFEST,
     FeatureCache,
