@@ -1,3 +1,11 @@
+from .claims import (
+    Claim as Claim,
+    MinimalPair as MinimalPair,
+    Verification as Verification,
+    minimal_pairs as minimal_pairs,
+    narrate as narrate,
+    verify as verify,
+)
 from .clevrer.dataset import CLEVRER as CLEVRER
 from .dynamics.physics.predictor import PhysicsPredictor as PhysicsPredictor
 from .dynamics.propnet.patch_model import PatchModel as PatchModel
@@ -31,9 +39,6 @@ from .symbolic import (
     format_trace as format_trace,
     format_tree as format_tree,
 )
-from .symbolic.minimal_pairs import MinimalPair as MinimalPair, minimal_pairs as minimal_pairs
-from .symbolic.narration import narrate as narrate
-from .symbolic.verify import Claim as Claim, Verification as Verification, verify as verify
 from .tracking.tracker import TrackerConfig as TrackerConfig, track as track
 from .types import (
     Add as Add,

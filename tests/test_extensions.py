@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
+from nsdr.claims.narration import narrate
+from nsdr.claims.verification import verify
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.prompts import prompt
 from nsdr.clevrer.questions import Choice, read_questions
@@ -34,8 +36,6 @@ from nsdr.question_parser.beyond import extension_readings
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace
-from nsdr.symbolic.narration import narrate
-from nsdr.symbolic.verify import verify
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera

@@ -1,6 +1,6 @@
 """Answers told in sentences that can be checked: what happens at which frame, and what follows from it.
 
-Every sentence before the answer is a claim in the grammar of `docs/rewards.md`; `nsdr.symbolic.verify` reads it back. Each
+Every sentence before the answer is a claim in the grammar of `docs/rewards.md`; `nsdr.claims.verification` reads it back. Each
 stands on a line of its own.
 """
 
@@ -9,10 +9,10 @@ from itertools import combinations, pairwise
 from string import ascii_uppercase
 from typing import Any, Literal, get_args
 
+from nsdr.claims.counted_sets import CountedSet, counted_set
 from nsdr.clevrer.prompts import answer_text
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import causal_path
-from nsdr.symbolic.counted_sets import CountedSet, counted_set
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.program import Program, Step
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.symbolic.causal import ancestor_sets
-from nsdr.symbolic.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.types import Event, Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 

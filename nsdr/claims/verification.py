@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import overload
 
-from nsdr.symbolic.claim_judge import ClaimJudge, Verdict
-from nsdr.symbolic.claim_reading import read_sentence
-from nsdr.symbolic.statements import LAST_FRAME, Statement
+from nsdr.claims.judge import ClaimJudge, Verdict
+from nsdr.claims.reading import read_sentence
+from nsdr.claims.statements import LAST_FRAME, Statement
 from nsdr.types import Event, Scene
 from nsdr.types.checks import check, check_whole
 

@@ -1,9 +1,9 @@
-"""Clauses in normal form: noun phrases, frames and verbs as single tokens, which `nsdr.symbolic.claim_reading` matches."""
+"""Clauses in normal form: noun phrases, frames and verbs as single tokens, which `nsdr.claims.reading` matches."""
 
 import re
 from dataclasses import dataclass
 
-from nsdr.symbolic.statements import LAST_FRAME, ObjectPhrase
+from nsdr.claims.statements import LAST_FRAME, ObjectPhrase
 from nsdr.world.nouns import ADJECTIVES, NOUNS
 
 __all__ = ["Clause", "normal_clause"]

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from nsdr.symbolic.claim_words import Clause, normal_clause
-from nsdr.symbolic.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.words import Clause, normal_clause
 from nsdr.world.nouns import ADJECTIVES
 from nsdr.world.vocabulary import ATTRIBUTES
 

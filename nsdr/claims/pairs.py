@@ -5,8 +5,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from nsdr.claims.verification import TOLERANCE_FRAMES, Claim, Verification, verify
 from nsdr.errors import DataError
-from nsdr.symbolic.verify import TOLERANCE_FRAMES, Claim, Verification, verify
 from nsdr.types import Scene
 from nsdr.world.nouns import ADJECTIVES, NOUNS
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -67,7 +67,7 @@ def minimal_pairs(
     one pair of each kind; which one is drawn with the seed.
 
     Args:
-        text: such as one of `nsdr.symbolic.narration.narrate`.
+        text: such as one of `nsdr.claims.narration.narrate`.
         scene: the scene that it is about.
         seed: of the draws; the same seed gives the same pairs.
         tolerance_frames: as of `verify`; changed frames differ by more.
