@@ -9,7 +9,7 @@ import os
 import time
 from functools import partial
 
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.records import solids_at, truth_document

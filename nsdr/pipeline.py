@@ -16,7 +16,7 @@ from nsdr.dynamics.interventions import intervenes, simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler

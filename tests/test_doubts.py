@@ -8,7 +8,7 @@ import pytest
 
 from nsdr import DataError, Doubt, Event, ExecutionError, Executor, Scene, load, save
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.evaluation import calibration, evaluate, format_table
 from nsdr.evaluation.experiments import markdown_table

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer import prompt, read_questions, read_response, solution, write_responses
-from nsdr.clevrer.prompts import option_letters
+from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.errors import DataError
 from nsdr.io.files import find_files
 

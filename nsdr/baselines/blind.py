@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed
 

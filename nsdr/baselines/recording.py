@@ -6,7 +6,7 @@ are the options that it gets wrong. `OPTION_TAGS` name the two kinds.
 
 from dataclasses import replace
 
-from nsdr.clevrer.questions import OPTION_TAGS, Question, SceneQuestions
+from nsdr.clevrer.files.questions import OPTION_TAGS, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.symbolic import Executor
 from nsdr.types import Scene

@@ -10,7 +10,7 @@ from string import ascii_uppercase
 from typing import Any, Literal, get_args
 
 from nsdr.claims.counted_sets import CountedSet, counted_set
-from nsdr.clevrer.prompts import answer_text
+from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import causal_path
 from nsdr.symbolic.modules import Kind

@@ -4,7 +4,7 @@ import textwrap
 from pathlib import Path
 
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.questions import Question, read_questions
+from nsdr.clevrer.files.questions import Question, read_questions
 from nsdr.cli.status import failures_line
 from nsdr.errors import NsdrError
 from nsdr.io.files import check_output

@@ -11,7 +11,7 @@ __all__ = ["evaluate", "experiment"]
 
 def evaluate(options: Any) -> int:
     """`nsdr evaluate`: score answers to a question file or a whole split."""
-    from nsdr.clevrer.submissions import write_submission
+    from nsdr.clevrer.files.submissions import write_submission
     from nsdr.evaluation import EvaluationConfig, format_table, run_evaluation
     from nsdr.evaluation.score import first_failure
     from nsdr.io.files import write_json

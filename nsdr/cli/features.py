@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from nsdr.baselines.extraction import FeatureExtraction, extract_features
+from nsdr.baselines.features.extraction import FeatureExtraction, extract_features
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output_folder
 

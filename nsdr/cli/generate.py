@@ -8,9 +8,9 @@ from typing import Any
 
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import write_questions
-from nsdr.clevrer.scene_files import iterate_scenes
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import write_questions
+from nsdr.clevrer.files.scene_files import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds

@@ -29,7 +29,7 @@ def parse_video(options: Any) -> int:
             check_output(path, suffixes, taken)
             taken.append(path)
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
-    from nsdr.clevrer.proposals import proposals_document
+    from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io import storage
     from nsdr.io.files import write_json
     from nsdr.symbolic.world import world_of

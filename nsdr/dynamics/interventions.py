@@ -7,7 +7,7 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.scenes import enter_exit_events
+from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.types import (

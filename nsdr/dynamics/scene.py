@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events
+from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
 from nsdr.types import Doubt, DynamicsPrediction, Scene
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 

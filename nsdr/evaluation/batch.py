@@ -6,8 +6,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.predictions import predictions_document
-from nsdr.clevrer.proposals import proposals_document, read_compact_proposals, read_proposals
+from nsdr.clevrer.files.predictions import predictions_document
+from nsdr.clevrer.files.proposals import proposals_document, read_compact_proposals, read_proposals
 from nsdr.dynamics.registry import checkpoint_folders
 from nsdr.errors import DataError
 from nsdr.io import storage

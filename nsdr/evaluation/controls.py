@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from nsdr.clevrer.dataset import CLEVRER, Split
-from nsdr.clevrer.questions import write_questions
+from nsdr.clevrer.files.questions import write_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.sources import FOLDER_SIZE
 from nsdr.io.files import atomic_path, check_installed, write_json

@@ -17,7 +17,7 @@ from typing import Any
 
 import nsdr
 from nsdr.baselines.q_type import q_type_answers
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
 from nsdr.evaluation.calibration import calibration_text

@@ -15,8 +15,8 @@ from tqdm import tqdm
 
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.files.parsed_programs import with_parsed_programs
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline

@@ -13,7 +13,7 @@ from pycocotools import mask as rle
 from torch import nn
 from tqdm import tqdm
 
-from nsdr.clevrer.proposals import proposals_from_rows
+from nsdr.clevrer.files.proposals import proposals_from_rows
 from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser

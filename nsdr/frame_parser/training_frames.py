@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 
-from nsdr.clevrer.proposals import read_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, find_files
 from nsdr.io.fingerprint import fingerprint

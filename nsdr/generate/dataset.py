@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file, write_annotation
 from nsdr.clevrer.dataset import SPLITS
-from nsdr.clevrer.questions import without_answers, write_questions
-from nsdr.clevrer.scenes import scene_from_truth
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.annotations import read_truth_file, write_annotation
+from nsdr.clevrer.files.questions import without_answers, write_questions
+from nsdr.clevrer.files.scenes import scene_from_truth
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene

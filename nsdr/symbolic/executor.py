@@ -7,7 +7,7 @@ from operator import attrgetter
 from string import ascii_uppercase
 from typing import Any
 
-from nsdr.clevrer.predictions import PredictionFile
+from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.joint import exactly_one, with_probabilities

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.extraction import frames_of, spaced
+from nsdr.baselines.features.extraction import frames_of, spaced
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
@@ -99,7 +99,7 @@ def seen_objects(annotation: Mapping[str, Any], frame: int) -> tuple[SeenObject,
     """The objects whose centres are in a frame, the nearest to the camera last.
 
     Args:
-        annotation: as `nsdr.clevrer.annotations.read_annotation` gives it.
+        annotation: as `nsdr.clevrer.files.annotations.read_annotation` gives it.
         frame: index of the frame.
     """
     words = {

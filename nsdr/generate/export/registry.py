@@ -3,7 +3,7 @@
 import logging
 from dataclasses import asdict
 
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.export.base import Export, ExportConfig, Exporter, SplitSummary
 from nsdr.io.files import check_installed, check_output_folder, locked, remove_partial_files, write_json
