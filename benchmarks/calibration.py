@@ -26,8 +26,8 @@ from nsdr.clevrer.files.scenes import scene_from_ground_truth, scene_from_truth
 from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.evaluation.calibration import calibration
 from nsdr.evaluation.intervals import wilson_interval
+from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
-from nsdr.io.listing import find_files
 from nsdr.io.reading import read_json
 
 KINDS = ("observed collisions", "collisions after the video", "collisions without an object")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.symbolic import explain, format_tree
 from nsdr.types import (

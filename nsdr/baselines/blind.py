@@ -12,7 +12,7 @@ from typing import Any
 
 from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed
+from nsdr.io.files import check_installed
 
 __all__ = ["FOLDS", "tag_blind"]
 

@@ -7,7 +7,7 @@ from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.questions import Question, read_questions
 from nsdr.cli.status import failures_line
 from nsdr.errors import NsdrError
-from nsdr.io.outputs import check_output
+from nsdr.io.files import check_output
 from nsdr.pipeline import Pipeline
 from nsdr.types import Answer
 

@@ -4,7 +4,7 @@ from dataclasses import fields
 from typing import Any
 
 from nsdr.cli.status import failures_line
-from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.files import check_output, check_output_folder
 
 __all__ = ["evaluate", "experiment"]
 

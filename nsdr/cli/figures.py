@@ -9,7 +9,7 @@ from typing import Any
 
 from nsdr.cli.common import settings_of
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed, check_output_folder
+from nsdr.io.files import check_installed, check_output_folder
 
 __all__ = ["figures"]
 

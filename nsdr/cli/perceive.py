@@ -8,7 +8,7 @@ from typing import Any
 from nsdr.cli.common import is_scene, load_scene, make_pipeline, settings_of
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed, check_output, check_output_folder
+from nsdr.io.files import check_installed, check_output, check_output_folder
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""

@@ -6,7 +6,7 @@ from typing import Any
 from jsonargparse.typing import NonNegativeInt, NotEmptyStr
 
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.files import check_output, check_output_folder
 
 __all__ = ["add_options", "controls", "dummy", "score"]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output
+from nsdr.io.files import check_output
 
 __all__ = ["tag"]
 

@@ -26,10 +26,9 @@ from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource,
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
+from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES
+from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
 from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.symbolic import Executor

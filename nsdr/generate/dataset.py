@@ -30,14 +30,11 @@ from nsdr.generate.records import annotation_document, frame_masks, proposal_doc
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.io.files import write_json
+from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.lock import locked
-from nsdr.io.outputs import check_installed
 from nsdr.io.reading import read_json
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
 from nsdr.io.video import write_video
 from nsdr.world.camera import Camera

@@ -14,7 +14,7 @@ from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.generate.statistics import FRAME_BIN, TITLES, Counts, count_scenes, released_statistics
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 
 __all__ = ["PAPER_QUESTIONS", "RELEASED_VIDEOS", "facts_page"]

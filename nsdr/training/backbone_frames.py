@@ -15,7 +15,7 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.runner import Job, run_jobs
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import ATTRIBUTES
 

@@ -8,7 +8,7 @@ from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_t
 from nsdr.clevrer.files.schema import checked, get_scene_index
 from nsdr.clevrer.files.truth_blocks import check_truth_blocks
 from nsdr.errors import DataError
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 from nsdr.types import Scene
 

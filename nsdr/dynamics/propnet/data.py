@@ -14,9 +14,8 @@ from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
 from nsdr.io.reading import read_npz
 from nsdr.tracking.tracker import track
 from nsdr.tracking.truth_tracks import tracks_from_motion
