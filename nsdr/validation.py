@@ -9,7 +9,7 @@ import re
 import reprlib
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, NotRequired, Required, Union, get_args, get_origin, get_type_hints
@@ -101,6 +101,7 @@ class Array:
         self.shape, self.low, self.high, self.nan = shape, low, high, nan
 
 
+@dataclass(frozen=True)
 class Checked:
     """Base of frozen dataclasses: their fields are checked against the declared types on construction.
 
@@ -114,7 +115,8 @@ class Checked:
 
     def __post_init__(self) -> None:
         where = f"{type(self).__name__}." if self._is_named else ""
-        struct, arrays = _declared(type(self))
+        kind: Any = type(self)
+        struct, arrays = _declared(kind)
         try:
             msgspec.convert(vars(self), struct)
         except msgspec.ValidationError:
@@ -123,6 +125,7 @@ class Checked:
             _check_arrays(self, arrays, where)
 
 
+@dataclass(frozen=True)
 class Settings(Checked):
     """Base of configurations: `Checked`; errors name the field alone, as files and flags do."""
 
@@ -155,7 +158,7 @@ def explained(error: msgspec.ValidationError, document: Any, kind: Any, where: s
     """
     reason, key, path = MESSAGE.fullmatch(str(error)).groups()  # type: ignore[union-attr]
     value = document
-    for name, index in STEP.findall(path):
+    for name, index in STEP.findall(path or ""):
         kind = _inside(kind, name or index)
         if index == "...":
             for key, item in value.items():

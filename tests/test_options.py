@@ -132,7 +132,7 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir"
         ([*EVALUATE, "--engine", "zebra"], "engine"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--stride", "0"], "stride"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),
-        ([*PARSE, "--set", "tracker.score=2"], "score is 2"),
+        ([*PARSE, "--set", "tracker.score=2"], "score: expected a number from 0 to 1, got 2"),
         ([*PARSE, "--set", "tracker.score=abc"], "tracker.score"),
         ([*PARSE, "--set", "zebra=1"], "zebra"),
         ([*PARSE, "--set", "help=1"], "--set help=1"),

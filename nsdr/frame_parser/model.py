@@ -4,6 +4,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
+from msgspec import Meta
 from torch import Tensor, nn
 from torchvision import models
 from torchvision.models.detection import MaskRCNN
