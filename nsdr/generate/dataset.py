@@ -40,7 +40,7 @@ from nsdr.io.runner import Job, run_jobs
 from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
 from nsdr.io.video import write_video
-from nsdr.world.camera import Camera
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
 
@@ -277,7 +277,7 @@ def make_video(config: DatasetConfig, split: str, index: int) -> None:
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)
     # Masks and visibility refer to the release's image size, whatever the video's size is.
-    camera = Camera(view.camera.eye_world)
+    camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
     if config.renderer != "none":
         preview = config.renderer == "preview"
         blender_frames = partial(_blender_frames, config.render, files.work / _fingerprint(config))
