@@ -200,7 +200,7 @@ def test_damaged_manifests_are_named(root, tmp_path) -> None:
     manifest = json.loads((root / "manifest.json").read_text())
     manifest["config"]["render"]["width"] = "x"
     write_json(tmp_path / "manifest.json", manifest)
-    with pytest.raises(DataError, match=r"manifest\.json: config\.render: width is 'x'"):
+    with pytest.raises(DataError, match=r"manifest\.json: config\.render: .*width.*x"):
         VideoDataset(tmp_path, "train")
 
 
