@@ -16,14 +16,13 @@ from nsdr.dynamics.interventions import intervenes, simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.device import PRECISIONS, resolve_device
+from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.lazy import deferred_function
 from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
-from nsdr.io.video_kinds import check_is_video
+from nsdr.io.video import check_is_video
 from nsdr.question_parser.reading import read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
@@ -198,8 +197,7 @@ class Pipeline:
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
-        # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
-        with deferred_function("torch._dynamo.utils", "is_compile_supported"):
+        with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
         from nsdr.question_parser.parser import QuestionParser
 

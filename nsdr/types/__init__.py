@@ -12,7 +12,7 @@ Arrays are stored as read-only views of the arrays passed in.
 from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
 from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelocity
 from nsdr.types.object_physics import ObjectPhysics
-from nsdr.types.scenes import Doubt, DynamicsPrediction, Event, Rollout, Scene
+from nsdr.types.scenes import DynamicsPrediction, Event, Rollout, Scene, UncertainCollision
 from nsdr.types.simulations import EventChange, Simulation
 from nsdr.types.tracks import Camera, SceneObject, Track, VideoProposals, VideoTracks
 
@@ -21,7 +21,6 @@ __all__ = [
     "Answer",
     "Camera",
     "ChoiceAnswer",
-    "Doubt",
     "DynamicsPrediction",
     "Event",
     "EventChange",
@@ -37,6 +36,7 @@ __all__ = [
     "Simulation",
     "TraceStep",
     "Track",
+    "UncertainCollision",
     "VideoProposals",
     "VideoTracks",
 ]
