@@ -85,11 +85,11 @@ def statements(scene: Scene, truth: Scene) -> Iterator[tuple[str, float, bool]]:
             continue
         true = named(truth, true_events)
         probability = dict.fromkeys(named(scene, events), 1.0)
-        for doubt in scene.doubts or ():
-            if doubt.removed == removed and (
-                removed is not None or (doubt.event.frame < scene.n_frames) == (kind == KINDS[0])
+        for one in scene.uncertain or ():
+            if one.removed == removed and (
+                removed is not None or (one.event.frame < scene.n_frames) == (kind == KINDS[0])
             ):
-                probability |= dict.fromkeys(named(scene, [doubt.event]), doubt.probability)
+                probability |= dict.fromkeys(named(scene, [one.event]), one.probability)
         for pair, p in probability.items():
             if p >= LOWEST:
                 yield kind, p, pair in true

@@ -44,7 +44,6 @@ from .types import (
     Add as Add,
     Answer as Answer,
     ChoiceAnswer as ChoiceAnswer,
-    Doubt as Doubt,
     DynamicsPrediction as DynamicsPrediction,
     Event as Event,
     EventChange as EventChange,
@@ -59,6 +58,7 @@ from .types import (
     Simulation as Simulation,
     TraceStep as TraceStep,
     Track as Track,
+    UncertainCollision as UncertainCollision,
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
 )

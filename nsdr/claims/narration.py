@@ -37,7 +37,7 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
 
     Args:
         answer: of `Executor.answer` or `Executor.judge` with the paper's semantics, or one of the latter's choices. Where the
-            executor had to suppose another course of events (`Scene.doubts`), the trace's facts differ from the scene's.
+            executor had to suppose another course of events (`Scene.uncertain`), the trace's facts differ from the scene's.
         scene: the scene that it is about.
         length: "short" tells what the answer rests on; "long" all observed events first, and all that is known of the time
             after the video or of the video without the removed object where the question asks for that.
