@@ -100,8 +100,7 @@ def test_a_task_that_kills_its_worker_fails_alone() -> None:
     assert [i for i, o in outcomes.items() if o.error] == [3]
     assert sorted(o.result for o in outcomes.values() if not o.error) == [1, 2, 4, 5, 6, 7, 8]
     assert (
-        "its worker process died twice, the second time alone (exit code SIGKILL(-9)); it may need"
-        in outcomes[3].error
+        "its worker process died twice, the second time alone (exit code SIGKILL(-9)); it may need" in outcomes[3].error
     )
 
 
