@@ -9,6 +9,7 @@ import re
 import resource
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -225,7 +226,11 @@ def test_a_full_disk_takes_no_row_of_an_experiment(tmp_path) -> None:
 
 
 def test_the_lock_of_a_full_disk_holds(tmp_path) -> None:
-    with largest_file(0), locked(tmp_path), pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nsdr.io.files._held", __import__("contextvars").ContextVar("other", default=frozenset()))
-        with pytest.raises(DataError, match="another process writes to it"), locked(tmp_path):
+    def take() -> None:
+        with locked(tmp_path):
             pass
+
+    with largest_file(0), locked(tmp_path), ThreadPoolExecutor(1) as pool:
+        taken = pool.submit(take)
+        with pytest.raises(DataError, match="another process writes to it"):
+            taken.result()
