@@ -43,8 +43,8 @@ from .tracking.tracker import TrackerConfig as TrackerConfig, track as track
 from .types import (
     Add as Add,
     Answer as Answer,
+    Camera as Camera,
     ChoiceAnswer as ChoiceAnswer,
-    Doubt as Doubt,
     DynamicsPrediction as DynamicsPrediction,
     Event as Event,
     EventChange as EventChange,
@@ -59,6 +59,7 @@ from .types import (
     Simulation as Simulation,
     TraceStep as TraceStep,
     Track as Track,
+    UncertainCollision as UncertainCollision,
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
 )

@@ -16,7 +16,7 @@ from nsdr.baselines.data import feature_sizes, make_batch, training_examples, vi
 from nsdr.baselines.features.files import MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
 from nsdr.baselines.vocabulary import PAD, Vocabulary
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers

@@ -400,7 +400,7 @@ def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
 
 
 def in_this_process(*arguments, **options):
-    from nsdr.io.runner import run_jobs
+    from nsdr.io.jobs import run_jobs
 
     return run_jobs(*arguments, **{**options, "workers": 1})
 

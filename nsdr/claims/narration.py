@@ -10,7 +10,7 @@ from string import ascii_uppercase
 from typing import Any, Literal, get_args
 
 from nsdr.claims.counted_sets import CountedSet, counted_set
-from nsdr.clevrer.prompts import answer_text
+from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import causal_path
 from nsdr.symbolic.modules import Kind
@@ -37,7 +37,7 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
 
     Args:
         answer: of `Executor.answer` or `Executor.judge` with the paper's semantics, or one of the latter's choices. Where the
-            executor had to suppose another course of events (`Scene.doubts`), the trace's facts differ from the scene's.
+            executor had to suppose another course of events (`Scene.uncertain`), the trace's facts differ from the scene's.
         scene: the scene that it is about.
         length: "short" tells what the answer rests on; "long" all observed events first, and all that is known of the time
             after the video or of the video without the removed object where the question asks for that.

@@ -18,9 +18,8 @@ from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
-from nsdr.io.files import atomic_path, remove_partial_files, sync, write_json, writing
+from nsdr.io.files import atomic_path, check_output_folder, remove_partial_files, sync, write_json, writing
 from nsdr.io.fingerprint import code_revision
-from nsdr.io.outputs import check_output_folder
 from nsdr.io.reading import read_json
 
 __all__ = ["RunFolder", "TrainingState", "parse_training", "training_time"]
@@ -63,7 +62,7 @@ class TrainingState:
     average: AveragedModel | None = None
 
     def tensors(self) -> dict[str, Tensor]:
-        """Copies of all tensors on the CPU: `model/…`, `optimizer/INDEX.…` and `average/…`."""
+        """Copies (of any shape, on the CPU) of all tensors: `model/…`, `optimizer/INDEX.…` and `average/…`."""
         of_parameters = self.optimizer.state_dict()["state"].items()
         optimizer = {f"{i}.{name}": torch.as_tensor(v) for i, values in of_parameters for name, v in values.items()}
         average = {} if self.average is None else self.average.state_dict()

@@ -26,17 +26,13 @@ from nsdr.baselines.features.files import (
     manifest_of,
 )
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.proposals import read_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.io.device import resolve_device, resolve_precision
-from nsdr.io.files import atomic_path, write_json
+from nsdr.io.device import limit_threads, resolve_device, resolve_precision
+from nsdr.io.files import atomic_path, find_files, locked, write_json
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.lock import locked
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES
-from nsdr.io.threads import limit_threads
+from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.io.validation import COUNT, check_choices, check_paths, check_ranges
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals

@@ -15,8 +15,8 @@ from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import LEDGER
 from nsdr.io.reading import read_json
-from nsdr.io.runner import LEDGER
 from nsdr.io.validation import SHARE, SIZE, check_choices, check_ranges
 
 __all__ = ["BOX_NUMBERS", "KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]

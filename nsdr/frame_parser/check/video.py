@@ -17,8 +17,7 @@ from nsdr.frame_parser.check.padding import ASPECT, ASPECT_TOLERANCE, Box, conte
 from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
 from nsdr.frame_parser.check.shots import change, first_shot, is_cut
 from nsdr.io.validation import MANY, check_ranges
-from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
-from nsdr.io.video_kinds import check_is_video
+from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
 from nsdr.world.timeline import FPS
 
 __all__ = ["CHECKS", "VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]

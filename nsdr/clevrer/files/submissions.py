@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.schema import LARGEST_ID, check_new, get, get_scene_index, get_whole, shown
+from nsdr.clevrer.files.schema import LARGEST_ID, check_new, get, get_scene_index, get_whole, shown
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json

@@ -4,8 +4,8 @@ import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 
-from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import ANSWERS, BEYOND
+from nsdr.clevrer.answers.prompts import option_letters
+from nsdr.clevrer.files.questions import ANSWERS, BEYOND
 from nsdr.errors import DataError
 
 __all__ = ["UnreadableError", "is_bare", "plain", "read_letters", "read_word"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.schema import LARGEST_ID, check_new, get, get_name, get_scene_index, get_text, get_whole, shown
+from nsdr.clevrer.files.schema import LARGEST_ID, check_new, get, get_name, get_scene_index, get_text, get_whole, shown
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.answer_forms import UnreadableError
-from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import Question
-from nsdr.clevrer.responses import Response, read_response_to
-from nsdr.clevrer.schema import shown
-from nsdr.clevrer.submissions import read_submission
+from nsdr.clevrer.answers.answer_forms import UnreadableError
+from nsdr.clevrer.answers.prompts import option_letters
+from nsdr.clevrer.answers.responses import Response, read_response_to
+from nsdr.clevrer.files.questions import Question
+from nsdr.clevrer.files.schema import shown
+from nsdr.clevrer.files.submissions import read_submission
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.reading import parse_json_lines, read_json_bytes

@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from nsdr.clevrer.annotations import check_annotation, check_truth
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.schema import checked, get_scene_index
-from nsdr.clevrer.truth_blocks import check_truth_blocks
+from nsdr.clevrer.files.annotations import check_annotation, check_truth
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.files.schema import checked, get_scene_index
+from nsdr.clevrer.files.truth_blocks import check_truth_blocks
 from nsdr.errors import DataError
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 from nsdr.types import Scene
 

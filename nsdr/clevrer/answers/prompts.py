@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from string import ascii_uppercase
 
-from nsdr.clevrer.questions import Question
+from nsdr.clevrer.files.questions import Question
 from nsdr.errors import DataError
 from nsdr.world.vocabulary import DIRECTIONS, SPEED_UNIT
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, check_ground_truth
-from nsdr.clevrer.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_mask
-from nsdr.clevrer.schema import LARGEST_ID, get, get_frame, get_number, get_whole, scene_object, shown
+from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
+from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.schema import LARGEST_ID, get, get_frame, get_number, get_whole, scene_object, shown
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
 from nsdr.io.reading import parse_json, read_json, read_npz

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, check_ground_truth
-from nsdr.clevrer.schema import check_new, get_scene_index, get_whole
+from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
+from nsdr.clevrer.files.schema import check_new, get_scene_index, get_whole
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.limits import check_limit, limits

@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.questions import Question, SceneQuestions
-from nsdr.clevrer.schema import get, shown
+from nsdr.clevrer.files.questions import Question, SceneQuestions
+from nsdr.clevrer.files.schema import get, shown
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json

@@ -1,4 +1,4 @@
-"""JSON as typed structures: decoded and checked in one pass by msgspec, with errors like those of `nsdr.clevrer.schema`."""
+"""JSON as typed structures: decoded and checked in one pass by msgspec, with errors like those of `schema`."""
 
 import re
 from functools import lru_cache
@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from nsdr.clevrer.schema import shown
+from nsdr.clevrer.files.schema import shown
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json, read_json_bytes
 from nsdr.world.vocabulary import ATTRIBUTES

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.schema import (
+from nsdr.clevrer.files.schema import (
     LARGEST_COORDINATE,
     check_new,
     check_objects,
