@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from nsdr import Scene, load_backend
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.proposals import read_proposals
-from nsdr.clevrer.questions import Question
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.proposals import read_proposals
+from nsdr.clevrer.files.questions import Question
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import ExecutionError
 from nsdr.evaluation.intervals import accuracy_interval

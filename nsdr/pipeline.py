@@ -16,20 +16,20 @@ from nsdr.dynamics.interventions import intervenes, simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.device import PRECISIONS, resolve_device
+from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.lazy import deferred_function
 from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
-from nsdr.io.video_kinds import check_is_video
+from nsdr.io.video import check_is_video
 from nsdr.question_parser.reading import read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
+from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -52,6 +52,7 @@ class PipelineConfig:
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
             device multiplies matrices of it (AMX, CUDA).
         video: what is expected of videos, and how many frames of them are processed.
+        camera: that took the videos; its images are 480x320.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
     """
@@ -60,12 +61,14 @@ class PipelineConfig:
     batch_size: int = 8
     precision: str = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
+    camera: Camera = field(default_factory=Camera)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
     def __post_init__(self) -> None:
         check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
         check_choices(self, precision=PRECISIONS)
+        check_release_size(self.camera)
 
 
 def pipeline_settings(
@@ -115,6 +118,11 @@ class Perception:
         """The scene with its trajectories, as `nsdr parse-video` saves it: exits without an object need them."""
         return replace(self.scene, dynamics=self.dynamics)
 
+    @property
+    def camera(self) -> Camera:
+        """That took the video; CLEVRER's where no tracks tell."""
+        return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
+
 
 class Pipeline:
     """Frame parser, tracker, dynamics backend, question parser and executor, composed.
@@ -130,6 +138,7 @@ class Pipeline:
         semantics: of the executor.
         responsible: meaning of "responsible", as of the executor: "chain" or "but_for".
         video: what is expected of videos; None for CLEVRER's.
+        camera: that took the videos.
     """
 
     def __init__(
@@ -141,6 +150,7 @@ class Pipeline:
         semantics: str = "paper",
         responsible: str = "chain",
         video: VideoConfig | None = None,
+        camera: Camera = CLEVRER_CAMERA,
     ) -> None:
         self.frame_parser = frame_parser
         self.dynamics = dynamics
@@ -149,6 +159,7 @@ class Pipeline:
         self.semantics = semantics
         self.responsible = responsible
         self.video = video or VideoConfig()
+        self.camera = camera
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
 
@@ -186,13 +197,13 @@ class Pipeline:
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
-        # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
-        with deferred_function("torch._dynamo.utils", "is_compile_supported"):
+        with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
         from nsdr.question_parser.parser import QuestionParser
 
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
+        options.setdefault("camera", config.camera)
         pipeline = cls(
             FrameParser.from_checkpoint(
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
@@ -255,7 +266,7 @@ class Pipeline:
                 object was found.
         """
         stride = vars(self.frame_parser).get("stride")
-        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video)
+        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video, self.camera)
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
@@ -268,7 +279,7 @@ class Pipeline:
         if dynamics is None:
             if tracks is None:
                 assert proposals is not None
-                tracks = track(proposals, self.tracker)
+                tracks = track(proposals, self.tracker, self.camera)
             if not tracks.tracks:
                 what, least = video or "the proposals", self.tracker.min_frames
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"

@@ -11,7 +11,7 @@ from torch.utils.data import DataLoader
 import nsdr.frame_parser
 import nsdr.tracking
 from nsdr import CheckpointError, DataError, VideoError, VideoProposals
-from nsdr.clevrer.proposals import proposals_document, proposals_from_rows
+from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, TorchvisionBackbone, build_frame_parser
@@ -24,7 +24,7 @@ from nsdr.io.video import read_video, write_video
 from nsdr.tracking.localization import ground_location, outline
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.tracking.visibility import hidden_sides
-from nsdr.world.camera import ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import attribute_index
 
 TINY = FrameParserConfig(
@@ -362,7 +362,7 @@ def test_outline_centroid_gives_the_position(shape: str, x: float, y: float) -> 
 
 
 def test_the_visible_sides_give_the_position_of_an_outline_cut_by_the_border() -> None:
-    expected = ground_from_pixels([474.0, 160.0])
+    expected = CLEVRER_CAMERA.ground([474.0, 160.0])
     polygon = outline("sphere", *expected)
     centroid = np.array([[470.0, 160.0]])  # of the visible part, too far left
     box = np.array([[polygon[:, 0].min(), polygon[:, 1].min(), 480, polygon[:, 1].max()]]).round().astype(int)

@@ -12,8 +12,8 @@ import pytest
 from nsdr import DataError, Event, Executor, Scene, SceneObject
 from nsdr.baselines import tag_options
 from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, read_questions, without_answers
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, read_questions, without_answers
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import simulate_scene

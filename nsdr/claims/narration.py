@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 
 from nsdr.claims.reading import STATES, written
 from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
-from nsdr.clevrer.prompts import answer_text
+from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
 from nsdr.language.rules import Slot
 from nsdr.symbolic.causal import causal_path
@@ -40,7 +40,7 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
 
     Args:
         answer: of `Executor.answer` or `Executor.judge` with the paper's semantics, or one of the latter's choices. Where the
-            executor had to suppose another course of events (`Scene.doubts`), the trace's facts differ from the scene's.
+            executor had to suppose another course of events (`Scene.uncertain`), the trace's facts differ from the scene's.
         scene: the scene that it is about.
         length: "short" tells what the answer rests on; "long" all observed events first, and all that is known of the time
             after the video or of the video without the removed object where the question asks for that.

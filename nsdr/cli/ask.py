@@ -96,7 +96,7 @@ def _check_extensions(options: Any) -> None:
 
 def execute(options: Any) -> int:
     """`nsdr execute`: a program on a saved scene, or with the official semantics on a prediction file."""
-    from nsdr.clevrer.predictions import read_predictions
+    from nsdr.clevrer.files.predictions import read_predictions
     from nsdr.symbolic import Executor
 
     if not options.scene:

@@ -51,7 +51,7 @@ def _check_early(options: Any) -> None:
 
     The settings take the networks' libraries, which take seconds; `Pipeline.perceive` checks in any case.
     """
-    from nsdr.frame_parser.video_check import VideoConfig, check_video
+    from nsdr.frame_parser.check.video import VideoConfig, check_video
 
     if not options.config and not any(value.startswith("video") for value in options.set):
         check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))

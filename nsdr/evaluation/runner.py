@@ -15,8 +15,8 @@ from tqdm import tqdm
 
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.files.parsed_programs import with_parsed_programs
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
@@ -26,10 +26,9 @@ from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource,
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
+from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES
+from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
 from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.symbolic import Executor

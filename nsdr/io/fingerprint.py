@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.errors import DataError
-from nsdr.world.camera import EYE_WORLD, eye_of
 
 __all__ = ["code_fingerprint", "code_revision", "fingerprint"]
 
@@ -42,8 +41,6 @@ def fingerprint(
     """
     digest = hashlib.sha256(code_fingerprint(code if isinstance(code, str) else "").encode() if code else b"")
     digest.update(json.dumps(_plain(config), sort_keys=True, default=str).encode())
-    if eye_of("") != EYE_WORLD:
-        digest.update(repr(EYE_WORLD).encode())
     for path in weights:
         folder = Path(path)
         files = sorted([*folder.glob("*.safetensors"), *folder.glob("*.json")]) if folder.is_dir() else [folder]

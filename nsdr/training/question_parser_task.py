@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.clevrer.questions import iterate_questions
+from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
 from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
