@@ -135,7 +135,7 @@ def decode_videos(
     jobs = []
     for index in indices:
         video = split.video(index)
-        key = fingerprint(inputs=[video], config=[image_size, frames], code=False)
+        key = fingerprint(inputs=[video], config=[image_size, frames])
         jobs.append(Job(video.name, video, folder / f"{index:05d}.npy", key))
     summary = run_jobs(partial(_decode, image_size, frames), jobs, folder, wait=True)
     summary.succeeded(jobs, folder, keep_going=False)
