@@ -1,14 +1,14 @@
 """Rendering options, and the camera and lamps of each scene."""
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from msgspec import Meta
 
 from nsdr.errors import DataError
 from nsdr.validation import NotNegative, Settings, Size
-from nsdr.world.camera import EYE_WORLD, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.timeline import FPS
 
 __all__ = ["N_LAMPS", "RenderConfig", "View", "view_of"]
@@ -30,6 +30,7 @@ class RenderConfig(Settings):
     Attributes:
         width: image width (pixels).
         height: image height (pixels).
+        camera: where the camera is, where it looks, and its lens. Its size is that of masks and annotations, 480x320.
         camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
         light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
         samples: Cycles samples per pixel, before denoising.
@@ -41,6 +42,7 @@ class RenderConfig(Settings):
 
     width: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = WIDTH_PX
     height: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = HEIGHT_PX
+    camera: Camera = field(default_factory=Camera)
     camera_jitter: NotNegative = 0.0
     light_jitter: NotNegative = 0.0
     samples: Size = 6
@@ -50,6 +52,7 @@ class RenderConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_release_size(self.camera)
         if self.width % 2 or self.height % 2:
             raise DataError(
                 f"width and height: expected even numbers of at least {MIN_SIDE_PX}, got {self.width}x{self.height}"
@@ -81,6 +84,6 @@ def view_of(config: RenderConfig, seed: int) -> View:
         x, y, z = (p + by * rng.uniform(-1, 1) for p in position)
         return x, y, z
 
-    eye = shifted(EYE_WORLD, config.camera_jitter)
+    eye = shifted(config.camera.eye_world, config.camera_jitter)
     lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(N_LAMPS))
-    return View(Camera(eye, config.width, config.height), lamps)
+    return View(replace(config.camera, eye_world=eye, width=config.width, height=config.height), lamps)
