@@ -50,10 +50,7 @@ class ClaimJudge:
 
     def __init__(self, scene: Scene, tolerance_frames: int) -> None:
         self.scene, self.tolerance = scene, tolerance_frames
-        bits = ancestor_sets(scene.events)
-        self._ancestors = [
-            [scene.events[j] for j in range(i) if bits[1 << i] >> j & 1] for i in range(len(scene.events))
-        ]
+        self._ancestors = [[scene.events[i] for i in causes] for causes in ancestor_sets(scene.events)]
         self._methods = {
             **dict.fromkeys(PAST_KINDS.values(), self._observed),
             "future": self._future,
