@@ -18,3 +18,6 @@ __all__ = [
     "format_trace",
     "format_tree",
 ]
+
+VERSION = 2
+"""Of the answers of programs: raised when they change."""
