@@ -35,7 +35,8 @@ class Detector:
 
     def __init__(self, model: Any, precision: torch.dtype, min_objectness: float = MIN_OBJECTNESS) -> None:
         self.precision, self.roi_heads = precision, model.roi_heads
-        self.backbone, self.rpn = _fused(deepcopy(model.backbone)), _fused(deepcopy(model.rpn))
+        self.backbone = _fused(deepcopy(model.backbone))
+        self.rpn: Any = _fused(deepcopy(model.rpn))
         for part in (self.backbone, self.rpn.head):
             part.to(precision).to(memory_format=torch.channels_last)
         self.rpn.score_thresh = min_objectness
