@@ -36,7 +36,7 @@ class Detector:
     def __init__(self, model: Any, precision: torch.dtype, min_objectness: float = MIN_OBJECTNESS) -> None:
         self.precision, self.roi_heads = precision, model.roi_heads
         self.backbone = _fused(deepcopy(model.backbone))
-        self.rpn: Any = _fused(deepcopy(model.rpn))
+        self.rpn = _fused(deepcopy(model.rpn))
         for part in (self.backbone, self.rpn.head):
             part.to(precision).to(memory_format=torch.channels_last)
         self.rpn.score_thresh = min_objectness
@@ -66,7 +66,7 @@ class Detector:
         return rows.to(self.precision).view(pixels.shape).permute(0, 3, 1, 2)
 
 
-def _fused(module: nn.Module) -> nn.Module:
+def _fused(module: Any) -> Any:
     """The module with each convolution and the batch normalisation that follows it as one convolution."""
     names = list(module._modules)
     for name, following in pairwise(names):
