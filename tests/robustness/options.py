@@ -41,8 +41,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--source": ("zebra", ""), "--split": ("zebra", "train"), "--exclude": ("x", "[x]", "[1.5]"),
         "--semantics": ("zebra", "official"), "--collisions": ("zebra", "velocity"), "--engine": ("zebra",),
         "--device": ("zebra",), "--checkpoint": ("nowhere",), "--data": ("nowhere",), "--questions": ("nowhere.json",),
-        "--root": ("nowhere",), "--truth_source": ("zebra", "truth"), "--truth": ("nowhere",), "--limits": (
-            "zebra=5", "frames", "frames=0", "frames=-1", "frames=x", "frames=nan", "frames=inf")}),
+        "--root": ("nowhere",), "--truth_source": ("zebra", "truth"), "--truth": ("nowhere",)}),
     "predict-dynamics": (PREDICT, {
         "--workers": ("-1", "x"), "--form": ("zebra",), "--dynamics": ("zebra", "nowhere.yaml"), "--engine": ("zebra",),
         "--config": ("nowhere.yaml",), "--set": (
