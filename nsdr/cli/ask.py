@@ -35,8 +35,6 @@ def answer_options(parser: Any) -> None:
     add("video", help="video file, or a scene saved by parse-video")
     add("-q", "--question", required=True, help="in CLEVRER's English")
     add("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
-    responsible = "what it means: a chain of events led to it (CLEVRER's), or it would not have happened without"
-    add("--responsible", default="chain", choices=["chain", "but_for"], help=responsible)
     add("--extensions", action="store_true", help=EXTENSIONS)
     add("--trace", action="store_true", help="print every executed step")
     add("--json", action="store_true", help="print the answer as JSON")
@@ -60,7 +58,6 @@ def answer(options: Any) -> int:
     pipeline = make_pipeline(options)
     pipeline.question_parser.extensions = options.extensions
     pipeline.question_parser = parser or pipeline.question_parser
-    pipeline.responsible = options.responsible
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
         print(json.dumps(asdict(found)))
@@ -72,7 +69,6 @@ def answer(options: Any) -> int:
 
 def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
     from nsdr.symbolic import format_probability, format_trace
-    from nsdr.symbolic.traces import disagreement
 
     say = format_probability if probable else lambda _: ""
     width = len("correct (>99 %)") if any(map(say, found.choices)) else len("correct ")
@@ -82,8 +78,7 @@ def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
         print(found.answer + say(found))
     for choice in found.choices:
         judgement = (choice.answer or "error") + say(choice)
-        other = disagreement(choice)
-        print(f"{judgement:<{width}} {choice.choice}{other}{': ' + choice.error if choice.error else ''}")
+        print(f"{judgement:<{width}} {choice.choice}{': ' + choice.error if choice.error else ''}")
         if trace:
             print(format_trace(choice.trace))
 
