@@ -32,7 +32,6 @@ COMMANDS: dict[str, Callable[[Any], int]] = {
     "evaluate": evaluate.evaluate,
     "experiment": evaluate.experiment,
     "score": score.score,
-    "dummy": score.dummy,
     "controls": score.controls,
     "tag": tag.tag,
     "data": data.data,

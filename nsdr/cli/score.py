@@ -1,4 +1,4 @@
-"""`nsdr score`, `nsdr dummy` and `nsdr controls`: one protocol for any system's answers."""
+"""`nsdr score` and `nsdr controls`: one protocol for any system's answers."""
 
 from pathlib import Path
 from typing import Any
@@ -8,11 +8,11 @@ from jsonargparse.typing import NonNegativeInt, NotEmptyStr
 from nsdr.errors import DataError
 from nsdr.io.files import check_output, check_output_folder
 
-__all__ = ["add_options", "controls", "dummy", "score"]
+__all__ = ["add_options", "controls", "score"]
 
 
 def add_options(commands: Any, splits: list[str], engines: list[str]) -> None:
-    """Add the three commands.
+    """Add the two commands.
 
     Args:
         commands: `add(name, summary, …)` adds one.
@@ -25,13 +25,6 @@ def add_options(commands: Any, splits: list[str], engines: list[str]) -> None:
     add("--questions", type=NotEmptyStr, required=True, help="question file with answers, in CLEVRER's format")
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")
     add("-o", "--output", default=None, help="write the report as JSON")
-
-    add = commands.add("dummy", "write the answers of a system that understands nothing", checkpoint=False).add_argument
-    add("name", choices=["always-yes", "always-no", "keep-recording"], help="which system")
-    add("--questions", type=NotEmptyStr, required=True, help="question file in CLEVRER's format")
-    add("--source", default="", help="keep-recording: what the true scenes are made from, such as truth")
-    add("--data", default="", help="keep-recording: folder of these files")
-    add("-o", "--output", required=True, help="JSON Lines file to write")
 
     summary = "write blind, reversed and shuffled videos of a data set, as controls; resumable"
     add = commands.add("controls", summary, checkpoint=False).add_argument
@@ -74,18 +67,6 @@ def score(options: Any) -> int:
         document = {"files": files, "reports": reports, "comparison": comparison}
     if options.output is not None:
         write_json(options.output, document, indent=1)
-    return 0
-
-
-def dummy(options: Any) -> int:
-    """`nsdr dummy`: the answers of a system that understands nothing."""
-    from nsdr.clevrer.files.questions import read_questions
-    from nsdr.evaluation.dummies import write_dummy
-
-    check_output(options.output, [".jsonl"], [options.questions])
-    scenes = read_questions(options.questions)
-    empty = write_dummy(options.name, scenes, options.output, options.source, options.data)
-    print(f"{options.output}: {sum(len(s.questions) for s in scenes)} responses, {empty} of them empty")
     return 0
 
 
