@@ -35,7 +35,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evaluate": ("evaluate", "score answers to a question file; resumable"),
     "experiment": ("evaluate", "measure all rows of a table; resumable"),
     "score": ("score", "score a file of answers, or compare two"),
-    "dummy": ("score", "write the answers of a system that understands nothing"),
     "controls": ("score", "write blind, reversed and shuffled videos of a data set, as controls; resumable"),
     "tag": ("score", "mark the questions that the recording alone, or the text alone, answers"),
     "data verify": ("data", "count the files of a data set"),

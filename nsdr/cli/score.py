@@ -1,4 +1,4 @@
-"""`nsdr score`, `dummy`, `controls` and `tag`: one protocol for any system's answers, and what questions demand."""
+"""`nsdr score`, `controls` and `tag`: one protocol for any system's answers, and what questions demand."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -12,7 +12,7 @@ from nsdr.cli.common import SPLITS, failures_line, work_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_output, check_output_folder
 
-__all__ = ["controls", "dummy", "score", "tag"]
+__all__ = ["controls", "score", "tag"]
 
 
 def score_options(parser: Any) -> None:
@@ -52,27 +52,6 @@ def score(options: Any) -> int:
         document = {"files": files, "reports": reports, "comparison": comparison}
     if options.output is not None:
         write_json(options.output, document, indent=1)
-    return 0
-
-
-def dummy_options(parser: Any) -> None:
-    """Add the options of `nsdr dummy`."""
-    add = parser.add_argument
-    add("name", choices=["always-yes", "always-no", "keep-recording"], help="which system")
-    add("--questions", type=NotEmptyStr, required=True, help="question file in CLEVRER's format")
-    add("--source", default="", help="keep-recording: what the true scenes are made from, such as truth")
-    add("--data", default="", help="keep-recording: folder of these files")
-    add("-o", "--output", required=True, help="JSON Lines file to write")
-
-
-def dummy(options: Any) -> int:
-    """`nsdr dummy`: the answers of a system that understands nothing."""
-    from nsdr.evaluation.dummies import write_dummy
-
-    check_output(options.output, [".jsonl"], [options.questions])
-    scenes = read_questions(options.questions)
-    empty = write_dummy(options.name, scenes, options.output, options.source, options.data)
-    print(f"{options.output}: {sum(len(s.questions) for s in scenes)} responses, {empty} of them empty")
     return 0
 
 
