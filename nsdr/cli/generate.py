@@ -11,6 +11,7 @@ from tqdm import tqdm
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.clevrer.files.scene_files import iterate_scenes
+from nsdr.cli.common import left_out
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
@@ -25,7 +26,7 @@ from nsdr.io.jobs import ENGINES, run_in_order
 from nsdr.validation import Count, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA
 
-__all__ = ["COMMANDS", "SceneOptions", "main"]
+__all__ = ["COMMANDS", "SceneOptions", "generate"]
 
 KEEP_GOING = "--keep-going"
 """Flag of `nsdr generate dataset`: make questions and statistics of the videos that did not fail."""
@@ -119,12 +120,11 @@ def _scenes(paths: list[str], changes: bool) -> list[Any]:
 COMMANDS = {"dataset": _dataset, "scene": _scene, "questions": _questions}
 
 
-def main(argv: Sequence[str]) -> str:
-    """Run one of `COMMANDS` with its arguments (`-o` is short for `--output`); returns what was written.
-
-    Raises:
-        DataError: an unknown command, or anything the command complains about.
-    """
-    if not argv or argv[0] not in COMMANDS:
-        raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {argv[0] if argv else 'nothing'!r}")
-    return COMMANDS[argv[0]](["--output" if a == "-o" else a for a in argv[1:]])
+def generate(arguments: list[str]) -> int:
+    """Run one of `COMMANDS` with its arguments (`-o` is short for `--output`), and print what was written."""
+    command, *rest = arguments or ["nothing"]
+    if command not in COMMANDS:
+        raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {command!r}")
+    written = COMMANDS[command](["--output" if a == "-o" else a for a in rest])
+    print(written)
+    return left_out(written)
