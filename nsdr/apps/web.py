@@ -20,12 +20,12 @@ from weakref import WeakKeyDictionary
 
 from nsdr.apps import changes, menus
 from nsdr.apps.clips import Clip, Clips
-from nsdr.apps.comparison_video import write_comparison
+from nsdr.apps.comparison import write_comparison
 from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
 from nsdr.errors import DataError, NsdrError
 from nsdr.types.interventions import Intervention
+from nsdr.visualize.annotate import write_annotated_video
 from nsdr.visualize.timeline import timeline_html
-from nsdr.visualize.video import write_annotated_video
 
 __all__ = ["ServerConfig", "serve"]
 
