@@ -22,8 +22,7 @@ def add_options(commands: Any) -> None:
 
 def mcp(options: Any) -> int:
     """`nsdr mcp`: serve the Model Context Protocol on the videos of a folder until it is ended."""
-    from nsdr.apps.agent_tools import check_folder
-    from nsdr.apps.mcp import serve
+    from nsdr.apps.mcp import check_folder, serve
     from nsdr.pipeline import Pipeline
 
     given = [f"--{name}" for name in ("host", "port") if getattr(options, name)]
