@@ -20,8 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.attention import masked_softmax
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise, masked_softmax
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["HeterogeneousMemory", "MemoryConfig"]
@@ -56,8 +55,7 @@ class HeterogeneousMemory(Baseline):
     Config = MemoryConfig
 
     def __init__(self, config: MemoryConfig, sizes: Sizes) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config, sizes)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
         self.dropout = nn.Dropout(config.dropout)

@@ -20,8 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.attention import masked_softmax, time_encoding
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, masked_softmax, time_encoding
 from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 
 __all__ = ["TvqaConfig", "TvqaPlus"]
@@ -54,8 +53,7 @@ class TvqaPlus(Baseline):
     Config = TvqaConfig
 
     def __init__(self, config: TvqaConfig, sizes: Sizes) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config, sizes)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
         self.embed = nn.Sequential(
