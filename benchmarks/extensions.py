@@ -124,8 +124,8 @@ def errors(scene: Scene, truth: Scene) -> tuple[list[tuple[float, float, float]]
     for i, a in known:
         for frame in range(0, scene.n_frames, STRIDE):
             try:
-                found = executor.world.quantities.speed(1 << i, frame)
-                speeds.append(found - true_executor.world.quantities.speed(1 << a, frame))
+                found = executor.world.quantities.speed(i, frame)
+                speeds.append(found - true_executor.world.quantities.speed(a, frame))
             except ExecutionError:
                 continue
     return masses, speeds

@@ -123,7 +123,7 @@ class Perception:
 
     @property
     def scene_with_dynamics(self) -> Scene:
-        """The scene with its trajectories, as `nsdr parse-video` saves it: exits without an object need them."""
+        """The scene with its trajectories, as `nsdr parse-video` saves it."""
         return replace(self.scene, dynamics=self.dynamics)
 
     @property
@@ -144,7 +144,6 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
-        responsible: meaning of "responsible", as of the executor: "chain" or "but_for".
         video: what is expected of videos; None for CLEVRER's.
         camera: that took the videos.
     """
@@ -156,7 +155,6 @@ class Pipeline:
         question_parser: "QuestionParser",
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
-        responsible: str = "chain",
         video: VideoConfig | None = None,
         camera: Camera = CLEVRER_CAMERA,
     ) -> None:
@@ -165,7 +163,6 @@ class Pipeline:
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.semantics = semantics
-        self.responsible = responsible
         self.video = video or VideoConfig()
         self.camera = camera
         self.progress = False
@@ -377,9 +374,9 @@ class Pipeline:
             raise QuestionError("the question is empty")
         given = video_or_scene if isinstance(video_or_scene, Scene) else None
         parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
-        scene = self.perceive(video_or_scene).scene_with_dynamics if given is None else given  # type: ignore[arg-type]
+        scene = self.perceive(video_or_scene).scene if given is None else given  # type: ignore[arg-type]
         simulate = None if isinstance(video_or_scene, Scene) else partial(self._collisions_with, video_or_scene)
-        executor = Executor(scene, self.semantics, responsible=self.responsible, simulate=simulate)
+        executor = Executor(scene, self.semantics, simulate=simulate)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]

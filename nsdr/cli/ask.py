@@ -29,7 +29,6 @@ def answer(options: Any) -> int:
     pipeline = make_pipeline(options)
     pipeline.question_parser.extensions = options.extensions
     pipeline.question_parser = parser or pipeline.question_parser
-    pipeline.responsible = options.responsible
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
         print(json.dumps(asdict(found)))
@@ -41,7 +40,6 @@ def answer(options: Any) -> int:
 
 def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
     from nsdr.symbolic import format_probability, format_trace
-    from nsdr.symbolic.traces import disagreement
 
     say = format_probability if probable else lambda _: ""
     width = len("correct (>99 %)") if any(map(say, found.choices)) else len("correct ")
@@ -51,8 +49,7 @@ def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
         print(found.answer + say(found))
     for choice in found.choices:
         judgement = (choice.answer or "error") + say(choice)
-        other = disagreement(choice)
-        print(f"{judgement:<{width}} {choice.choice}{other}{': ' + choice.error if choice.error else ''}")
+        print(f"{judgement:<{width}} {choice.choice}{': ' + choice.error if choice.error else ''}")
         if trace:
             print(format_trace(choice.trace))
 

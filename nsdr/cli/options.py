@@ -88,12 +88,6 @@ def ask_options(commands: Commands) -> None:
     answer.add_argument("video", help="video file, or a scene saved by parse-video")
     answer.add_argument("-q", "--question", required=True, help="in CLEVRER's English")
     answer.add_argument("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
-    answer.add_argument(
-        "--responsible",
-        default="chain",
-        choices=["chain", "but_for"],
-        help="what it means: a chain of events led to it (CLEVRER's), or it would not have happened without",
-    )
     answer.add_argument("--extensions", action="store_true", help=EXTENSIONS)
     answer.add_argument("--trace", action="store_true", help="print every executed step")
     answer.add_argument("--json", action="store_true", help="print the answer as JSON")
@@ -222,6 +216,7 @@ def evaluate_options(commands: Commands) -> None:
         choices=["simulated", "recording"],
         help="recording: delete the removed object from the recording and simulate nothing, as a control",
     )
+    add("--data_set_rules", type=bool, default=True, help="use that one of two predictions is correct (false: don't)")
     add("--truth_source", default="", help="source of scenes whose observed collisions replace the detected ones")
     add("--truth", default="", help="folder or file of --truth_source")
     add("--cache", default="runs/scenes", help="folder that keeps scenes for the next run")

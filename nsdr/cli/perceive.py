@@ -32,7 +32,7 @@ def parse_video(options: Any) -> int:
     from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io import storage
     from nsdr.io.files import write_json
-    from nsdr.symbolic.world import world_of
+    from nsdr.symbolic.world import event_sentence
     from nsdr.visualize import write_annotated_image
 
     perception = pipeline.perceive(options.video)
@@ -47,9 +47,8 @@ def parse_video(options: Any) -> int:
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
     for o in scene.objects:
         print(f"  object {o.id}: {o.name}")
-    world = world_of(scene)
-    for text in world.event_text(world.observed).split("; ") if scene.events else ():
-        print(f"  {text}")
+    for event in scene.events:
+        print(f"  {event_sentence(event, [o.name for o in scene.objects])}")
     return 0
 
 

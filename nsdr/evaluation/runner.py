@@ -77,6 +77,7 @@ class EvaluationConfig:
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
         counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
+        data_set_rules: whether rules of CLEVRER's questions count, as of `nsdr.Executor`; with the paper's semantics.
         truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
         truth: folder or file that `truth_source` reads.
         cache: folder that keeps scenes for the next run.
@@ -106,6 +107,7 @@ class EvaluationConfig:
     semantics: str = "paper"
     collisions: str = "predicted"
     counterfactuals: str = "simulated"
+    data_set_rules: bool = True
     truth_source: str = ""
     truth: str = ""
     cache: str = "runs/scenes"
@@ -215,8 +217,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
     parse = parse or programs_of(config, questions)
-    keeps_recording = config.counterfactuals == "recording"
-    made = ((s, _executor(scenes[s.scene_index], keeps_recording)) for s in questions)
+    made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
     return evaluate(made, parse, config.types)
 
 
@@ -320,11 +321,12 @@ def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
     return scene
 
 
-def _executor(scene: Scene | Path | NsdrError, keeps_recording: bool) -> Executor | NsdrError:
+def _executor(scene: Scene | Path | NsdrError, config: EvaluationConfig) -> Executor | NsdrError:
     if isinstance(scene, NsdrError):
         return scene
     loaded = storage.load(Scene, scene) if isinstance(scene, Path) else scene
-    return Executor(keep_recording(loaded) if keeps_recording else loaded)
+    asked = keep_recording(loaded) if config.counterfactuals == "recording" else loaded
+    return Executor(asked, data_set_rules=config.data_set_rules)
 
 
 def _official(

@@ -34,7 +34,7 @@ __all__ = ["option_cases"]
 OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", "hf://a/b", "hf://../x@main", "hf://a/b@main", ""),
                         "--device": ("zebra", "cuda:99", "cuda:x", ""), "--zebra": ("1",), "--set": ("tracker.score",),
-                        "--dynamics": ("zebra",), "--responsible": ("zebra", ""), "--extensions": ("zebra",)}),
+                        "--dynamics": ("zebra",), "--extensions": ("zebra",)}),
     "evaluate": (EVALUATE_TRUTH, {
         "--types": ("zebra", ""), "--limit": ("-1", "x", "1.5", ""), "--every": ("0", "-1", "x"),
         "--stride": ("0", "-1", "x", "2"), "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
