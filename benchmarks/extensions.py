@@ -25,7 +25,7 @@ from nsdr.clevrer.files.questions import Question
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import ExecutionError
-from nsdr.evaluation.intervals import accuracy_interval
+from nsdr.evaluation.measures import accuracy_interval
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.questions.extensions import EXTENSION_KINDS, ExtensionSelection
 from nsdr.generate.questions.selection import find_candidates

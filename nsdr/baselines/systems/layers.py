@@ -2,18 +2,22 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
 from nsdr.question_parser.tokenizer import PAD
+from nsdr.validation import MAX_SIZE
 
-__all__ = ["AnswerHead", "EncodedText", "TextEncoder", "initialise", "masked_softmax", "time_encoding"]
+__all__ = ["AnswerHead", "EncodedText", "TextEncoder", "Width", "initialise", "masked_softmax", "time_encoding"]
 
 LONGEST_PERIOD = 10_000.0
 """Longest wavelength of the encoding of time, over 2 pi (Vaswani et al. 2017)."""
+Width = Annotated[int, Meta(ge=2, le=MAX_SIZE)]
+"""Width of the states of two directions; an odd one is rounded down."""
 
 
 class EncodedText(NamedTuple):

@@ -26,14 +26,14 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise, masked_softmax, time_encoding
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax, time_encoding
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["Mac", "MacConfig", "MacObjects"]
 
 
 @dataclass(frozen=True)
-class MacConfig:
+class MacConfig(Settings):
     """Settings of `Mac` and `MacObjects`.
 
     Attributes:
@@ -43,13 +43,10 @@ class MacConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    width: int = 512
-    steps: int = 12
-    dropout: float = 0.15
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, width=(2, MAX_SIZE), steps=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    width: Width = 512
+    steps: Size = 12
+    dropout: Share = 0.15
 
 
 class Mac(Baseline):

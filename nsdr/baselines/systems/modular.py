@@ -29,7 +29,7 @@ from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead, initialise
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, ProgramGraph, execute, program_graph
 from nsdr.errors import DataError
-from nsdr.io.validation import SIZE, check_ranges
+from nsdr.validation import Settings, Size
 
 __all__ = ["Iep", "Mask", "Modular", "ModularConfig", "TbdConfig", "TbdNet"]
 
@@ -41,7 +41,7 @@ PARAMETERLESS = (*WHOLE_VIDEO, "unique", "get_frame")
 
 
 @dataclass(frozen=True)
-class ModularConfig:
+class ModularConfig(Settings):
     """Settings; the defaults are those of both papers.
 
     Attributes:
@@ -51,13 +51,10 @@ class ModularConfig:
         hidden: units of the classifier's hidden layer.
     """
 
-    width: int = 128
-    frames: int = 25
-    projection: int = 512
-    hidden: int = 1024
-
-    def __post_init__(self) -> None:
-        check_ranges(self, width=SIZE, frames=SIZE, projection=SIZE, hidden=SIZE)
+    width: Size = 128
+    frames: Size = 25
+    projection: Size = 512
+    hidden: Size = 1024
 
 
 @dataclass(frozen=True)
@@ -68,11 +65,7 @@ class TbdConfig(ModularConfig):
         dilations: dilations of the convolutions of `relate`, in their order.
     """
 
-    dilations: tuple[int, ...] = (1, 2, 4, 8, 1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, dilations=SIZE)
+    dilations: tuple[Size, ...] = (1, 2, 4, 8, 1)
 
 
 class _SpaceConv(nn.Module):

@@ -8,20 +8,22 @@ Differs from the paper:
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width
 from nsdr.question_parser.tokenizer import PAD
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["CnnLstm", "CnnLstmConfig", "CnnMlp", "CnnMlpConfig", "Lstm", "LstmConfig"]
 
 
 @dataclass(frozen=True)
-class CnnMlpConfig:
+class CnnMlpConfig(Settings):
     """Settings of `CnnMlp`.
 
     Attributes:
@@ -30,12 +32,9 @@ class CnnMlpConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    head: int = 512
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, head=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    head: Size = 512
+    dropout: Share = 0.2
 
 
 @dataclass(frozen=True)
@@ -47,12 +46,8 @@ class LstmConfig(CnnMlpConfig):
         layers: LSTM layers.
     """
 
-    hidden: int = 512
-    layers: int = 1
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, hidden=(2, MAX_SIZE), layers=(1, 100))
+    hidden: Width = 512
+    layers: Annotated[int, Meta(ge=1, le=100)] = 1
 
 
 @dataclass(frozen=True)
@@ -63,11 +58,7 @@ class CnnLstmConfig(LstmConfig):
         video: LSTM units over the frames.
     """
 
-    video: int = 512
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, video=SIZE)
+    video: Size = 512
 
 
 class Lstm(Baseline):
