@@ -16,7 +16,8 @@ from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.patches import patch_boxes
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents, velocity_collisions

@@ -65,7 +65,7 @@ class MotionStates:
         reliable: (n, F) bool, detected, not cut by the image's border and not hidden by a nearer object.
         present: (n, F) bool, between the first and the last detection.
         box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
-        patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.image_patches`); None
+        patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.patches`); None
             for networks that read no images.
         camera: that took the video.
     """

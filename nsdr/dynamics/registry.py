@@ -118,7 +118,7 @@ def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
 
 
 def _paper_images(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    from nsdr.dynamics.propnet.image_predictor import ImagePredictor
+    from nsdr.dynamics.propnet.patch_predictor import ImagePredictor
 
     options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
     return ImagePredictor.from_checkpoint(_patch_folder(folder, config), **options)

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.dynamics.propnet.data import MotionDataset
-from nsdr.dynamics.propnet.image_data import read_image_dataset
-from nsdr.dynamics.propnet.image_model import ImageModel
-from nsdr.dynamics.propnet.image_patches import MAX_VALUE
-from nsdr.dynamics.propnet.image_predictor import ImagePredictor
-from nsdr.dynamics.propnet.patch_model import STEP_SCALE
-from nsdr.dynamics.propnet.patch_predictor import patch_boxes
+from nsdr.dynamics.propnet.data import MotionDataset, read_image_dataset
+from nsdr.dynamics.propnet.patch_model import STEP_SCALE, ImageModel
+from nsdr.dynamics.propnet.patch_predictor import ImagePredictor
+from nsdr.dynamics.propnet.patches import MAX_VALUE, patch_boxes
 from nsdr.training.loop import LossTerm
 from nsdr.training.patch_dynamics import PatchModelTask
 from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, joined, pair_loss

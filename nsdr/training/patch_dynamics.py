@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, PatchModel
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.patches import patch_boxes
 from nsdr.training.loop import LossTerm
 from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
 

@@ -93,8 +93,7 @@ class StatePredictor(PretrainedModel[StateModel]):
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
         parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
-        network, device = self.model.folded(), self.device
-        logits = torch.cat([self._on_device(network.observe, device, *part) for part in parts])
+        logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
@@ -142,7 +141,6 @@ class StatePredictor(PretrainedModel[StateModel]):
         pending = [list(observed) for _ in range(n_rollouts)]
         scores = np.zeros((n, n))
         static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
-        network, device = self.model.folded(), self.device
         shares = np.arange(1, stride + 1)[:, None] / stride
         for t in range(0, total - 1, stride) if n else ():
             for rollout in range(1, n_rollouts):
@@ -158,7 +156,7 @@ class StatePredictor(PretrainedModel[StateModel]):
             known = reliable[:, past_frames] | (free_from[at_work][:, :, None] <= times)
             here = exists[at_work] & (first <= t)
             inputs = torch.from_numpy(window.astype(np.float32)), torch.from_numpy(known), static[: len(at_work)]
-            following, logits = self._on_device(network.predict, device, *inputs, torch.from_numpy(here))
+            following, logits = self._on_device(self.model.predict, *inputs, torch.from_numpy(here))
             now, moves = window[:, :, -1:], free[at_work][:, :, None]
             between = now + (following.numpy()[:, :, None] - now) * shares
             steps = slice(reach + t + 1, reach + t + stride + 1)
@@ -202,11 +200,9 @@ class StatePredictor(PretrainedModel[StateModel]):
             for k in range(n_rollouts)
         ]
 
-    def _on_device(self, network: Any, device: torch.device, *inputs: torch.Tensor) -> Any:
+    def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
         """Outputs of a network on the CPU, computed on the device of its weights."""
-        if device.type == "cpu":
-            return network(*inputs)
-        outputs = network(*(x.to(device) for x in inputs))
+        outputs = network(*(x.to(self.device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
 
     def _observed_event(
