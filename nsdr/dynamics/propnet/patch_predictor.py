@@ -20,7 +20,7 @@ from nsdr.dynamics.propnet.patch_model import (
     PatchNetwork,
 )
 from nsdr.dynamics.propnet.patches import MAX_VALUE, object_patches, patch_boxes
-from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
+from nsdr.dynamics.track_smoothing import rollout_in_image, smooth_tracks, with_smoothed_tracks
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import PretrainedModel
 from nsdr.io.device import limit_threads
@@ -45,30 +45,26 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
     Args:
         model: trained network.
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        smoothing: how observed tracks are smoothed.
     """
 
     part = "dynamics"
     built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchModelConfig, PatchModel)
     default_checkpoint = "dynamics_paper"
 
-    def __init__(
-        self, model: PatchNetwork, horizon_frame: int | None = None, smoothing: SmoothingConfig | None = None
-    ) -> None:
+    def __init__(self, model: PatchNetwork, horizon_frame: int | None = None) -> None:
         self.model = model.eval()
         self.horizon_frame = horizon_frame
-        self.smoothing = smoothing or SmoothingConfig()
         self.config = model.config
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object; see `StatePredictor`."""
-        return self._predict(states_from_tracks(tracks, self.smoothing.measurement.visibility), observed)
+        return self._predict(states_from_tracks(tracks), observed)
 
     def _predict(self, states: MotionStates, observed: Sequence[Event] | None) -> DynamicsPrediction:
         observed = self.observed_collisions(states) if observed is None else observed
         rollout = self._future(states, observed)
-        rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed, self.smoothing))
+        rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed))
         n_frames = states.present.shape[1]
         return DynamicsPrediction(states.objects, n_frames, rollout, dict(enumerate(self._without_each(states))))
 
@@ -222,7 +218,7 @@ class ImagePredictor(PatchPredictor):
         """
         if pixels is None:
             raise DataError("dynamics 'paper_images' reads images; give videos, or use another backend")
-        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
+        states = states_from_tracks(tracks)
         patches = object_patches(pixels.frames, pixels.proposals, tracks, states, self.config)
         return self._predict(replace(states, patches=patches), observed)
 

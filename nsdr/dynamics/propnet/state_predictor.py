@@ -13,7 +13,6 @@ from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_featur
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.track_smoothing import (
     SmoothedTracks,
-    SmoothingConfig,
     rollout_in_image,
     smooth_tracks,
     with_smoothed_tracks,
@@ -41,7 +40,6 @@ class StatePredictor(PretrainedModel[StateModel]):
         model: trained networks.
         shortcut: what a removal cannot influence keeps its observed motion; otherwise all is rolled out from its first frames.
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        smoothing: how observed tracks are smoothed.
     """
 
     part = "dynamics"
@@ -52,20 +50,18 @@ class StatePredictor(PretrainedModel[StateModel]):
         model: StateModel,
         shortcut: bool = True,
         horizon_frame: int | None = None,
-        smoothing: SmoothingConfig | None = None,
     ) -> None:
         self.model = model.eval()
         self.config = model.config
         self.shortcut = shortcut
         self.horizon_frame = horizon_frame
-        self.smoothing = smoothing or SmoothingConfig()
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
-        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
+        states = states_from_tracks(tracks)
         observed = self.observed_collisions(states) if observed is None else observed
-        smoothed = smooth_tracks(states, observed, self.smoothing)
+        smoothed = smooth_tracks(states, observed)
         rollouts = self._rollouts(states, observed, smoothed)
         counterfactual = dict(enumerate(rollouts[1:]))
         rollout = with_smoothed_tracks(rollouts[0], smoothed)

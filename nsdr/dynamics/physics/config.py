@@ -1,9 +1,8 @@
-"""Settings of the simulation of a fitted scene."""
+"""Settings of the physics backend."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from nsdr.dynamics.physics.collision_search import CollisionSearchConfig
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
+from nsdr.io.validation import COUNT, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.world.physics_constants import LOG_MASS_STD
 
 __all__ = ["PhysicsConfig"]
@@ -14,7 +13,7 @@ MAX_RUNS = 10_000
 
 @dataclass(frozen=True)
 class PhysicsConfig:
-    """How the fitted scene is simulated on.
+    """How a video is explained by fits, and how the fitted scene is simulated on.
 
     Noise levels were set on left-out scenes of `train`; `python benchmarks/continued.py` compares them. Perturbations drawn
     from the posterior of the fit were tried in place of fixed ones: on cut videos they are better calibrated, but they decide
@@ -29,11 +28,8 @@ class PhysicsConfig:
         unmet_mass_noise: the same for objects that were not; CLEVRER's masses are uniform in 0.7-1.3.
         collision_threshold: share of runs above which a collision counts.
         seed: of the perturbations.
-        closeness_world: scale on which the closest approach tells pairs apart that collide in equally many runs (world units).
-        velocity_error_world_per_s: standard deviation of each component of the observed velocities (world units/s): 95 % of
-            errors of speeds are within 1.645 of them, rounded (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70
-            --errors`).
-        search: how the observed collisions and the fit are found.
+        trials: maximum number of fits beside the first, with other collisions.
+        restarts: maximum number of restarts of each fit, for each window of frames.
     """
 
     runs: int = 30
@@ -44,12 +40,10 @@ class PhysicsConfig:
     unmet_mass_noise: float = LOG_MASS_STD
     collision_threshold: float = 0.5
     seed: int = 0
-    closeness_world: float = 0.4
-    velocity_error_world_per_s: float = 0.02
-    search: CollisionSearchConfig = field(default_factory=CollisionSearchConfig)
+    trials: int = 8
+    restarts: int = 6
 
     def __post_init__(self) -> None:
-        check_ranges(self, runs=(1, MAX_RUNS), collision_threshold=SHARE, seed=COUNT, closeness_world=POSITIVE)
-        check_ranges(self, velocity_error_world_per_s=NOT_NEGATIVE)
+        check_ranges(self, runs=(1, MAX_RUNS), collision_threshold=SHARE, seed=COUNT, trials=COUNT, restarts=COUNT)
         noise = ("position_noise_world", "velocity_noise_world_per_s", "yaw_noise", "mass_noise", "unmet_mass_noise")
         check_ranges(self, **dict.fromkeys(noise, NOT_NEGATIVE))
