@@ -70,6 +70,14 @@ class PipelineConfig:
         check_choices(self, precision=PRECISIONS)
         check_release_size(self.camera)
 
+    def versions(self) -> dict[str, int]:
+        """Versions of the stages that make a scene; what was made by others is stale."""
+        from nsdr import dynamics, frame_parser, tracking
+        from nsdr.dynamics import physics, propnet
+
+        backend = physics if self.dynamics.backend == "physics" else propnet
+        return {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
+
 
 def pipeline_settings(
     file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = (), stride: int = 1
@@ -271,7 +279,7 @@ class Pipeline:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
             check_is_video(Path(video))
-            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])], code=False)
+            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])])
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]

@@ -23,7 +23,7 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
-from nsdr.training.state_dynamics import StateModelTask
+from nsdr.training.dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.camera import CLEVRER_CAMERA
 

@@ -125,7 +125,7 @@ def test_tracks_hold_the_camera_they_were_made_with() -> None:
 def test_the_camera_is_a_setting() -> None:
     settings = pipeline_settings(overrides=["camera.eye_world=[3.6,1.6,3.2]", "camera.lens_mm=28"])
     assert settings.camera == Camera((3.6, 1.6, 3.2), lens_mm=28.0)
-    assert fingerprint(config=settings, code=False) != fingerprint(config=PipelineConfig(), code=False)
+    assert fingerprint(config=settings) != fingerprint(config=PipelineConfig())
     with pytest.raises(DataError, match=r"camera: eye_world .* at least 0\.5 high"):
         pipeline_settings(overrides=["camera.eye_world=[1,2,0.1]"])
     with pytest.raises(ValueError, match="expected images of 480x320, got 640x320"):

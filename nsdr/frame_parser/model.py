@@ -60,7 +60,7 @@ class FrameParserConfig:
     """Architecture of the frame parser.
 
     Attributes:
-        backbone: "slim", or torchvision's "resnet18", "resnet50" (paper) or "mobilenet_v3"; weights are random at first.
+        backbone: "slim", or torchvision's "resnet18" or "resnet50" (paper); weights are random at first.
         attributes: "three" heads for colour, material and shape, or "joint": one label for the 48 combinations (paper).
         widths: channels of the slim backbone's four residual stages (strides 4, 8, 16 and 32 px); multiples of 16.
         blocks: residual blocks in each stage of the slim backbone.
@@ -136,7 +136,6 @@ class SlimBackbone(nn.Module):
 _BACKBONES: dict[str, tuple[dict[str, str], list[int]]] = {
     "resnet18": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [64, 128, 256, 512]),
     "resnet50": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [256, 512, 1024, 2048]),
-    "mobilenet_v3": ({"3": "0", "6": "1", "12": "2", "15": "3"}, [24, 40, 112, 160]),
 }
 """torchvision's backbones: names of the layers of stride 4, 8, 16 and 32 px, and their channels."""
 
@@ -147,11 +146,7 @@ class TorchvisionBackbone(nn.Module):
     def __init__(self, name: str, fpn_channels: int) -> None:
         super().__init__()
         layers, channels = _BACKBONES[name]
-        if name == "mobilenet_v3":
-            body: nn.Module = models.mobilenet_v3_large(weights=None).features
-        else:
-            body = getattr(models, name)(weights=None)
-        self.pyramid = BackboneWithFPN(body, layers, channels, fpn_channels)
+        self.pyramid = BackboneWithFPN(getattr(models, name)(weights=None), layers, channels, fpn_channels)
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
@@ -243,13 +238,11 @@ class _ExactAnchors(AnchorGenerator):
 
 
 class _ExactRPNHead(RPNHead):
-    """Its outputs are float32 in mixed-precision training, so that boxes are decoded in it."""
+    """Its outputs are float32 in lower precision, too, so that boxes are decoded in it."""
 
     def forward(self, x: list[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
         logits, deltas = super().forward(x)
-        if self.training:
-            logits, deltas = [level.float() for level in logits], [level.float() for level in deltas]
-        return logits, deltas
+        return [level.float() for level in logits], [level.float() for level in deltas]
 
 
 def _roi_pool(cells: int) -> MultiScaleRoIAlign:

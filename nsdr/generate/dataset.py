@@ -21,6 +21,7 @@ from nsdr.clevrer.files.questions import without_answers, write_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
+from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
@@ -255,7 +256,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
 
 def _fingerprint(config: DatasetConfig) -> str:
     """Of everything that a video depends on beside its index."""
-    return fingerprint(config=_manifest(config)["config"], code=__name__)
+    return fingerprint(config=[VERSION, _manifest(config)["config"]])
 
 
 def _as_json(value: Any) -> Any:

@@ -221,7 +221,7 @@ class _Ray:
             ray.init(log_to_driver=False)
         self.most = workers or RAY_TASKS_PER_CORE * max(int(ray.cluster_resources().get("CPU", 1)), 1)
         self._ray, self._running = ray, dict[Any, Any]()
-        self._remote = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_attempt_in)
+        self._remote: Any = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_attempt_in)
 
     def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[Outcome[Item]]":
         reference = self._remote.remote(os.getcwd(), function, item)

@@ -14,3 +14,5 @@ from .trajectory_fit import (
     TrajectoryFit as TrajectoryFit,
     fit_trajectories as fit_trajectories,
 )
+
+VERSION: int

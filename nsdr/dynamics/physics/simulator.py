@@ -166,7 +166,8 @@ def simulate_perturbed(
     state = _rows(bodies.position, bodies.velocity, bodies.yaw, bodies.spin)
     exists = np.asarray(exists, np.bool_)
     rebounds = np.full((n, n), np.nan) if rebound is None else np.ascontiguousarray(rebound, float)
-    rows, until, collisions = np.zeros((n, 1, 6)), np.zeros(n, np.int64), np.zeros((0, 3), np.int64)
+    until, collisions = np.zeros(n, np.int64), np.zeros((0, 3), np.int64)
+    rows: FloatArray = np.zeros((n, 1, 6))
     if prescribed is not None:
         rows = _rows(prescribed.position, prescribed.velocity, prescribed.yaw, prescribed.spin)
         until, collisions = np.array(prescribed.until, np.int64), np.ascontiguousarray(prescribed.collisions, np.int64)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from nsdr import tracking
 from nsdr.clevrer.dataset import CLEVRER, Split
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import read_compact_proposals
@@ -32,6 +33,8 @@ __all__ = ["SIMULATED_SCENE", "MotionDataset", "read_image_dataset", "read_motio
 
 Row = dict[str, NDArray[Any]]
 
+VERSION = 1
+"""Of the rows of a `MotionDataset`, which are kept: raised when they change."""
 MIN_OBJECTS = 2
 """Scenes with fewer tracked objects are skipped: they hold no pair."""
 MAX_OBJECTS = 7
@@ -115,8 +118,8 @@ def read_motion_dataset(
     Args:
         proposals: compact proposals (NPZ), see `nsdr.clevrer.files.proposals.read_compact_proposals`.
         truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.truth_blocks.read_truth`.
-        cache: an NPZ file that keeps the result. It is read where it was made from the same files and `limit` by the same code,
-            and written otherwise.
+        cache: an NPZ file that keeps the result. It is read where it was made from the same files, `limit` and
+            versions, and written otherwise.
         limit: maximum number of real scenes; None for all.
         simulated: folder of a dataset made by `nsdr generate dataset`. Its scenes come last, with noise; each gives two: the
             first and the last `VIDEO_FRAMES` of its frames.
@@ -127,11 +130,11 @@ def read_motion_dataset(
     files = find_files(simulated, "truth_*.json") if simulated else []
     if simulated and not files:
         raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
-    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=limit)
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=[VERSION, tracking.VERSION, limit])
     kept = None if cache is None else _kept(Path(cache), made_from)
     if kept is not None and kept.keys() == MotionDataset.__dataclass_fields__.keys():
         return MotionDataset(**kept)
-    blocks, rows = read_truth(truth), []
+    blocks, rows = read_truth(truth), list[Row]()
     lengths = {video: block["n_frames"] for video, block in blocks.items()}
     for video, video_proposals in tqdm(
         read_compact_proposals(proposals, lengths), total=limit or len(blocks), desc="tracks", unit="video"
@@ -163,7 +166,7 @@ def read_image_dataset(
     """Track the mask proposals of every `train` video and cut patches of its frames.
 
     A video's tracks and patches are kept in `cache` (about 2 MB), and made again only where its files, the sizes of patches or
-    the code have changed. Training reads the patches from there without decoding videos.
+    the versions have changed. Training reads the patches from there without decoding videos.
 
     Args:
         root: data set in the official layout, with videos, mask proposals and annotations.
@@ -177,7 +180,7 @@ def read_image_dataset(
     Raises:
         DataError: a missing or unreadable file, or no scene that fits.
     """
-    split, rows, files = CLEVRER(root).split("train"), [], []
+    split, rows, files = CLEVRER(root).split("train"), list[Row](), list[Path]()
     for index in tqdm(sorted(split.entries("videos")), desc="patches", unit="video"):
         if limit is not None and len(rows) >= limit:
             break
@@ -197,10 +200,8 @@ def read_image_dataset(
 def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchModelConfig) -> Row:
     """A video's row of the data set, made with its patches where it is not kept; nothing for a video that does not fit."""
     video, annotation = Path(split.video(index)), split.annotation(index)
-    sizes = [config.patch_cells, config.cell_px]
-    made_from = fingerprint(
-        inputs=[video, split.raw_proposals(index)], config=[sizes, annotation], code="nsdr.dynamics.propnet.patches"
-    )
+    settings = [VERSION, tracking.VERSION, [config.patch_cells, config.cell_px], annotation]
+    made_from = fingerprint(inputs=[video, split.raw_proposals(index)], config=settings)
     kept = _kept(path, made_from)
     if kept is not None:
         return kept
