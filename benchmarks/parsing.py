@@ -7,7 +7,7 @@ import argparse
 import time
 from pathlib import Path
 
-from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.question_parser.parser import QuestionParser
 
 

@@ -24,10 +24,10 @@ from .errors import (
 )
 from .evaluation.runner import EvaluationConfig as EvaluationConfig, run_evaluation as run_evaluation
 from .evaluation.score import evaluate as evaluate
+from .frame_parser.check.video import VideoConfig as VideoConfig
 from .frame_parser.dataset import FrameDataset as FrameDataset
 from .frame_parser.model import build_frame_parser as build_frame_parser
 from .frame_parser.parser import FrameParser as FrameParser
-from .frame_parser.video_check import VideoConfig as VideoConfig
 from .io.storage import load as load, save as save
 from .pipeline import Perception as Perception, Pipeline as Pipeline, PipelineConfig as PipelineConfig
 from .question_parser.model import ParserNetwork as ParserNetwork
@@ -43,8 +43,8 @@ from .tracking.tracker import TrackerConfig as TrackerConfig, track as track
 from .types import (
     Add as Add,
     Answer as Answer,
+    Camera as Camera,
     ChoiceAnswer as ChoiceAnswer,
-    Doubt as Doubt,
     DynamicsPrediction as DynamicsPrediction,
     Event as Event,
     EventChange as EventChange,
@@ -59,6 +59,7 @@ from .types import (
     Simulation as Simulation,
     TraceStep as TraceStep,
     Track as Track,
+    UncertainCollision as UncertainCollision,
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
 )

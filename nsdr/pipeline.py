@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
@@ -16,20 +17,20 @@ from nsdr.dynamics.interventions import intervenes, simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.device import PRECISIONS, resolve_device
+from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.lazy import deferred_function
-from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
-from nsdr.io.video_kinds import check_is_video
+from nsdr.io.video import check_is_video
 from nsdr.question_parser.reading import read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
+from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
+from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -43,7 +44,7 @@ KEPT_VIDEOS = 16
 
 
 @dataclass(frozen=True)
-class PipelineConfig:
+class PipelineConfig(Settings):
     """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
 
     Attributes:
@@ -52,20 +53,30 @@ class PipelineConfig:
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
             device multiplies matrices of it (AMX, CUDA).
         video: what is expected of videos, and how many frames of them are processed.
+        camera: that took the videos; its images are 480x320.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
     """
 
-    stride: int = 1
-    batch_size: int = 8
-    precision: str = "auto"
+    stride: PositiveCount = 1
+    batch_size: Annotated[int, Meta(ge=1, le=MAX_SIZE)] = 8
+    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
+    camera: Camera = field(default_factory=Camera)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
     def __post_init__(self) -> None:
-        check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
-        check_choices(self, precision=PRECISIONS)
+        super().__post_init__()
+        check_release_size(self.camera)
+
+    def versions(self) -> dict[str, int]:
+        """Versions of the stages that make a scene; what was made by others is stale."""
+        from nsdr import dynamics, frame_parser, tracking
+        from nsdr.dynamics import physics, propnet
+
+        backend = physics if self.dynamics.backend == "physics" else propnet
+        return {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
 
 
 def pipeline_settings(
@@ -112,8 +123,13 @@ class Perception:
 
     @property
     def scene_with_dynamics(self) -> Scene:
-        """The scene with its trajectories, as `nsdr parse-video` saves it: exits without an object need them."""
+        """The scene with its trajectories, as `nsdr parse-video` saves it."""
         return replace(self.scene, dynamics=self.dynamics)
+
+    @property
+    def camera(self) -> Camera:
+        """That took the video; CLEVRER's where no tracks tell."""
+        return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
 
 
 class Pipeline:
@@ -128,8 +144,8 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
-        responsible: meaning of "responsible", as of the executor: "chain" or "but_for".
         video: what is expected of videos; None for CLEVRER's.
+        camera: that took the videos.
     """
 
     def __init__(
@@ -139,16 +155,16 @@ class Pipeline:
         question_parser: "QuestionParser",
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
-        responsible: str = "chain",
         video: VideoConfig | None = None,
+        camera: Camera = CLEVRER_CAMERA,
     ) -> None:
         self.frame_parser = frame_parser
         self.dynamics = dynamics
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.semantics = semantics
-        self.responsible = responsible
         self.video = video or VideoConfig()
+        self.camera = camera
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
 
@@ -186,13 +202,13 @@ class Pipeline:
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
-        # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
-        with deferred_function("torch._dynamo.utils", "is_compile_supported"):
+        with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
         from nsdr.question_parser.parser import QuestionParser
 
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
+        options.setdefault("camera", config.camera)
         pipeline = cls(
             FrameParser.from_checkpoint(
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
@@ -255,12 +271,12 @@ class Pipeline:
                 object was found.
         """
         stride = vars(self.frame_parser).get("stride")
-        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video)
+        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video, self.camera)
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
             check_is_video(Path(video))
-            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])], code=False)
+            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])])
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
@@ -268,7 +284,7 @@ class Pipeline:
         if dynamics is None:
             if tracks is None:
                 assert proposals is not None
-                tracks = track(proposals, self.tracker)
+                tracks = track(proposals, self.tracker, self.camera)
             if not tracks.tracks:
                 what, least = video or "the proposals", self.tracker.min_frames
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
@@ -358,9 +374,9 @@ class Pipeline:
             raise QuestionError("the question is empty")
         given = video_or_scene if isinstance(video_or_scene, Scene) else None
         parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
-        scene = self.perceive(video_or_scene).scene_with_dynamics if given is None else given  # type: ignore[arg-type]
+        scene = self.perceive(video_or_scene).scene if given is None else given  # type: ignore[arg-type]
         simulate = None if isinstance(video_or_scene, Scene) else partial(self._collisions_with, video_or_scene)
-        executor = Executor(scene, self.semantics, responsible=self.responsible, simulate=simulate)
+        executor = Executor(scene, self.semantics, simulate=simulate)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]

@@ -16,10 +16,10 @@ from typing import Any
 
 from nsdr.claims.statements import PAST_KINDS
 from nsdr.claims.verification import Claim, Verification, verify
-from nsdr.clevrer.annotations import check_annotation, check_truth
-from nsdr.clevrer.responses import TAG, Response, read_response
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.answers.responses import TAG, Response, read_response
+from nsdr.clevrer.files.annotations import check_annotation, check_truth
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load

@@ -13,10 +13,10 @@ from accelerate.utils import send_to_device
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES, Batch, Sizes
 from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features import MANIFEST, FeatureCache
+from nsdr.baselines.features.files import MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
 from nsdr.baselines.vocabulary import PAD, Vocabulary
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
@@ -305,12 +305,12 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"system": "cnn"}, "system is 'cnn'; expected lstm or"),
+        ({"system": "cnn"}, "system: expected one of lstm,.*, got 'cnn'"),
         ({"model": {"hiden": 3}}, "model: .*hiden"),
-        ({"model": {"hidden": 0}}, "model: hidden is 0"),
+        ({"model": {"hidden": 0}}, "model: hidden: expected a whole number from 2 to 65536, got 0"),
         ({"features": "somewhere"}, "would do nothing"),
         ({"system": "cnn_mlp"}, "needs pooled"),
-        ({"held_out": 1}, "held_out is 1"),
+        ({"held_out": 1}, "held_out: expected a whole number from 2 on, got 1"),
     ],
 )
 def test_trainings_without_effect_or_sense_are_refused(changes, message: str) -> None:

@@ -11,11 +11,11 @@ import pytest
 from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
 from nsdr.claims.narration import narrate
 from nsdr.claims.verification import verify
+from nsdr.clevrer.answers.prompts import prompt
+from nsdr.clevrer.answers.responses import read_response
 from nsdr.clevrer.example import VIDEO
-from nsdr.clevrer.prompts import prompt
-from nsdr.clevrer.questions import Choice, read_questions
-from nsdr.clevrer.responses import read_response
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.questions import Choice, read_questions
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
 from nsdr.dynamics.motion_states import MeasurementConfig
 from nsdr.dynamics.physics import PhysicsPredictor

@@ -11,10 +11,16 @@ import torch
 from torchvision import models
 
 from nsdr import DataError
-from nsdr.baselines import extraction
-from nsdr.baselines.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
-from nsdr.baselines.extraction import FeatureExtraction, FeatureExtractor, extract_features, region_features, spaced
-from nsdr.baselines.features import FeatureCache, FeatureConfig, feature_file
+from nsdr.baselines.features import extraction
+from nsdr.baselines.features.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
+from nsdr.baselines.features.extraction import (
+    FeatureExtraction,
+    FeatureExtractor,
+    extract_features,
+    region_features,
+    spaced,
+)
+from nsdr.baselines.features.files import FeatureCache, FeatureConfig, feature_file
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
@@ -25,8 +31,15 @@ from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.video import write_video
 from nsdr.training import backbone
-from nsdr.training.backbone import BackboneTask, BackboneTraining, frame_targets
-from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_videos, seen_objects
+from nsdr.training.backbone import (
+    BackboneTask,
+    BackboneTraining,
+    DecodedVideo,
+    SeenObject,
+    decode_videos,
+    frame_targets,
+    seen_objects,
+)
 from nsdr.types import VideoProposals
 
 from .conftest import draw_frame
@@ -249,12 +262,12 @@ def test_frames_are_evenly_spaced() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"backbone": "vgg"}, "backbone is 'vgg'; expected resnet18"),
+        ({"backbone": "vgg"}, "backbone: expected one of resnet18,.*, got 'vgg'"),
         ({"kinds": ("maps", "maps")}, "each once"),
         ({"kinds": ()}, "one or more of pooled, maps, objects"),
-        ({"regions": "guessed"}, "regions is 'guessed'; expected frame_parser or proposals"),
-        ({"min_score": 2.0}, "min_score is 2.0; expected 0 to 1"),
-        ({"frames": 0}, "frames is 0"),
+        ({"regions": "guessed"}, "regions: expected one of frame_parser, .*proposals.*, got 'guessed'"),
+        ({"min_score": 2.0}, r"min_score: expected .* from 0 to 1.* got 2.0"),
+        ({"frames": 0}, "frames: expected a whole number from 1 to 65536, got 0"),
     ],
 )
 def test_settings_out_of_range_are_refused(values, message) -> None:
@@ -373,12 +386,12 @@ def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
     root = str(tmp_path / "data")
     config = DatasetConfig(root, 2, first_scene=500300, scene=scene, render=render, splits={"train": 1}, workers=1)
     generate_dataset(replace(config, questions=None, masks=False))
-    monkeypatch.setattr("nsdr.training.backbone_frames.run_jobs", in_this_process)
+    monkeypatch.setattr("nsdr.training.backbone.run_jobs", in_this_process)
     first = decode_videos(root, tmp_path / "frames", (32, 48), 3)
     assert [v.index for v in first] == [0, 1]
     assert first[0].images.shape == (3, 32, 48, 3)
     assert len(first[0].objects) == 3
-    monkeypatch.setattr("nsdr.training.backbone_frames.frames_of", lambda _: pytest.fail("decoded again"))
+    monkeypatch.setattr("nsdr.training.backbone.frames_of", lambda _: pytest.fail("decoded again"))
     again = decode_videos(root, tmp_path / "frames", (32, 48), 3, limit=1)
     assert [v.index for v in again] == [0]
     np.testing.assert_array_equal(again[0].images, first[0].images)
@@ -387,7 +400,7 @@ def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
 
 
 def in_this_process(*arguments, **options):
-    from nsdr.io.runner import run_jobs
+    from nsdr.io.jobs import run_jobs
 
     return run_jobs(*arguments, **{**options, "workers": 1})
 

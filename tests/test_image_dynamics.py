@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from nsdr import DataError, VideoError
-from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.annotations import write_annotation
+from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.base import VideoPixels
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.propnet.image_model import ImageModel
@@ -28,8 +28,8 @@ from nsdr.io.video import read_frames, write_video
 from nsdr.pipeline import Pipeline
 from nsdr.tracking.tracker import track
 from nsdr.training import dynamics
-from nsdr.training.image_dynamics import ImageModelTask
 from nsdr.training.loop import LoopConfig
+from nsdr.training.patch_dynamics import ImageModelTask
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.timeline import VIDEO_FRAMES
 from tests.conftest import draw_frame
@@ -327,7 +327,7 @@ def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:
         DynamicsTraining("p.npz", "", str(tmp_path), data="d", network="paper_images")
     with pytest.raises(DataError, match="data: does nothing with network 'state'"):
         DynamicsTraining("p.npz", "t.json.gz", str(tmp_path), data="d")
-    with pytest.raises(DataError, match="data is ''; expected a path"):
+    with pytest.raises(DataError, match="data: expected a path, got ''"):
         DynamicsTraining(run_dir=str(tmp_path), network="paper_images")
     with pytest.raises(DataError, match="weights: does nothing with dynamics 'physics'"):
         backend_settings(BackendConfig(weights="somewhere"))

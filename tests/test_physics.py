@@ -22,7 +22,7 @@ from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_f
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents, velocity_collisions
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout, SceneObject, VideoTracks
-from nsdr.world.camera import ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import SHAPES
 
 from .test_dynamics import tracks
@@ -288,7 +288,7 @@ class Detector:
         return self.candidates
 
 
-def test_doubts_about_observed_collisions_hold_without_other_objects_too() -> None:
+def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
     motion = run(start)
     hit, graze = Event("collision", int(motion.contact[0, 1]), (0, 1)), Event("collision", 70, (1, 2))
@@ -298,26 +298,26 @@ def test_doubts_about_observed_collisions_hold_without_other_objects_too() -> No
     scene = predictor._fitted(seen(motion, start.shape), None)
     observed = scene.rollout(None)
     assert observed.collisions == (hit,)
-    assert [(d.event, d.probability, d.removed) for d in observed.doubts] == [(hit, 0.9, None), (graze, 0.2, None)]
+    assert [(d.event, d.probability, d.removed) for d in observed.uncertain] == [(hit, 0.9, None), (graze, 0.2, None)]
     without = scene.rollout(2)
     assert [e.objects for e in without.collisions] == [(0, 1)]
-    assert [(d.event.objects, d.probability, d.removed) for d in without.doubts] == [((0, 1), 0.9, 2)]
-    assert [(d.event, d.removed) for d in scene.rollout(0).doubts] == [(graze, 0)]
+    assert [(d.event.objects, d.probability, d.removed) for d in without.uncertain] == [((0, 1), 0.9, 2)]
+    assert [(d.event, d.removed) for d in scene.rollout(0).uncertain] == [(graze, 0)]
     sure = PhysicsPredictor(Detector((hit, 0.9999)), config)._fitted(seen(motion, start.shape), None)
-    assert sure.rollout(None).doubts == ()
-    assert sure.rollout(2).doubts == ()
+    assert sure.rollout(None).uncertain == ()
+    assert sure.rollout(2).uncertain == ()
 
 
-def test_doubts_about_predicted_collisions_are_shares_of_runs() -> None:
+def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
     start = bodies(("sphere", -1.5, 0.33, 1.0, 0.0), ("sphere", 0.3, 0.0, 0.0, 0.0))  # a near miss or a graze
     config = PhysicsConfig(runs=40, position_noise_world=0.05, velocity_noise_world_per_s=0.1)
     states = seen(run(start, 40), start.shape)
     rollout = PhysicsPredictor(Detector(), config, horizon_frame=150).continue_motion(states)
-    [doubt] = rollout.doubts
-    assert 0.05 < doubt.probability < 0.95
-    assert doubt.probability * 40 == pytest.approx(round(doubt.probability * 40))
-    assert doubt.event.frame >= 40
-    assert (doubt.event in rollout.collisions) == (doubt.probability > 0.5)
+    [one] = rollout.uncertain
+    assert 0.05 < one.probability < 0.95
+    assert one.probability * 40 == pytest.approx(round(one.probability * 40))
+    assert one.event.frame >= 40
+    assert (one.event in rollout.collisions) == (one.probability > 0.5)
 
 
 def test_collisions_from_velocity_alone() -> None:
@@ -371,7 +371,7 @@ def clock_states(first_seen: int) -> MotionStates:
     present[1, :first_seen] = False
     objects = tuple(SceneObject(i, COLORS[i], "metal", "sphere") for i in range(2))
     box = np.concatenate([pixels, np.full((2, 100, 2), 40.0)], -1)
-    return MotionStates(objects, ground_from_pixels(pixels), present, present, present, box)
+    return MotionStates(objects, CLEVRER_CAMERA.ground(pixels), present, present, present, box)
 
 
 def test_the_papers_observer_sees_collisions_by_what_comes_after_them() -> None:
@@ -420,9 +420,9 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     assert (physics.horizon_frame, physics.shortcut, physics.config.runs) == (150, False, 7)
     with pytest.raises(DataError, match="'magic': expected physics, state, paper"):
         load_backend(folder, "magic")
-    with pytest.raises(DataError, match="expected predicted or velocity"):
+    with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, got"):
         load_backend(folder, BackendConfig(collisions="none"))
-    with pytest.raises(DataError, match="expected paper or tuned"):
+    with pytest.raises(DataError, match="rule: expected one of paper, tuned, got"):
         VelocityEvents(load_backend(folder, "state"), VelocityConfig("mine"))
 
 
@@ -476,5 +476,5 @@ def test_checkpoints_of_another_network_are_named(observer: StatePredictor, pape
 
 def test_too_short_a_past_is_refused() -> None:
     assert StateModel(StateModelConfig(hidden=4, past_steps=4)).config.past_steps == 4
-    with pytest.raises(DataError, match="past_steps is 3; expected 4 to"):
+    with pytest.raises(DataError, match=r"past_steps: expected .* from 4 to .* got 3"):
         StateModelConfig(past_steps=3)

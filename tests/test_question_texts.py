@@ -3,7 +3,7 @@
 import pytest
 
 from nsdr import Executor, QuestionParser, Scene
-from nsdr.clevrer.questions import iterate_questions
+from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.question_parser.coverage import readings
 from nsdr.question_parser.normal import normal_form
 

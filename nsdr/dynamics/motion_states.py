@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
 from nsdr.types import SceneObject, VideoTracks
+from nsdr.validation import Count, NotNegative, Settings, Share
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
 
 __all__ = [
@@ -31,7 +32,7 @@ MIN_LINE_FRAMES = 3
 
 
 @dataclass(frozen=True)
-class MeasurementConfig:
+class MeasurementConfig(Settings):
     """How far measured positions are trusted; shared by the smoothing of tracks and the fit of the simulator.
 
     The values were chosen on `dev` scenes: `python benchmarks/visibility.py` compares them.
@@ -44,13 +45,10 @@ class MeasurementConfig:
         collision_margin_frames: positions within this many frames of a collision are ambiguous and ignored (frames).
     """
 
-    unreliable_weight: float = 0.03
-    rest_speed_world_per_s: float = 0.4
-    collision_margin_frames: int = 1
+    unreliable_weight: Share = 0.03
+    rest_speed_world_per_s: NotNegative = 0.4
+    collision_margin_frames: Count = 1
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, unreliable_weight=SHARE, rest_speed_world_per_s=NOT_NEGATIVE, collision_margin_frames=COUNT)
 
 
 @dataclass(frozen=True)
@@ -66,6 +64,7 @@ class MotionStates:
         box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
         patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.image_patches`); None
             for networks that read no images.
+        camera: that took the video.
     """
 
     objects: tuple[SceneObject, ...]
@@ -75,6 +74,7 @@ class MotionStates:
     present: BoolArray
     box_px: FloatArray
     patches: NDArray[np.uint8] | None = None
+    camera: Camera = CLEVRER_CAMERA
 
     @property
     def spacing_frames(self) -> float:
@@ -121,7 +121,8 @@ def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None =
         before, after = every < seen[0], every > seen[-1]
         location[i, before] = _line(seen[first], t.location_world[first], every[before])
         location[i, after] = _line(seen[last], t.location_world[last], every[after])
-    return MotionStates(tuple(t.object for t in video.tracks), location, detected, reliable, present, centred)
+    objects = tuple(t.object for t in video.tracks)
+    return MotionStates(objects, location, detected, reliable, present, centred, camera=video.camera)
 
 
 def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:

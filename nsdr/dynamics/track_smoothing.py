@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.io.validation import MANY, NOT_NEGATIVE, check_ranges
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
-from nsdr.world.camera import on_ground
+from nsdr.validation import NotNegative, PositiveCount, Settings
+from nsdr.world.camera import Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS
 
 __all__ = ["SmoothedTracks", "SmoothingConfig", "rollout_in_image", "smooth_tracks", "with_smoothed_tracks"]
@@ -34,7 +34,7 @@ OUTSIDE_WORLD = -99.0
 
 
 @dataclass(frozen=True)
-class SmoothingConfig:
+class SmoothingConfig(Settings):
     """How stretches of tracks are fitted. Set on left-out scenes of `train`.
 
     Attributes:
@@ -43,12 +43,9 @@ class SmoothingConfig:
         measurement: how far measured positions are trusted.
     """
 
-    min_frames: int = 4
-    max_residual_world: float = 0.04
+    min_frames: PositiveCount = 4
+    max_residual_world: NotNegative = 0.04
     measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, min_frames=MANY, max_residual_world=NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,7 @@ def smooth_tracks(
             fitted = _stretch(states, i, after_collision, end, c, before_first_collision=k == 0)
             if fitted is not None:
                 location[i, start:end], velocity[i, start:end] = fitted(start, end)
-        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i])
+        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
     return SmoothedTracks(location, velocity, visible)
 
 
@@ -101,13 +98,13 @@ def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
     return replace(rollout, visible=visible, speed_world_per_s=speed)
 
 
-def rollout_in_image(shapes: Sequence[str], location_world: FloatArray) -> BoolArray:
+def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: Camera) -> BoolArray:
     """(n, F) bool: in which frames objects at positions (n, F, 2) are in the image; NaN is not."""
     yaw = np.full(location_world.shape[1], UNKNOWN_CUBE_YAW)
     known = np.nan_to_num(location_world, nan=OUTSIDE_WORLD)
     if not len(shapes):
         return np.zeros(location_world.shape[:2], bool)
-    return np.stack([in_image(shape, on_ground(row), yaw) for shape, row in zip(shapes, known, strict=True)])
+    return np.stack([in_image(shape, on_ground(row), yaw, camera) for shape, row in zip(shapes, known, strict=True)])
 
 
 def _stretch(

@@ -2,18 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.velocity_rule import velocity_collisions as grid_collisions
+from nsdr.clevrer.files.velocity_rule import velocity_collisions as grid_collisions
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_ranges
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
-from nsdr.world.camera import grid_from_pixels, pixels_from_world
+from nsdr.validation import Count, NotNegative, PositiveCount, Settings, one_of
+from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = ["VelocityConfig", "VelocityEvents", "velocity_collisions"]
@@ -29,7 +29,7 @@ CHANGED_WORLD = 0.1
 
 
 @dataclass(frozen=True)
-class VelocityConfig:
+class VelocityConfig(Settings):
     """How collisions are detected from motion. The tuned rule was set on tracks of left-out scenes of `train`.
 
     Attributes:
@@ -42,18 +42,13 @@ class VelocityConfig:
         pause_frames: "tuned": changes of one object closer in time than this are one change (frames).
     """
 
-    rule: str = "tuned"
-    stride_frames: int = 5
-    span_frames: int = 5
-    min_change: float = 0.012
-    partner_share: float = 0.5
-    reach_world: float = 0.18
-    pause_frames: int = 6
-
-    def __post_init__(self) -> None:
-        check_choices(self, rule=RULES)
-        check_ranges(self, stride_frames=MANY, span_frames=MANY, pause_frames=COUNT)
-        check_ranges(self, min_change=NOT_NEGATIVE, partner_share=NOT_NEGATIVE, reach_world=NOT_NEGATIVE)
+    rule: Annotated[str, one_of(RULES)] = "tuned"
+    stride_frames: PositiveCount = 5
+    span_frames: PositiveCount = 5
+    min_change: NotNegative = 0.012
+    partner_share: NotNegative = 0.5
+    reach_world: NotNegative = 0.18
+    pause_frames: Count = 6
 
 
 class VelocityEvents:
@@ -90,19 +85,21 @@ class VelocityEvents:
         """Motion with collisions where it changes; see `DynamicsBackend`."""
         states = states_from_tracks(tracks)
         seen = Rollout(states.location_world, states.present, ())
-        before = velocity_collisions(seen, self.config) if observed is None else tuple(observed)
+        before = velocity_collisions(seen, self.config, tracks.camera) if observed is None else tuple(observed)
         if reads_images(self.backend):
             prediction = self.backend.predict(tracks, before, pixels)
         else:
             prediction = self.backend.predict(tracks, before)
         met = {e.objects for e in before}
-        ahead = velocity_collisions(_from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.config)
+        ahead = velocity_collisions(
+            _from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.config, tracks.camera
+        )
         later = [e for e in ahead if e.frame >= tracks.n_frames and e.objects not in met]
         counterfactual = {
-            k: replace(without, collisions=velocity_collisions(without, self.config), doubts=None)
+            k: replace(without, collisions=velocity_collisions(without, self.config, tracks.camera), uncertain=None)
             for k, without in prediction.counterfactual.items()
         }
-        rollout = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None, doubts=None)
+        rollout = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None, uncertain=None)
         return replace(prediction, observed=rollout, counterfactual=counterfactual)
 
 
@@ -113,16 +110,16 @@ def _from(rollout: Rollout, frame: int) -> Rollout:
     return replace(rollout, location_world=location, visible=rollout.visible & known)
 
 
-def velocity_collisions(rollout: Rollout, config: VelocityConfig) -> tuple[Event, ...]:
+def velocity_collisions(rollout: Rollout, config: VelocityConfig, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:
     """Collisions of one rollout, each pair once, by frame."""
-    found = _in_image(rollout, config) if config.rule == "paper" else _on_ground(rollout, config)
+    found = _in_image(rollout, config, camera) if config.rule == "paper" else _on_ground(rollout, config)
     return tuple(sorted(found, key=lambda e: e.frame))
 
 
-def _in_image(rollout: Rollout, config: VelocityConfig) -> list[Event]:
+def _in_image(rollout: Rollout, config: VelocityConfig, camera: Camera) -> list[Event]:
     n, frames = rollout.visible.shape
     height = np.full((n, frames, 1), OBJECT_RADIUS_WORLD)
-    grid = grid_from_pixels(pixels_from_world(np.concatenate([rollout.location_world, height], -1)))
+    grid = grid_from_pixels(camera.pixels(np.concatenate([rollout.location_world, height], -1)))
     shown = rollout.visible & np.isfinite(grid).all(-1)
     samples = range(0, frames, config.stride_frames)
     paths = [{t: (grid[i, t, 0], grid[i, t, 1]) for t in samples if shown[i, t]} for i in range(n)]

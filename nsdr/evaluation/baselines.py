@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from nsdr.baselines.data import video_needs
-from nsdr.baselines.features import FeatureCache
+from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.recording import keep_recording
 from nsdr.baselines.trained import TrainedBaseline
-from nsdr.clevrer.questions import SceneQuestions
+from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.runner import (
     EvaluationConfig,

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
 from nsdr.errors import DataError
-from nsdr.evaluation.intervals import difference_interval
+from nsdr.evaluation.measures import difference_interval
 
 __all__ = ["compare_reports", "format_comparison"]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from nsdr.clevrer.questions import SceneQuestions
+from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import EndpointError, NsdrError
 from nsdr.evaluation.score import Parse
 from nsdr.symbolic import Program

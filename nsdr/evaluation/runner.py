@@ -9,14 +9,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, Literal, cast
 
 from tqdm import tqdm
 
+from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.files.parsed_programs import with_parsed_programs
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
@@ -26,14 +27,13 @@ from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource,
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
+from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES
-from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
+from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
+from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
 __all__ = [
     "EvaluationConfig",
@@ -44,11 +44,13 @@ __all__ = [
     "true_scene_of",
 ]
 
+VERSION = 1
+"""Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")
 
 
 @dataclass(frozen=True)
-class EvaluationConfig:
+class EvaluationConfig(Settings):
     """What is evaluated, and how.
 
     Attributes:
@@ -75,6 +77,7 @@ class EvaluationConfig:
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
         counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
+        data_set_rules: whether rules of CLEVRER's questions count, as of `nsdr.Executor`; with the paper's semantics.
         truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
         truth: folder or file that `truth_source` reads.
         cache: folder that keeps scenes for the next run.
@@ -86,41 +89,40 @@ class EvaluationConfig:
     questions: str = ""
     data: str = ""
     root: str = ""
-    split: str = "validation"
+    split: Literal["train", "validation", "test"] = "validation"
     source: str = "proposals"
     videos: str = ""
     programs: str = "parsed"
     parser: str = ""
     parser_model: str = ""
     types: Sequence[str] = QUESTION_TYPES
-    exclude: Sequence[int] = ()
-    every: int = 1
-    limit: int = 0
+    exclude: Sequence[Count] = ()
+    every: PositiveCount = 1
+    limit: Count = 0
     checkpoint: str = "default"
     dynamics: str = ""
     config: str = ""
     set: Sequence[str] = ()
-    stride: int = 1
-    semantics: str = "paper"
-    collisions: str = "predicted"
-    counterfactuals: str = "simulated"
+    stride: PositiveCount = 1
+    semantics: Literal["paper", "official"] = "paper"
+    collisions: Literal["predicted", "velocity"] = "predicted"
+    counterfactuals: Annotated[str, one_of(COUNTERFACTUALS)] = "simulated"
+    data_set_rules: bool = True
     truth_source: str = ""
     truth: str = ""
     cache: str = "runs/scenes"
-    engine: str = "processes"
-    workers: int = 0
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
     device: str = "auto"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         unknown = sorted(set(self.types) - set(QUESTION_TYPES)) if self.types else ["nothing"]
         if unknown:
             raise DataError(f"types: unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
-        check_choices(self, semantics=("paper", "official"), collisions=("predicted", "velocity"))
-        check_choices(self, counterfactuals=COUNTERFACTUALS)
-        check_choices(self, split=SPLITS, engine=ENGINES, source=SOURCES.names())
-        if self.truth_source:
-            check_choices(self, truth_source=SOURCES.names())
-        check_ranges(self, every=MANY, stride=MANY, limit=COUNT, workers=COUNT, exclude=COUNT)
+        sources = SOURCES.names()
+        expect(self.source in sources, "source", f"one of {', '.join(sources)}", self.source)
+        expect(self.truth_source in ("", *sources), "truth_source", f"one of {', '.join(sources)}", self.truth_source)
         if self.programs not in ("parsed", "gold") and not all(".json" in f for f in self.programs.split(",")):
             raise DataError(f"programs is {self.programs!r}; expected parsed, gold, or JSON files separated by commas")
         if self.parser and self.programs != "parsed":
@@ -213,8 +215,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
     parse = parse or programs_of(config, questions)
-    keeps_recording = config.counterfactuals == "recording"
-    made = ((s, _executor(scenes[s.scene_index], keeps_recording)) for s in questions)
+    made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
     return evaluate(made, parse, config.types)
 
 
@@ -256,7 +257,9 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
         values.pop(unneeded)
     settings = config.pipeline()
     weights = checkpoint_folders(find_checkpoint(config.checkpoint), settings.dynamics)
-    return fingerprint(inputs=inputs, config={**values, "pipeline": asdict(settings)}, weights=weights)
+    versions = [VERSION, question_parser.VERSION, symbolic.VERSION, settings.versions()]
+    resolved = {**values, "pipeline": asdict(settings), "versions": versions}
+    return fingerprint(inputs=inputs, config=resolved, weights=weights)
 
 
 def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
@@ -288,7 +291,8 @@ def _job(
 def _settings_fingerprint(checkpoint: str, settings: PipelineConfig, source: str, truth_source: str) -> str:
     weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
     background = [Path(settings.video.background)] if settings.video.background else []
-    return fingerprint(inputs=background, config=[source, truth_source, asdict(settings)], weights=weights)
+    config = [source, truth_source, asdict(settings), settings.versions()]
+    return fingerprint(inputs=background, config=config, weights=weights)
 
 
 def _perceive(
@@ -315,11 +319,12 @@ def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
     return scene
 
 
-def _executor(scene: Scene | Path | NsdrError, keeps_recording: bool) -> Executor | NsdrError:
+def _executor(scene: Scene | Path | NsdrError, config: EvaluationConfig) -> Executor | NsdrError:
     if isinstance(scene, NsdrError):
         return scene
     loaded = storage.load(Scene, scene) if isinstance(scene, Path) else scene
-    return Executor(keep_recording(loaded) if keeps_recording else loaded)
+    asked = keep_recording(loaded) if config.counterfactuals == "recording" else loaded
+    return Executor(asked, data_set_rules=config.data_set_rules)
 
 
 def _official(

@@ -9,12 +9,11 @@ from typing import Any
 
 import cv2
 
-from nsdr.clevrer.proposals import read_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, run_jobs
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -22,6 +21,8 @@ from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 __all__ = ["frame_records", "write_frames"]
 
+VERSION = 1
+"""Of the frames that are written: raised when they change."""
 JPEG_QUALITY = 95
 """Quality of the written images (0-100)."""
 MIN_SCORE = 0.9
@@ -64,7 +65,7 @@ def write_frames(
     if not pairs:
         raise DataError(f"{videos}: holds no video_N.mp4 with a proposal_N.json or sim_N.json in {proposals}")
     folder = Path(output)
-    settings = fingerprint(config=[every, score]).encode()
+    settings = fingerprint(config=[VERSION, every, score]).encode()
     jobs = [
         Job(
             video.name,

@@ -1,14 +1,15 @@
-"""Rules that relate texts and programs, in one notation for both directions: texts are read with them and drawn from them.
+"""Rules that relate texts and programs, in one notation for both directions: texts are read with them, drawn and written.
 
 A line is `SYMBOL: pattern => program`. A pattern holds words, symbols in capitals (with a digit where one occurs twice),
 `(a|b c)` for alternatives and `[a]` for what may be left out. The program holds tokens and the symbols of the pattern, which
 stand for their own programs. The symbols N, NS and A are noun phrases and attribute words (`Slot`): N is singular, NS plural,
-OBJ and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both.
+OBJ and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both. A set of
+rules may have other slots.
 """
 
 import random
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -48,9 +49,10 @@ class Slot:
 
 @dataclass(frozen=True)
 class _Part:
-    """A word, a symbol, or alternatives, each a sequence of parts."""
+    """A word (in normal form, and as it is written), a symbol, or alternatives, each a sequence of parts."""
 
     word: str = ""
+    written: str = ""
     symbol: str = ""
     options: tuple[tuple["_Part", ...], ...] = ()
 
@@ -73,24 +75,43 @@ class Rules:
 
     Args:
         text: lines of the notation; empty lines and lines that start with # are skipped.
+        slots: symbols of slots, and the words that stand for them in a text that is read.
+        normal: normal forms of words. What a pattern writes "enters" is read in its normal form.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(
+        self, text: str, slots: Mapping[str, Sequence[str]] = SLOT_FORMS, normal: Mapping[str, str] | None = None
+    ) -> None:
         self._rules: dict[str, list[_Rule]] = {}
+        self.slots = slots
         for line in text.splitlines():
             if not line.strip() or line.startswith("#"):
                 continue
             symbol, rest = line.split(":", 1)
             pattern, program = rest.split("=>")
-            parts = _sequence(_TOKEN.findall(pattern))
+            parts = _sequence(_TOKEN.findall(pattern), normal or {})
             self._rules.setdefault(symbol.strip(), []).append((parts, tuple(program.split())))
         self.words = frozenset(w for rules in self._rules.values() for parts, _ in rules for w in _words_of(parts))
         self.readings = lru_cache(maxsize=1 << 15)(self._readings)
 
     def _readings(self, symbol: str, words: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """All programs of a text as a symbol; `#i` in a program stands for the slot at word i."""
-        found = _Reader(self._rules, words).symbol(symbol, 0)
+        found = _Reader(self._rules, self.slots, words).symbol(symbol, 0)
         return tuple(dict.fromkeys(program for end, program in found if end == len(words)))
+
+    def write(self, symbol: str, program: Sequence[str], forms: Sequence[str]) -> tuple[str, ...] | None:
+        """The words of the first text with a program, `#i` for its slot i; None if there is none.
+
+        Rules are tried in their order. Of alternatives the first is written, and what may be left out is, unless it holds a
+        symbol of the program. Joined slots (`NS&A`) are not written.
+
+        Args:
+            symbol: of the text.
+            program: tokens, with `#i` for slot i.
+            forms: of each slot, the word that stands for it when it is read.
+        """
+        found = _Writer(self._rules, self.slots, program, forms).symbol(symbol, 0)
+        return next((words for end, words in found if end == len(program)), None)
 
     def draw(self, symbol: str, rng: random.Random, words: list[str | Slot], slots: SlotMaker) -> tuple[str, ...]:
         """Append the words of a random text to `words`; returns its program with `#i` for the slot at word i."""
@@ -109,14 +130,14 @@ class Rules:
     ) -> None:
         for part in parts:
             if part.word:
-                words.append(part.word)
+                words.append(part.written)
             elif part.options:
                 options = [o for o in part.options if o]
                 if len(options) == len(part.options) or rng.random() < OPTION_PROBABILITY:
                     self._draw_parts(rng.choice(options), rng, words, slots, bound)
             else:
                 name = part.symbol.rstrip("123456789")
-                if name in SLOT_FORMS:
+                if name in self.slots:
                     bound[part.symbol] = (f"#{len(words)}",)
                     words.append(slots.slot(name))
                 else:
@@ -124,14 +145,16 @@ class Rules:
 
 
 class _Reader:
-    def __init__(self, rules: dict[str, list[_Rule]], words: tuple[str, ...]) -> None:
-        self.rules, self.words = rules, words
+    def __init__(
+        self, rules: dict[str, list[_Rule]], slots: Mapping[str, Sequence[str]], words: tuple[str, ...]
+    ) -> None:
+        self.rules, self.slots, self.words = rules, slots, words
         self.known: dict[tuple[str, int], list[tuple[int, tuple[str, ...]]]] = {}
 
     def symbol(self, name: str, start: int) -> list[tuple[int, tuple[str, ...]]]:
         """Ends and programs of the texts from `start` on that a symbol stands for."""
-        if name in SLOT_FORMS:
-            fits = start < len(self.words) and self.words[start] in SLOT_FORMS[name]
+        if name in self.slots:
+            fits = start < len(self.words) and self.words[start] in self.slots[name]
             return [(start + 1, (f"#{start}",))] if fits else []
         found = self.known.get((name, start))
         if found is None:
@@ -159,6 +182,69 @@ class _Reader:
         else:
             for end, program in self.symbol(part.symbol.rstrip("123456789"), start):
                 yield from self.sequence(rest, end, (*bound, (part.symbol, program)))
+
+
+class _Writer:
+    """Reads a program with the rules' programs as patterns, and gives the texts that they stand beside."""
+
+    def __init__(
+        self,
+        rules: dict[str, list[_Rule]],
+        slots: Mapping[str, Sequence[str]],
+        program: Sequence[str],
+        forms: Sequence[str],
+    ) -> None:
+        self.rules, self.slots, self.program, self.forms = rules, slots, program, forms
+        self.known: dict[tuple[str, int], list[tuple[int, tuple[str, ...]]]] = {}
+
+    def symbol(self, name: str, start: int) -> list[tuple[int, tuple[str, ...]]]:
+        """Ends and texts of the programs from `start` on that a symbol stands for."""
+        if name in self.slots:
+            token = self.program[start] if start < len(self.program) else ""
+            fits = token.startswith("#") and self.forms[int(token[1:])] in self.slots[name]
+            return [(start + 1, (token,))] if fits else []
+        if (name, start) not in self.known:
+            self.known[name, start] = []  # a rule that only adds words to its own symbol writes nothing new
+            found = []
+            for parts, program in self.rules[name]:
+                for end, bound in self.sequence(program, start, {}):
+                    text = self.text(parts, bound)
+                    found += [(end, text)] if text is not None else []
+            self.known[name, start] = found
+        return self.known[name, start]
+
+    def sequence(
+        self, program: tuple[str, ...], start: int, bound: dict[str, tuple[str, ...]]
+    ) -> Iterator[tuple[int, dict[str, tuple[str, ...]]]]:
+        """Ends of the programs from `start` on that a rule's program stands for, and the texts of its symbols."""
+        if not program:
+            yield start, bound
+        elif program[0].isupper():
+            for end, text in self.symbol(program[0].rstrip("123456789"), start):
+                yield from self.sequence(program[1:], end, {**bound, program[0]: text})
+            yield from self.sequence(program[1:], start, bound)
+        elif start < len(self.program) and self.program[start] == program[0]:
+            yield from self.sequence(program[1:], start + 1, bound)
+
+    def text(self, parts: Sequence[_Part], bound: Mapping[str, tuple[str, ...]]) -> tuple[str, ...] | None:
+        """The words of a pattern; None if it needs a symbol that is neither bound nor has a text with an empty program."""
+        words: list[str] = []
+        for part in parts:
+            found: tuple[str, ...] | None = (part.written,)
+            if part.symbol in bound:
+                found = bound[part.symbol]
+            elif part.symbol:
+                end = len(self.program)
+                found = next((text for _, text in self.symbol(part.symbol.rstrip("123456789"), end)), None)
+            elif part.options:
+                needed = set(bound).intersection(_symbols_of([part]))
+                options = [o for o in part.options if needed <= set(_symbols_of(o))]
+                options = [()] if () in options else options
+                found = next((t for t in (self.text(o, bound) for o in options) if t is not None), None)
+            if found is None:
+                return None
+            words += found
+        return tuple(words)
 
 
 def filled(program: Sequence[str], slots: Sequence[str | Slot]) -> list[str] | None:
@@ -196,14 +282,14 @@ def _composed(program: tuple[str, ...], bound: _Bound) -> tuple[str, ...]:
     return tuple(tokens)
 
 
-def _sequence(tokens: list[str]) -> tuple[_Part, ...]:
+def _sequence(tokens: list[str], normal: Mapping[str, str]) -> tuple[_Part, ...]:
     """Parse a pattern; consumes the tokens up to a closing bracket."""
     options: list[tuple[_Part, ...]] = []
     parts: list[_Part] = []
     while tokens:
         token = tokens.pop(0)
         if token in ("(", "["):
-            inner = _sequence(tokens)
+            inner = _sequence(tokens, normal)
             choices = inner[0].options if len(inner) == 1 and inner[0].options and not inner[0].word else (inner,)
             parts.append(_Part(options=(*choices, ()) if token == "[" else choices))
         elif token in (")", "]"):
@@ -214,7 +300,7 @@ def _sequence(tokens: list[str]) -> tuple[_Part, ...]:
         elif token.isupper():
             parts.append(_Part(symbol=token))
         else:
-            parts.append(_Part(word=token))
+            parts.append(_Part(word=normal.get(token, token), written=token))
     if options:
         return (_Part(options=(*options, tuple(parts))),)
     return tuple(parts)
@@ -226,3 +312,11 @@ def _words_of(parts: Sequence[_Part]) -> Iterator[str]:
             yield part.word
         for option in part.options:
             yield from _words_of(option)
+
+
+def _symbols_of(parts: Sequence[_Part]) -> Iterator[str]:
+    for part in parts:
+        if part.symbol:
+            yield part.symbol
+        for option in part.options:
+            yield from _symbols_of(option)

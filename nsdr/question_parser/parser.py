@@ -10,9 +10,8 @@ import torch
 from torch import nn
 
 from nsdr.errors import CheckpointError, NsdrError, ProgramError, QuestionError
-from nsdr.io.checkpoint import load_description, load_network
-from nsdr.io.pretrained import PretrainedPart
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
+from nsdr.io.device import limit_threads
 from nsdr.language.templates import TEXT_KINDS
 from nsdr.question_parser.beyond import extension_readings
 from nsdr.question_parser.coverage import REMEDY, check_coverage, check_text, readings, refusal

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import VisibilityConfig, cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
+from nsdr.validation import Count, NotNegative, PositiveCount, Settings, Share
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import SHAPES, attributes_of
 
 __all__ = ["TrackerConfig", "track"]
@@ -32,7 +33,7 @@ dropped afterwards."""
 
 
 @dataclass(frozen=True)
-class TrackerConfig:
+class TrackerConfig(Settings):
     """How proposals become tracks.
 
     Frames are those of a video of 25 frames per second, all of them processed; where only some were processed, `track` counts
@@ -62,29 +63,21 @@ class TrackerConfig:
         visibility: when a side of a box is cut or hidden.
     """
 
-    score: float = 0.9
-    min_frames: int = 12
-    min_late_frames: int = 1
-    late_share: float = 0.6
-    late_end_frames: int = 2
-    max_gap_frames: int = 8
-    gate_world: float = 0.25
-    gate_world_per_frame: float = 0.1
-    mismatch_world: float = 0.12
-    switch_frames: int = 6
-    switch_share: float = 0.8
-    velocity_memory: float = 0.6
-    duplicate_iou: float = 0.5
-    duplicate_share: float = 0.9
+    score: Share = 0.9
+    min_frames: Count = 12
+    min_late_frames: Count = 1
+    late_share: Share = 0.6
+    late_end_frames: Count = 2
+    max_gap_frames: PositiveCount = 8
+    gate_world: NotNegative = 0.25
+    gate_world_per_frame: NotNegative = 0.1
+    mismatch_world: NotNegative = 0.12
+    switch_frames: PositiveCount = 6
+    switch_share: Share = 0.8
+    velocity_memory: Share = 0.6
+    duplicate_iou: Share = 0.5
+    duplicate_share: Share = 0.9
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(
-            self, score=SHARE, late_share=SHARE, velocity_memory=SHARE, duplicate_iou=SHARE, duplicate_share=SHARE
-        )
-        check_ranges(self, switch_frames=MANY, switch_share=SHARE)
-        check_ranges(self, min_frames=COUNT, min_late_frames=COUNT, late_end_frames=COUNT, max_gap_frames=MANY)
-        check_ranges(self, gate_world=NOT_NEGATIVE, gate_world_per_frame=NOT_NEGATIVE, mismatch_world=NOT_NEGATIVE)
 
 
 @dataclass
@@ -111,7 +104,9 @@ class _Tracklet:
         self.frame, self.position = frame, position
 
 
-def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> VideoTracks:
+def track(
+    proposals: VideoProposals, config: TrackerConfig | None = None, camera: Camera = CLEVRER_CAMERA
+) -> VideoTracks:
     """Track the objects of a video.
 
     Proposals are linked from frame to frame by predicted position and attributes (optimal assignment). The linked tracklets
@@ -127,7 +122,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     spacing = _spacing_frames(proposals)
     c = _with_spacing(config or TrackerConfig(), spacing)
     kept = np.flatnonzero(proposals.score > c.score)
-    positions = _positions(proposals, kept, c)
+    positions = _positions(proposals, kept, c, camera)
     linked = [tracklet.rows for tracklet in _link(proposals, kept, positions, c)]
     by_identity = _identities(
         proposals, [part for rows in linked for part in _cut_at_switches(proposals, rows, c, spacing)]
@@ -143,7 +138,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
         Track(SceneObject(i, *_words(t)), t.frame_index, t.location_world, t.centroid_px, t.box_xyxy_px, t.score)
         for i, t in enumerate(tracks)
     ]
-    return VideoTracks(proposals.n_frames, tuple(renamed))
+    return VideoTracks(proposals.n_frames, tuple(renamed), camera)
 
 
 def _spacing_frames(proposals: VideoProposals) -> float:
@@ -205,7 +200,7 @@ def _words(t: Track) -> tuple[str, str, str]:
     return t.object.color, t.object.material, t.object.shape
 
 
-def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig) -> NDArray[Any]:
+def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig, camera: Camera) -> NDArray[Any]:
     """(N, 2) ground positions of all rows (world units); NaN for rows that are not in `kept`."""
     positions = np.full((len(proposals), 2), np.nan)
     if not len(kept):
@@ -218,10 +213,8 @@ def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig) 
     shapes = np.array([SHAPES.index(attributes_of(int(a))[2]) for a in proposals.attribute[kept]])
     for index, shape in enumerate(SHAPES):
         rows = kept[shapes == index]
-        found = ground_location(
-            shape, proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[shapes == index]
-        )
-        positions[rows] = found
+        seen = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[shapes == index]
+        positions[rows] = ground_location(shape, *seen, camera)
     return positions
 
 

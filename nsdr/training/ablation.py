@@ -8,14 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.evaluation.score import evaluate
-from nsdr.io.files import atomic_path
-from nsdr.io.listing import find_files
-from nsdr.io.lock import locked
+from nsdr.io.files import atomic_path, find_files, locked
 from nsdr.language.templates import TEXT_KINDS
 from nsdr.question_parser.parser import QuestionParser
 from nsdr.symbolic import Executor, Program

@@ -3,32 +3,33 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import BASELINES, Baseline, Batch
 from nsdr.baselines.data import Example, FeatureSource, feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features import MANIFEST, FeatureCache
+from nsdr.baselines.features.files import MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
 from nsdr.baselines.vocabulary import Vocabulary
-from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, resolved
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training, training_time
+from nsdr.validation import PathName, PositiveCount, Settings, expect
 
 __all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
 
 
 @dataclass(frozen=True)
-class BaselineTraining:
+class BaselineTraining(Settings):
     """Training of a baseline on a question file and the features of its videos.
 
     Attributes:
@@ -36,7 +37,7 @@ class BaselineTraining:
         system: name of the baseline in `nsdr.baselines.base.BASELINES`.
         questions: question file in CLEVRER's format, with answers, and with programs where the system needs them.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
-        features: folder of a `nsdr.baselines.features.FeatureCache`; "" for systems that see no video.
+        features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
         held_out: the videos whose index this number divides are left out of training and evaluated on.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.
@@ -44,20 +45,19 @@ class BaselineTraining:
         loop: the optimisation.
     """
 
-    run_dir: str
+    run_dir: PathName
     system: str
-    questions: str
+    questions: PathName
     output: str = ""
     features: str = ""
-    held_out: int = 20
-    texts_per_video: int = 8
+    held_out: Annotated[int, Meta(ge=2)] = 20
+    texts_per_video: PositiveCount = 8
     model: dict[str, Any] = field(default_factory=dict)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_paths(self, "run_dir", "questions")
-        check_choices(self, system=BASELINES.names())
-        check_ranges(self, held_out=(2, MANY[1]), texts_per_video=MANY)
+        super().__post_init__()
+        expect(self.system in BASELINES.names(), "system", f"one of {', '.join(BASELINES.names())}", self.system)
         self.model_config()
         wanted = ", ".join(sorted(video_needs(BASELINES[self.system].needs)))
         if wanted and not self.features:
@@ -79,7 +79,7 @@ class BaselineTraining:
     def data_fingerprint(self) -> str:
         """Of the questions, and of the settings that the features were made with; features of other videos may be added."""
         manifest = [Path(self.features) / MANIFEST] if self.features else []
-        return fingerprint(inputs=[Path(self.questions), *manifest], code=False)
+        return fingerprint(inputs=[Path(self.questions), *manifest])
 
 
 class TrainingBatch(NamedTuple):
@@ -190,7 +190,7 @@ class BaselineTrainer:
         """Of the settings but for the device, the questions and the features' settings."""
         config = self._config(file)
         values = resolved(replace(config, loop=replace(config.loop, device="auto")))
-        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()], code=False)
+        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()])
 
     def features(self, file: str) -> str:
         """Folder of the features of the training; "" for a system that sees no video."""

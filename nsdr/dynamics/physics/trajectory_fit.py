@@ -5,7 +5,7 @@ motion a smooth function of the initial state (see `simulator`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from nsdr.dynamics.physics.mass_uncertainty import log_mass_covariance
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
 from nsdr.dynamics.physics.trust_region import minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.io.validation import MANY, NOT_NEGATIVE, POSITIVE, check_ranges
 from nsdr.types import Event
+from nsdr.validation import Count, NotNegative, Positive, PositiveCount, Settings
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
 from nsdr.world.vocabulary import SHAPES
 
@@ -51,7 +51,7 @@ _NEVER = 10**6
 
 
 @dataclass(frozen=True)
-class TrajectoryFitConfig:
+class TrajectoryFitConfig(Settings):
     """Noise, priors and effort of the fit. Set on left-out scenes of `train`.
 
     Attributes:
@@ -70,24 +70,19 @@ class TrajectoryFitConfig:
         restart_log_mass_scale: standard deviation of restarts' log masses, in `UNITS`; other parameters have 1.
     """
 
-    position_noise_world: float = 0.01
-    edge_noise_px: float = 2.0
-    mass_deviation: float = LOG_MASS_STD
-    rebound: float = 0.4
-    rebound_deviation: float = 0.2
-    robust_scale: float = 2.0
-    min_speed_world_per_s: float = 0.2
-    evaluations: int = 25
-    yaw_guesses: int = 12
-    good_cost: float = 0.4
-    restarts: int = 6
-    restart_yaw_noise_px: float = 0.7
-    restart_log_mass_scale: float = 0.7
-
-    def __post_init__(self) -> None:
-        check_ranges(self, **dict.fromkeys([f.name for f in fields(self)], NOT_NEGATIVE))
-        check_ranges(self, position_noise_world=POSITIVE, edge_noise_px=POSITIVE, mass_deviation=POSITIVE)
-        check_ranges(self, rebound_deviation=POSITIVE, robust_scale=POSITIVE, evaluations=MANY, yaw_guesses=MANY)
+    position_noise_world: Positive = 0.01
+    edge_noise_px: Positive = 2.0
+    mass_deviation: Positive = LOG_MASS_STD
+    rebound: NotNegative = 0.4
+    rebound_deviation: Positive = 0.2
+    robust_scale: Positive = 2.0
+    min_speed_world_per_s: NotNegative = 0.2
+    evaluations: PositiveCount = 25
+    yaw_guesses: PositiveCount = 12
+    good_cost: NotNegative = 0.4
+    restarts: Count = 6
+    restart_yaw_noise_px: NotNegative = 0.7
+    restart_log_mass_scale: NotNegative = 0.7
 
 
 @dataclass(frozen=True)
@@ -161,7 +156,7 @@ class _Problem:
     ) -> None:
         self.config, self.measurement = config, measurement
         self.rng = np.random.default_rng(0)
-        self.objects = states.objects
+        self.objects, self.projection = states.objects, states.camera.matrix
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.frames, self.spacing_frames = states.present.shape[1], states.spacing_frames
@@ -287,7 +282,9 @@ class _Problem:
             return DEFAULT_YAW
         guesses = np.pi / 2 * np.arange(self.config.yaw_guesses) / self.config.yaw_guesses
         assert d.edges_px is not None
-        errors = [np.abs(d.edges_px[near] - _edges_px(d.position[near], yaw)).mean() for yaw in guesses]
+        errors = [
+            np.abs(d.edges_px[near] - _edges_px(self.projection, d.position[near], yaw)).mean() for yaw in guesses
+        ]
         noise = 0.0 if rng is None else rng.exponential(self.config.restart_yaw_noise_px, len(errors))
         return float(guesses[int(np.argmin(np.array(errors) + noise))])
 
@@ -365,11 +362,12 @@ class _Problem:
             c.rebound,
             c.position_noise_world,
             c.edge_noise_px,
+            self.projection,
             c.robust_scale,
         )
 
 
-def _edges_px(position: FloatArray, yaw: float) -> FloatArray:
+def _edges_px(projection: FloatArray, position: FloatArray, yaw: float) -> FloatArray:
     """(T, 2) left and right edges of a cube's images at positions (T, 2)."""
     outermost, derivatives = np.zeros((2, 2), np.int64), np.empty((2, 3))
-    return np.array([cube_edges_px(x, y, yaw, outermost, derivatives) for x, y in position])
+    return np.array([cube_edges_px(projection, x, y, yaw, outermost, derivatives) for x, y in position])

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.clevrer.truth_blocks import read_truth
+from nsdr import tracking
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
 from nsdr.io.reading import read_npz
 from nsdr.tracking.tracker import track
 from nsdr.tracking.truth_tracks import tracks_from_motion
@@ -26,6 +26,8 @@ from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 __all__ = ["SIMULATED_SCENE", "MotionDataset", "motion_row", "read_motion_dataset"]
 
+VERSION = 1
+"""Of the rows of a `MotionDataset`, which are kept: raised when they change."""
 MIN_OBJECTS = 2
 """Scenes with fewer tracked objects are skipped: they hold no pair."""
 MAX_OBJECTS = 7
@@ -102,8 +104,8 @@ def read_motion_dataset(
     """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
     Args:
-        proposals: compact proposals (NPZ), see `nsdr.clevrer.proposals.read_compact_proposals`.
-        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.truth_blocks.read_truth`.
+        proposals: compact proposals (NPZ), see `nsdr.clevrer.files.proposals.read_compact_proposals`.
+        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.truth_blocks.read_truth`.
         cache: an NPZ file that keeps the result. It is read where it was made from the same files and `limit` by the same code,
             and written otherwise.
         limit: maximum number of real scenes; None for all.
@@ -116,7 +118,7 @@ def read_motion_dataset(
     files = find_files(simulated, "truth_*.json") if simulated else []
     if simulated and not files:
         raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
-    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=limit)
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=[VERSION, tracking.VERSION, limit])
     kept = _read_cache(Path(cache), made_from) if cache is not None else None
     if kept is not None:
         return kept

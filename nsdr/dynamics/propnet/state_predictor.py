@@ -18,8 +18,8 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["StatePredictor", "windows"]
@@ -182,7 +182,7 @@ class StatePredictor(PretrainedModel[StateModel]):
         shapes = np.array([o.shape for o in states.objects])
         for shape in np.unique(shapes):
             frames = free_frames & (exists & (shapes == shape))[..., None]
-            visible[frames] = rollout_in_image([shape], location[frames][None])[0]
+            visible[frames] = rollout_in_image([shape], location[frames][None], states.camera)[0]
         as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
         shown = states.location_world
         if smoothed is not None:

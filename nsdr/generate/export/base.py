@@ -7,22 +7,23 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
+from msgspec import Meta
 from tqdm import tqdm
 
+from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
-from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import Question, SceneQuestions, iterate_questions
-from nsdr.clevrer.scene_files import iterate_scenes
-from nsdr.clevrer.schema import get, get_whole
+from nsdr.clevrer.files.questions import Question, SceneQuestions, iterate_questions
+from nsdr.clevrer.files.scene_files import iterate_scenes
+from nsdr.clevrer.files.schema import get, get_whole
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
 from nsdr.generate.export.reasoning import reasoner
 from nsdr.generate.export.records import Record, scene_records
 from nsdr.io.files import atomic_path, writing
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import COUNT, check_choices, check_ranges
+from nsdr.validation import Count, Settings, one_of
 
 __all__ = [
     "Export",
@@ -33,12 +34,14 @@ __all__ = [
     "write_json_lines",
 ]
 
+VERSION = 1
+"""Of the records of an export: raised when they change."""
 VIDEOS = ("copy", "link", "none")
 REASONING = ("", "short", "long")
 
 
 @dataclass(frozen=True)
-class ExportConfig:
+class ExportConfig(Settings):
     """An export.
 
     Attributes:
@@ -61,16 +64,15 @@ class ExportConfig:
     format: str
     splits: tuple[str, ...] = ()
     questions: str = ""
-    videos: str = "copy"
-    limit: int = 0
-    shard_mb: int = 1000
+    videos: Annotated[str, one_of(VIDEOS)] = "copy"
+    limit: Count = 0
+    shard_mb: Annotated[int, Meta(ge=1, le=10**6)] = 1000
     license: str = "unknown"
-    reasoning: str = ""
+    reasoning: Annotated[str, one_of(REASONING)] = ""
     scenes: bool = False
 
     def __post_init__(self) -> None:
-        check_choices(self, videos=VIDEOS, reasoning=REASONING)
-        check_ranges(self, limit=COUNT, shard_mb=(1, 10**6))
+        super().__post_init__()
         if self.questions and len(self.splits) != 1:
             raise DataError("questions: a question file is of one split; name it (--split)")
         if len(set(self.splits)) < len(self.splits):
@@ -167,7 +169,7 @@ class Export:
         for name in ("root", "output", "questions"):
             values.pop(name)
         files = [self._question_file(name) for name in self.splits]
-        inputs = fingerprint(inputs=files, config=[self._seed, self._bytes])
+        inputs = fingerprint(inputs=files, config=[VERSION, self._seed, self._bytes])
         return values | {"splits": list(self.splits), "inputs_and_code": inputs}
 
     def _summary(self, split: str) -> SplitSummary:

@@ -8,7 +8,7 @@ from functools import cache, cached_property
 from itertools import combinations
 
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.questions import OPTION_TAGS
+from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.errors import ExecutionError
 from nsdr.language.templates import Chooser, Grammar, Pair, every
 from nsdr.symbolic import Executor

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from nsdr.clevrer.questions import OPTION_TAGS
+from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.generate.questions.candidates import MultipleChoice, Option
-from nsdr.io.validation import SHARE, check_ranges
+from nsdr.validation import Settings, Share
 
 __all__ = ["CounterfactualConfig", "InferentialSelection"]
 
@@ -31,19 +31,15 @@ FORMS = ((False, False), (False, True), (True, False), (True, True))
 
 
 @dataclass(frozen=True)
-class CounterfactualConfig:
+class CounterfactualConfig(Settings):
     """What counterfactual questions ask.
 
     Attributes:
-        inferential_share: share of their options that are inferential (`nsdr.clevrer.questions.OPTION_TAGS`), met as closely
-            as the scenes allow; None leaves it as it falls. CLEVRER has about 0.15.
+        inferential_share: share of their options that are inferential (`nsdr.clevrer.OPTION_TAGS`), met as closely as
+            the scenes allow; None leaves it as it falls. CLEVRER has about 0.15.
     """
 
-    inferential_share: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.inferential_share is not None:
-            check_ranges(self, inferential_share=SHARE)
+    inferential_share: Share | None = None
 
 
 class InferentialSelection:

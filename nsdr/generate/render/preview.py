@@ -58,7 +58,7 @@ def render_motion(
     objects: Sequence[SceneObject],
     location_world: NDArray[np.floating[Any]],
     yaw: NDArray[np.floating[Any]],
-    view: View | None = None,
+    view: View,
 ) -> Iterator[NDArray[np.uint8]]:
     """Frames of motion on the ground.
 
@@ -66,7 +66,7 @@ def render_motion(
         objects: shapes, colours and materials.
         location_world: (n, F, 2) positions on the ground; NaN where an object is absent.
         yaw: (n, F) rotations about the vertical axis (radians).
-        view: camera and lamps; None for CLEVRER's.
+        view: camera and lamps.
 
     Yields:
         (height, width, 3) uint8 RGB, F times.
@@ -78,7 +78,7 @@ def render_motion(
             tilt = np.pi / 2 if o.shape == "cylinder" else 0.0  # as annotated cylinders stand
             rotation = rendered_rotation(o.shape, np.array([tilt, 0.0, yaw[o.id, frame]])).as_matrix()
             solids.append(Solid(o.shape, on_ground(location_world[o.id, frame]), rotation))
-        yield render_preview(there, solids, view or View())
+        yield render_preview(there, solids, view)
 
 
 @lru_cache(maxsize=4)

@@ -4,11 +4,14 @@ The base scene has three square area lamps, a weak sun and a plain grey ground.
 """
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+from msgspec import Meta
 
 from nsdr.errors import DataError
-from nsdr.io.validation import NOT_NEGATIVE, SIZE, check_ranges
-from nsdr.world.camera import EYE_WORLD, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.validation import NotNegative, Settings, Size
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.timeline import FPS
 
 __all__ = [
@@ -31,12 +34,13 @@ MAX_FPS, MAX_CRF = 1000, 51
 
 
 @dataclass(frozen=True)
-class RenderConfig:
+class RenderConfig(Settings):
     """How scenes are rendered.
 
     Attributes:
         width: image width (pixels).
         height: image height (pixels).
+        camera: where the camera is, where it looks, and its lens. Its size is that of masks and annotations, 480x320.
         camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
         light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
         samples: Cycles samples per pixel, before denoising.
@@ -46,18 +50,19 @@ class RenderConfig:
         crf: H.264 constant rate factor; lower is better quality.
     """
 
-    width: int = WIDTH_PX
-    height: int = HEIGHT_PX
-    camera_jitter: float = 0.0
-    light_jitter: float = 0.0
-    samples: int = 6
+    width: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = WIDTH_PX
+    height: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = HEIGHT_PX
+    camera: Camera = field(default_factory=Camera)
+    camera_jitter: NotNegative = 0.0
+    light_jitter: NotNegative = 0.0
+    samples: Size = 6
     assets: str = ""
-    fps: int = FPS
-    crf: int = 20
+    fps: Annotated[int, Meta(ge=1, le=MAX_FPS)] = FPS
+    crf: Annotated[int, Meta(ge=0, le=MAX_CRF)] = 20
 
     def __post_init__(self) -> None:
-        check_ranges(self, camera_jitter=NOT_NEGATIVE, light_jitter=NOT_NEGATIVE, samples=SIZE, fps=(1, MAX_FPS))
-        check_ranges(self, crf=(0, MAX_CRF), width=(MIN_SIDE_PX, MAX_SIDE_PX), height=(MIN_SIDE_PX, MAX_SIDE_PX))
+        super().__post_init__()
+        check_release_size(self.camera)
         if self.width % 2 or self.height % 2:
             raise DataError(
                 f"width and height: expected even numbers of at least {MIN_SIDE_PX}, got {self.width}x{self.height}"
@@ -124,6 +129,6 @@ def view_of(config: RenderConfig, seed: int) -> View:
         x, y, z = (p + by * rng.uniform(-1, 1) for p in position)
         return x, y, z
 
-    eye = shifted(EYE_WORLD, config.camera_jitter)
+    eye = shifted(config.camera.eye_world, config.camera_jitter)
     lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(len(LAMPS)))
-    return View(Camera(eye, config.width, config.height), lamps)
+    return View(replace(config.camera, eye_world=eye, width=config.width, height=config.height), lamps)
