@@ -98,8 +98,8 @@ def _generate() -> Any:
     scene = simulate_scene(1)
     contacts = [[c.frame, *c.bodies] for c in scene.motion.contacts]
     picture = render_preview(scene.objects, solids_at(scene, 60), View(Camera(width=96, height=64)))
-    colors = picture.reshape(8, 8, 12, 8, 3).mean((1, 3)).round(1).tolist()
-    return [[o.name for o in scene.objects], contacts, _places(scene.motion.location_world, (0, 60, 120)), colors]
+    brightness = picture.reshape(4, 16, 6, 16, 3).mean((1, 3, 4)).ravel().round(1).tolist()
+    return [[o.name for o in scene.objects], contacts, _places(scene.motion.location_world, (0, 60, 120)), brightness]
 
 
 def _features() -> Any:
