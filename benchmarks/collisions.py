@@ -21,7 +21,7 @@ from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.physics.collision_search import CollisionSearch, Evidence, search_collisions
 from nsdr.dynamics.registry import load_backend
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
 
 AROUND_FRAMES = 15

@@ -15,7 +15,7 @@ from typing import Any
 from rewordings import drawn_rows
 
 from nsdr.errors import DataError, QuestionError
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.reading import read_json
 from nsdr.question_parser.parser import QuestionParser
 

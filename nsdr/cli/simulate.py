@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
-from nsdr.cli.common import is_scene, make_pipeline
+from nsdr.cli.common import is_scene, make_pipeline, video_options
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed, check_output
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
@@ -14,7 +14,7 @@ from nsdr.types.interventions import Intervention
 from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["add_options", "simulate"]
+__all__ = ["simulate"]
 
 PLACE, PLACE_AND_VELOCITY = 2, 4
 """Numbers after an object of `--add`."""
@@ -26,8 +26,8 @@ WORDS = 3
 """Words of an added object: color, material and shape."""
 
 
-def add_options(parser: Any) -> None:
-    """Add the options of `nsdr simulate` to its parser."""
+def simulate_options(parser: Any) -> None:
+    """Add the options of `nsdr simulate`."""
     add = parser.add_argument
     add("video", help="video file")
     add(
@@ -49,6 +49,7 @@ def add_options(parser: Any) -> None:
     )
     add("-o", "--output", default=None, help="video to write, .mp4: original and changed world side by side")
     add("--json", default=None, help="also write events, probabilities and positions, .json")
+    video_options(parser)
 
 
 def simulate(options: Any) -> int:
@@ -156,7 +157,7 @@ def _added(text: str) -> Add:
 
 def _report(s: Simulation) -> Iterator[str]:
     """What differs, line by line."""
-    from nsdr.visualize.differences import change_text, interventions_text
+    from nsdr.visualize.impacts import change_text, interventions_text
 
     yield interventions_text(s)
     differences = s.differences()
@@ -199,7 +200,7 @@ def _document(s: Simulation) -> dict[str, Any]:
 def _write_video(path: str, pipeline: Any, video: str, s: Simulation) -> None:
     import warnings
 
-    from nsdr.apps.comparison_video import write_comparison
+    from nsdr.apps.comparison import write_comparison
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # perception has given them

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.physics.config import PhysicsConfig
@@ -11,9 +12,9 @@ from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.limits import limits
+from nsdr.io.limits import check_limit
 from nsdr.io.registry import Registry
-from nsdr.io.validation import check_choices, check_ranges
+from nsdr.validation import Count, Settings, one_of
 
 __all__ = [
     "BACKENDS",
@@ -34,7 +35,7 @@ VELOCITY_RULES = {"velocity": "tuned", "velocity_paper": "paper"}
 
 
 @dataclass(frozen=True)
-class BackendConfig:
+class BackendConfig(Settings):
     """Which dynamics backend, and how it works.
 
     Attributes:
@@ -51,14 +52,14 @@ class BackendConfig:
     backend: str = "physics"
     weights: str = ""
     shortcut: bool = True
-    horizon_frame: int | None = None
-    collisions: str = "predicted"
+    horizon_frame: Count | None = None
+    collisions: Annotated[str, one_of(("predicted", *VELOCITY_RULES))] = "predicted"
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
 
     def __post_init__(self) -> None:
-        check_choices(self, collisions=("predicted", *VELOCITY_RULES))
+        super().__post_init__()
         if self.horizon_frame is not None:
-            check_ranges(self, horizon_frame=(0, limits().frames))
+            check_limit(self.horizon_frame, "frames", "horizon_frame")
 
 
 BackendFactory = Callable[[Path, BackendConfig], DynamicsBackend]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from nsdr.clevrer.files.velocity_rule import velocity_collisions as grid_collisions
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
 from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.io.validation import check_choices
+from nsdr.errors import DataError
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels, on_ground
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
@@ -51,7 +51,8 @@ class VelocityEvents:
     def __init__(self, backend: DynamicsBackend, rule: str = "tuned") -> None:
         self.backend = backend
         self.rule = rule
-        check_choices(self, rule=RULES)
+        if rule not in RULES:
+            raise DataError(f"rule: expected one of {', '.join(RULES)}, got {rule!r:.60}")
 
     def to(self, device: str) -> "VelocityEvents":
         """Move the backend's networks to a device."""

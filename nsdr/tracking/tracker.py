@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from nsdr.io.validation import COUNT, SHARE, check_ranges
 from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
+from nsdr.validation import Count, Settings, Share
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import SHAPES, attributes_of
 
@@ -50,7 +50,7 @@ MAX_SPACING_FRAMES = 8
 
 
 @dataclass(frozen=True)
-class TrackerConfig:
+class TrackerConfig(Settings):
     """Which proposals and identities count.
 
     Attributes:
@@ -61,11 +61,8 @@ class TrackerConfig:
             processed, each counts for those up to the next.
     """
 
-    score: float = 0.9
-    min_frames: int = 12
-
-    def __post_init__(self) -> None:
-        check_ranges(self, score=SHARE, min_frames=COUNT)
+    score: Share = 0.9
+    min_frames: Count = 12
 
 
 @dataclass

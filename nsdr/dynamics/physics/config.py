@@ -1,8 +1,11 @@
 """Settings of the physics backend."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, SHARE, check_ranges
+from msgspec import Meta
+
+from nsdr.validation import Count, NotNegative, Settings, Share
 from nsdr.world.physics_constants import LOG_MASS_STD
 
 __all__ = ["PhysicsConfig"]
@@ -12,7 +15,7 @@ MAX_RUNS = 10_000
 
 
 @dataclass(frozen=True)
-class PhysicsConfig:
+class PhysicsConfig(Settings):
     """How a video is explained by fits, and how the fitted scene is simulated on.
 
     Noise levels were set on left-out scenes of `train`; `python benchmarks/continued.py` compares them. Perturbations drawn
@@ -32,18 +35,13 @@ class PhysicsConfig:
         restarts: maximum number of restarts of each fit, for each window of frames.
     """
 
-    runs: int = 30
-    position_noise_world: float = 0.004
-    velocity_noise_world_per_s: float = 0.015
-    yaw_noise: float = 0.1
-    mass_noise: float = 0.08
-    unmet_mass_noise: float = LOG_MASS_STD
-    collision_threshold: float = 0.5
-    seed: int = 0
-    trials: int = 8
-    restarts: int = 6
-
-    def __post_init__(self) -> None:
-        check_ranges(self, runs=(1, MAX_RUNS), collision_threshold=SHARE, seed=COUNT, trials=COUNT, restarts=COUNT)
-        noise = ("position_noise_world", "velocity_noise_world_per_s", "yaw_noise", "mass_noise", "unmet_mass_noise")
-        check_ranges(self, **dict.fromkeys(noise, NOT_NEGATIVE))
+    runs: Annotated[int, Meta(ge=1, le=MAX_RUNS)] = 30
+    position_noise_world: NotNegative = 0.004
+    velocity_noise_world_per_s: NotNegative = 0.015
+    yaw_noise: NotNegative = 0.1
+    mass_noise: NotNegative = 0.08
+    unmet_mass_noise: NotNegative = LOG_MASS_STD
+    collision_threshold: Share = 0.5
+    seed: Count = 0
+    trials: Count = 8
+    restarts: Count = 6
