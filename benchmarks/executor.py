@@ -21,7 +21,7 @@ import msgspec
 
 from nsdr.clevrer.predictions import PredictionFile, predictions_from_document, read_predictions, scene_from_predictions
 from nsdr.errors import DataError, ExecutionError
-from nsdr.language.templates import sample
+from nsdr.language.texts import sample
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.program import RESEARCH_NAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES

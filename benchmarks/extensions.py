@@ -30,7 +30,7 @@ from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.questions.extensions import EXTENSION_KINDS, ExtensionSelection
 from nsdr.generate.questions.selection import find_candidates
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import track
 

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from nsdr.clevrer.questions import read_questions
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.lazy import deferred_function
 from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
 from nsdr.io.video_kinds import check_is_video
-from nsdr.question_parser.reading import read_programs
+from nsdr.question_parser.base import read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
@@ -33,7 +33,7 @@ from nsdr.types.interventions import Intervention
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
-    from nsdr.question_parser.parser import QuestionParser
+    from nsdr.question_parser.network import QuestionParser
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
@@ -189,7 +189,7 @@ class Pipeline:
         # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
         with deferred_function("torch._dynamo.utils", "is_compile_supported"):
             from nsdr.frame_parser.parser import FrameParser
-        from nsdr.question_parser.parser import QuestionParser
+        from nsdr.question_parser.network import QuestionParser
 
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)

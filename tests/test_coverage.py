@@ -8,7 +8,7 @@ import pytest
 from nsdr import DataError, ProgramError, QuestionError
 from nsdr.language.templates import TEXT_KINDS, sample
 from nsdr.question_parser.coverage import check_coverage, check_text
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 from nsdr.symbolic import Program
 
 

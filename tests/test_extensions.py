@@ -31,7 +31,7 @@ from nsdr.language import extension_templates as templates
 from nsdr.language.templates import described, every
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.question_parser.beyond import extension_readings
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace
 from nsdr.symbolic.narration import narrate

@@ -4,7 +4,7 @@ import pytest
 
 from nsdr import Executor, QuestionError, Scene
 from nsdr.pipeline import Pipeline
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 from nsdr.question_parser.suggestions import nearest_questions
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from nsdr.errors import DataError
-from nsdr.language.templates import described
-from nsdr.question_parser.wording import in_words
+from nsdr.language.texts import described, in_words
 from nsdr.types import Event, Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 

@@ -70,7 +70,7 @@ def parse_question(options: Any) -> int:
     _check_extensions(options)
     parser = endpoint_parser(options)
     if parser is None:
-        from nsdr.question_parser.parser import QuestionParser
+        from nsdr.question_parser.network import QuestionParser
 
         parser = QuestionParser.from_pretrained(options.checkpoint, options.device, extensions=options.extensions)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]

@@ -22,7 +22,7 @@ def parse_all(checkpoint: str, device: str, questions: Iterable[SceneQuestions],
     Raises:
         CheckpointError: missing or corrupt weights.
     """
-    from nsdr.question_parser.parser import QuestionParser
+    from nsdr.question_parser.network import QuestionParser
 
     texts: dict[str, dict[str, None]] = {"descriptive": {}, "multiple_choice": {}, "choice": {}}
     for question in (q for s in questions for q in s.questions if q.type in types):

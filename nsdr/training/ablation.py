@@ -16,8 +16,8 @@ from nsdr.evaluation.score import evaluate
 from nsdr.io.files import atomic_path
 from nsdr.io.listing import find_files
 from nsdr.io.lock import locked
-from nsdr.language.templates import TEXT_KINDS
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.language.texts import TEXT_KINDS
+from nsdr.question_parser.network import QuestionParser
 from nsdr.symbolic import Executor, Program
 from nsdr.training.question_parser_task import QuestionParserTraining, train_question_parser
 from nsdr.visualize.distributions import program_curve
