@@ -19,7 +19,12 @@ from typing import Any
 
 import msgspec
 
-from nsdr.clevrer.predictions import PredictionFile, predictions_from_document, read_predictions, scene_from_predictions
+from nsdr.clevrer.files.predictions import (
+    PredictionFile,
+    predictions_from_document,
+    read_predictions,
+    scene_from_predictions,
+)
 from nsdr.errors import DataError, ExecutionError
 from nsdr.language.texts import sample
 from nsdr.symbolic import Executor, Program

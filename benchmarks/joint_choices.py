@@ -12,10 +12,10 @@ from itertools import combinations
 from pathlib import Path
 
 from nsdr import Event, Scene, load
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.evaluation import calibration
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 from nsdr.symbolic.joint import hardly_none, most_probable, probabilities
 from nsdr.symbolic.possible_worlds import possible_scenes
 

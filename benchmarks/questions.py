@@ -3,11 +3,10 @@
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
 refused; `also` lists other programs that are right. A question file in CLEVRER's format counts, too: its texts and programs.
 Prints, for each file and parser, the shares that are right, refused, and accepted and wrong, by kind of text, and those of the
-texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), the networks
-with the check of their programs' words ("network-checked"), and the default ("auto"), which joins them.
-Of the sets that ship, `questions_by_hand.json` and `nsdr/language/paraphrases.json` were used to tune the rules;
-`questions_blind.json` and `questions_blind2.json` were written by people who had not seen the parser, and nobody who tunes it may read
-them.
+texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), the
+networks with the check of their programs' words ("network-checked"), and the default ("auto"), which joins them. Of the sets
+that ship, `questions_by_hand.json` and `nsdr/language/paraphrases.json` were used to tune the rules; `questions_blind.json` and
+`questions_blind2.json` were written by people who had not seen the parser, and nobody who tunes it may read them.
 """
 
 import argparse
@@ -17,7 +16,7 @@ from typing import Any
 
 from rewordings import drawn_rows
 
-from nsdr.clevrer.questions import iterate_questions
+from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.evaluation.intervals import wilson_interval
 from nsdr.io.reading import read_json

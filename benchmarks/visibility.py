@@ -13,8 +13,8 @@ from typing import Any
 from tqdm import tqdm
 
 from nsdr import Executor
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
 from nsdr.dynamics.motion_states import MeasurementConfig
 from nsdr.dynamics.registry import BackendConfig, load_backend
 from nsdr.dynamics.scene import scene_from_prediction

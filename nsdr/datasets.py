@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, read_truth_file
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, read_truth_file
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.render.flow import optical_flow
 from nsdr.generate.render.raycast import Solid, instance_ids

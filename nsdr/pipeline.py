@@ -16,15 +16,15 @@ from nsdr.dynamics.interventions import intervenes, simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.device import PRECISIONS, resolve_device
+from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.lazy import deferred_function
 from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
-from nsdr.io.video_kinds import check_is_video
-from nsdr.question_parser.base import read_programs
+from nsdr.io.video import check_is_video
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
@@ -33,7 +33,6 @@ from nsdr.types.interventions import Intervention
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
-    from nsdr.question_parser.network import QuestionParser
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
@@ -136,7 +135,7 @@ class Pipeline:
         self,
         frame_parser: "FrameParser",
         dynamics: DynamicsBackend,
-        question_parser: "QuestionParser",
+        question_parser: Parser,
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
         responsible: str = "chain",
@@ -170,7 +169,7 @@ class Pipeline:
                 "" for that of `config`.
             config: settings of all stages, or their YAML file.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
-            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.QuestionParser`).
+            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.AutoParser`).
             options: further arguments of the constructor.
 
         Raises:
@@ -186,11 +185,8 @@ class Pipeline:
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
-        # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
-        with deferred_function("torch._dynamo.utils", "is_compile_supported"):
+        with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
-        from nsdr.question_parser.network import QuestionParser
-
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
         pipeline = cls(
@@ -198,7 +194,7 @@ class Pipeline:
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
             ),
             load_backend(folder, config.dynamics),
-            QuestionParser.from_checkpoint(folder, extensions=extensions),
+            AutoParser.from_checkpoint(folder, extensions),
             **options,
         )
         return pipeline.to(device)

@@ -14,15 +14,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.annotations import check_annotation, check_truth
-from nsdr.clevrer.responses import TAG, Response, read_response
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.schema import get
+from nsdr.claims.statements import PAST_KINDS
+from nsdr.claims.verification import Claim, Verification, verify
+from nsdr.clevrer.answers.responses import TAG, Response, read_response
+from nsdr.clevrer.files.annotations import check_annotation, check_truth
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
-from nsdr.symbolic.statements import PAST_KINDS
-from nsdr.symbolic.verify import Claim, Verification, verify
 from nsdr.types import Scene
 
 __all__ = ["MAX_OF_A_KIND", "answer_format", "exact", "per_option", "read_scene", "trace_score", "trace_verified"]

@@ -13,10 +13,10 @@ from accelerate.utils import send_to_device
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES, Batch, Sizes
 from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features import MANIFEST, FeatureCache
+from nsdr.baselines.features.files import MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
 from nsdr.baselines.vocabulary import PAD, Vocabulary
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers

@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
-from nsdr.baselines import mac, memory, tvqa
-from nsdr.baselines.attention import masked_softmax, time_encoding
 from nsdr.baselines.base import BASELINES, Baseline, Batch, Sizes
+from nsdr.baselines.systems import mac, memory, tvqa
+from nsdr.baselines.systems.attention import masked_softmax, time_encoding
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
 from nsdr.io.reading import read_yaml

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from nsdr.baselines.assembled import Assembled, AssembledConfig
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.iep import Iep
-from nsdr.baselines.program_graph import INSTRUCTIONS, MALFORMED, Node, program_graph
-from nsdr.baselines.tbd import TbdConfig, TbdNet
+from nsdr.baselines.systems.assembled import Assembled, AssembledConfig
+from nsdr.baselines.systems.iep import Iep
+from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, Node, program_graph
+from nsdr.baselines.systems.tbd import TbdConfig, TbdNet
 from nsdr.baselines.vocabulary import PAD, PROGRAM_SEPARATOR
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from nsdr import Answer, DataError, Event, ExecutionError, Scene, SceneObject, minimal_pairs, narrate, verify
+from nsdr.claims.pairs import EDITS
+from nsdr.claims.reading import read_sentence
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.symbolic import Executor
-from nsdr.symbolic.claim_reading import read_sentence
-from nsdr.symbolic.minimal_pairs import EDITS
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 N_FRAMES = 30

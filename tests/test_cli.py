@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from nsdr import Doubt, Scene, load, save
+from nsdr import Scene, UncertainCollision, load, save
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
 
@@ -33,7 +33,7 @@ def test_answer_from_a_saved_npz(capsys, tmp_path) -> None:
 def test_answers_come_with_their_probabilities(capsys, tmp_path) -> None:
     scene = load(Scene, TRUTH)
     hit = next(e for e in scene.events if e.kind == "collision")
-    save(replace(scene, doubts=(Doubt(hit, 0.75),)), tmp_path / "scene.json")
+    save(replace(scene, uncertain=(UncertainCollision(hit, 0.75),)), tmp_path / "scene.json")
     assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[1] == "4 (75 %)\n"
     question = ("-q", "What will happen next?", "-c", "The brown cylinder collides with the brown metal sphere")
     assert run(capsys, "answer", tmp_path / "scene.json", *question)[1].startswith("correct (>99 %) The brown")

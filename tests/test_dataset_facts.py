@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from nsdr import DataError
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.facts import facts_page
 from nsdr.generate.questions.statistics import RELEASED_QUESTIONS

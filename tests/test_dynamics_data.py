@@ -11,11 +11,11 @@ import pytest
 from pycocotools import mask as rle
 
 from nsdr import DataError
-from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.compact_files import write_compact_files
-from nsdr.clevrer.proposals import read_compact_proposals, read_proposals
-from nsdr.clevrer.scenes import scene_from_ground_truth
-from nsdr.clevrer.truth_blocks import read_truth, truth_block
+from nsdr.clevrer.files.annotations import write_annotation
+from nsdr.clevrer.files.proposals import read_compact_proposals, read_proposals
+from nsdr.clevrer.files.scenes import scene_from_ground_truth
+from nsdr.clevrer.files.truth_blocks import read_truth, truth_block
 from nsdr.cli.main import main
 from nsdr.dynamics.propnet import data as motion_data
 from nsdr.dynamics.propnet.data import read_motion_dataset

@@ -12,7 +12,7 @@ import nsdr.clevrer
 import nsdr.symbolic
 from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, explain, format_trace, format_tree
 from nsdr.clevrer.example import QUESTIONS
-from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.symbolic.causal import ancestor_sets, direct_causes
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 

@@ -12,10 +12,17 @@ import yaml
 
 from nsdr import DataError, Scene, load, verify
 from nsdr.clevrer import example
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.prompts import prompt, solution
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, read_questions, without_answers, write_questions
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.answers.prompts import prompt, solution
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import (
+    Choice,
+    Question,
+    SceneQuestions,
+    read_questions,
+    without_answers,
+    write_questions,
+)
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
 from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset

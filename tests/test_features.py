@@ -11,10 +11,16 @@ import torch
 from torchvision import models
 
 from nsdr import DataError
-from nsdr.baselines import extraction
-from nsdr.baselines.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
-from nsdr.baselines.extraction import FeatureExtraction, FeatureExtractor, extract_features, region_features, spaced
-from nsdr.baselines.features import FeatureCache, FeatureConfig, feature_file
+from nsdr.baselines.features import extraction
+from nsdr.baselines.features.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
+from nsdr.baselines.features.extraction import (
+    FeatureExtraction,
+    FeatureExtractor,
+    extract_features,
+    region_features,
+    spaced,
+)
+from nsdr.baselines.features.files import FeatureCache, FeatureConfig, feature_file
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
@@ -387,7 +393,7 @@ def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
 
 
 def in_this_process(*arguments, **options):
-    from nsdr.io.runner import run_jobs
+    from nsdr.io.jobs import run_jobs
 
     return run_jobs(*arguments, **{**options, "workers": 1})
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.questions import Choice, Question, read_questions
+from nsdr.clevrer.files.questions import Choice, Question, read_questions
 from nsdr.cli.main import main
 from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.types import Answer, ChoiceAnswer

@@ -11,7 +11,7 @@ from torch.utils.data import DataLoader
 import nsdr.frame_parser
 import nsdr.tracking
 from nsdr import CheckpointError, DataError, VideoError, VideoProposals
-from nsdr.clevrer.proposals import proposals_document, proposals_from_rows
+from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, TorchvisionBackbone, build_frame_parser

@@ -20,9 +20,8 @@ import torch
 from nsdr import DataError, save
 from nsdr.evaluation.experiments import run_experiment
 from nsdr.io.checkpoint import save_checkpoint
-from nsdr.io.files import atomic_path, write_json
-from nsdr.io.lock import locked
-from nsdr.io.runner import Job, run_jobs
+from nsdr.io.files import atomic_path, locked, write_json
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import write_video
 from nsdr.training import run_folder
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train
@@ -227,6 +226,6 @@ def test_a_full_disk_takes_no_row_of_an_experiment(tmp_path) -> None:
 
 def test_the_lock_of_a_full_disk_holds(tmp_path) -> None:
     with largest_file(0), locked(tmp_path), pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nsdr.io.lock._held", __import__("contextvars").ContextVar("other", default=frozenset()))
+        patch.setattr("nsdr.io.files._held", __import__("contextvars").ContextVar("other", default=frozenset()))
         with pytest.raises(DataError, match="another process writes to it"), locked(tmp_path):
             pass

@@ -14,7 +14,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.generate import dataset

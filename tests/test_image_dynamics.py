@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from nsdr import DataError, VideoError
-from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.annotations import write_annotation
+from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.base import VideoPixels
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.propnet.image_model import ImageModel

@@ -95,8 +95,8 @@ def test_removal_from_the_start_is_the_counterfactual(backend: PhysicsPredictor,
         assert simulation.changed.collisions == rollout.collisions
         np.testing.assert_array_equal(simulation.changed.location_world, rollout.location_world)
         np.testing.assert_array_equal(simulation.changed.visible, rollout.visible)
-        found = [(d.event, d.probability) for d in simulation.changed.doubts or ()]
-        assert found == [(d.event, d.probability) for d in rollout.doubts or ()]
+        found = [(d.event, d.probability) for d in simulation.changed.uncertain or ()]
+        assert found == [(d.event, d.probability) for d in rollout.uncertain or ()]
     assert pairs(backend.simulate(tracks, [Remove(0)])) == []
 
 

@@ -19,13 +19,13 @@ from nsdr import (
     format_trace,
 )
 from nsdr.clevrer.example import TRUTH
-from nsdr.clevrer.predictions import (
+from nsdr.clevrer.files.predictions import (
     predictions_document,
     predictions_from_document,
     read_predictions,
     scene_from_predictions,
 )
-from nsdr.clevrer.velocity_rule import sampled_velocity, velocity_collisions
+from nsdr.clevrer.files.velocity_rule import sampled_velocity, velocity_collisions
 from nsdr.cli.main import main
 from nsdr.io.files import write_json
 

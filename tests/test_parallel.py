@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from nsdr import DataError
-from nsdr.io import tasks
-from nsdr.io.tasks import run_tasks
+from nsdr.io import jobs as tasks
+from nsdr.io.jobs import run_tasks
 
 
 def double(number: int) -> int:
@@ -130,7 +130,7 @@ def test_a_result_that_cannot_be_sent_is_a_failure() -> None:
 
 def test_workers_that_cannot_start_are_told(tmp_path) -> None:
     program = tmp_path / "unguarded.py"
-    program.write_text("from nsdr.io.tasks import run_tasks\nlist(run_tasks(abs, range(2), workers=2))\n")
+    program.write_text("from nsdr.io.jobs import run_tasks\nlist(run_tasks(abs, range(2), workers=2))\n")
     done = subprocess.run([sys.executable, program], capture_output=True, text=True, timeout=60)
     assert "DataError: a worker process ended before its first task (exit code 1); call it below" in done.stderr
 

@@ -10,7 +10,7 @@ import pytest
 
 from nsdr import DataError, Executor, PipelineConfig, Scene, load, save
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
+from nsdr.clevrer.files.predictions import read_predictions, scene_from_predictions
 from nsdr.cli.main import main
 from nsdr.evaluation import EvaluationConfig, parse_videos, predict_dynamics
 from nsdr.io.files import write_json

@@ -288,7 +288,7 @@ class Detector:
         return self.candidates
 
 
-def test_doubts_about_observed_collisions_hold_without_other_objects_too() -> None:
+def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
     motion = run(start)
     hit, graze = Event("collision", int(motion.contact[0, 1]), (0, 1)), Event("collision", 70, (1, 2))
@@ -298,26 +298,26 @@ def test_doubts_about_observed_collisions_hold_without_other_objects_too() -> No
     scene = predictor._fitted(seen(motion, start.shape), None)
     observed = scene.rollout(None)
     assert observed.collisions == (hit,)
-    assert [(d.event, d.probability, d.removed) for d in observed.doubts] == [(hit, 0.9, None), (graze, 0.2, None)]
+    assert [(d.event, d.probability, d.removed) for d in observed.uncertain] == [(hit, 0.9, None), (graze, 0.2, None)]
     without = scene.rollout(2)
     assert [e.objects for e in without.collisions] == [(0, 1)]
-    assert [(d.event.objects, d.probability, d.removed) for d in without.doubts] == [((0, 1), 0.9, 2)]
-    assert [(d.event, d.removed) for d in scene.rollout(0).doubts] == [(graze, 0)]
+    assert [(d.event.objects, d.probability, d.removed) for d in without.uncertain] == [((0, 1), 0.9, 2)]
+    assert [(d.event, d.removed) for d in scene.rollout(0).uncertain] == [(graze, 0)]
     sure = PhysicsPredictor(Detector((hit, 0.9999)), config)._fitted(seen(motion, start.shape), None)
-    assert sure.rollout(None).doubts == ()
-    assert sure.rollout(2).doubts == ()
+    assert sure.rollout(None).uncertain == ()
+    assert sure.rollout(2).uncertain == ()
 
 
-def test_doubts_about_predicted_collisions_are_shares_of_runs() -> None:
+def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
     start = bodies(("sphere", -1.5, 0.33, 1.0, 0.0), ("sphere", 0.3, 0.0, 0.0, 0.0))  # a near miss or a graze
     config = PhysicsConfig(runs=40, position_noise_world=0.05, velocity_noise_world_per_s=0.1)
     states = seen(run(start, 40), start.shape)
     rollout = PhysicsPredictor(Detector(), config, horizon_frame=150).continue_motion(states)
-    [doubt] = rollout.doubts
-    assert 0.05 < doubt.probability < 0.95
-    assert doubt.probability * 40 == pytest.approx(round(doubt.probability * 40))
-    assert doubt.event.frame >= 40
-    assert (doubt.event in rollout.collisions) == (doubt.probability > 0.5)
+    [one] = rollout.uncertain
+    assert 0.05 < one.probability < 0.95
+    assert one.probability * 40 == pytest.approx(round(one.probability * 40))
+    assert one.event.frame >= 40
+    assert (one.event in rollout.collisions) == (one.probability > 0.5)
 
 
 def test_collisions_from_velocity_alone() -> None:

@@ -20,7 +20,7 @@ from nsdr import (
     VideoProposals,
 )
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.cli.simulate import _report as report_lines
 from nsdr.pipeline import Perception
 

@@ -7,7 +7,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.clevrer import prompt, read_questions, solution, without_answers, write_questions
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 
 CHOICES = (
     Choice(0, "The red cube is removed", None, "correct", "observational", True),

@@ -8,7 +8,7 @@ import pytest
 from nsdr import Event, ExecutionError, Executor, Scene, explain, save
 from nsdr.cli.main import main
 from nsdr.symbolic import but_for
-from nsdr.types import Doubt
+from nsdr.types import UncertainCollision
 
 SECOND, EXIT = Event("collision", 40, (1, 2)), Event("out", 60, (1,))
 CUBE = "objects cube filter_shape unique"
@@ -82,7 +82,7 @@ def test_a_choice_fails_where_it_is_not_known(small_scene: Scene) -> None:
 
 
 def test_probabilities_are_of_the_meaning(small_scene: Scene) -> None:
-    unsure = replace(small_scene, doubts=(Doubt(Event("collision", 45, (1, 2)), 0.25, 0),))
+    unsure = replace(small_scene, uncertain=(UncertainCollision(Event("collision", 45, (1, 2)), 0.25, 0),))
     choices = [("the cube", CUBE)]
     assert Executor(unsure).judge(WHY, choices).choices[0].probability == 1
     assert Executor(unsure, responsible="but_for").judge(WHY, choices).choices[0].probability == 0.75

@@ -7,7 +7,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.io.fingerprint import code_fingerprint, fingerprint
-from nsdr.io.runner import LEDGER, Job, run_jobs
+from nsdr.io.jobs import LEDGER, Job, run_jobs
 
 
 def write(item: str, output: Path) -> None:

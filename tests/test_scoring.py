@@ -19,7 +19,7 @@ from nsdr.clevrer import (
     write_submission,
 )
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
 from nsdr.evaluation.comparison import compare_reports, format_comparison
 from nsdr.evaluation.controls import exchange, write_controls

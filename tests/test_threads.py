@@ -19,8 +19,8 @@ from nsdr import PatchPredictor, QuestionParser, StatePredictor
 from nsdr.dynamics.physics import trajectory_fit
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.io import threads
-from nsdr.io.threads import available_cores, limit_threads
+from nsdr.io import device as threads
+from nsdr.io.device import available_cores, limit_threads
 
 from .test_dynamics import tracks
 from .test_frame_parser import TINY, build_frame_parser
@@ -130,7 +130,7 @@ def test_limits_end_with_an_error(used: Used) -> None:
 )
 def test_idle_threads_sleep_unless_the_user_says_otherwise(own: dict[str, str], expected: dict[str, str]) -> None:
     program = (
-        "import os, sys, nsdr.cli.main\nfrom nsdr.io.threads import WAITING\n"
+        "import os, sys, nsdr.cli.main\nfrom nsdr.io.device import WAITING\n"
         "print('torch' in sys.modules, {k: os.environ[k] for k in WAITING if k in os.environ})"
     )
     environment = {k: v for k, v in os.environ.items() if k not in threads.WAITING}
@@ -162,3 +162,12 @@ def test_available_cores_are_of_the_affinity_and_the_quota(monkeypatch: pytest.M
     for quota, expected in ((1e9, 6), (2.5, 3), (0.5, 1)):
         monkeypatch.setattr(threads, "_quota_cores", lambda quota=quota: quota)
         assert available_cores() == expected
+
+
+def test_a_pipeline_runs_without_torchs_compiler() -> None:
+    code = (
+        "import sys, numpy as np, nsdr; pipeline = nsdr.Pipeline.from_pretrained(device='cpu'); "
+        "pipeline.frame_parser.parse(np.full((1, 320, 480, 3), 128, np.uint8)); "
+        "sys.exit(any(m in sys.modules for m in ('torch._dynamo', 'torch._inductor', 'sympy')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

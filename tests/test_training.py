@@ -14,7 +14,7 @@ import torch
 from safetensors.torch import load_file
 
 from nsdr import DataError, FrameParser, QuestionParser, StatePredictor
-from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser, question_parser_task

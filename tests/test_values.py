@@ -14,16 +14,16 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from pycocotools import mask as rle
 
 from nsdr import DataError, Event, Rollout, Scene, SceneObject, VideoError, VideoProposals, load
-from nsdr.clevrer.annotations import check_truth
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
-from nsdr.clevrer.masks import mask_numbers, numbers_of_runs, runs_of_mask
-from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.predictions import predictions_from_document
-from nsdr.clevrer.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
-from nsdr.clevrer.questions import read_questions
-from nsdr.clevrer.submissions import read_submission
-from nsdr.clevrer.truth_blocks import check_truth_blocks
+from nsdr.clevrer.files.annotations import check_truth
+from nsdr.clevrer.files.masks import mask_numbers, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.parsed_programs import with_parsed_programs
+from nsdr.clevrer.files.predictions import predictions_from_document
+from nsdr.clevrer.files.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
+from nsdr.clevrer.files.questions import read_questions
+from nsdr.clevrer.files.submissions import read_submission
+from nsdr.clevrer.files.truth_blocks import check_truth_blocks
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import VARIABLE
 from nsdr.io.video import read_video, write_video
@@ -325,9 +325,9 @@ def scene_document() -> dict[str, Any]:
     return dict(json.loads(TRUTH.read_text()))
 
 
-def doubt(probability: object = 0.5, removed: object = None, frame: int = 30) -> dict[str, Any]:
+def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30) -> dict[str, Any]:
     event = {"type": "Event", "kind": "collision", "frame": frame, "objects": [0, 1]}
-    return {"type": "Doubt", "event": event, "probability": probability, "removed": removed}
+    return {"type": "UncertainCollision", "event": event, "probability": probability, "removed": removed}
 
 
 @pytest.mark.parametrize(
@@ -343,13 +343,13 @@ def doubt(probability: object = 0.5, removed: object = None, frame: int = 30) ->
         (lambda d: d["events"][0].update(frame=-1), "or no frame"),
         (lambda d: d["events"][0].update(objects=[0, 99]), "outside 0-5"),
         (lambda d: d["events"].append(7), r"events\[7\]: expected Event, got 7"),
-        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen, counterfactual and doubtful events: frame: 1(,000){4}"),
+        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen, counterfactual and uncertain events: frame: 1(,000){4}"),
         (lambda d: d["counterfactual"].update(map={}), r"counterfactual\.map: expected a list"),
         (lambda d: d["counterfactual"]["map"].append([99, []]), "counterfactual: expected object ids from 0 to 5 as keys"),
-        (lambda d: d.update(doubts=[doubt(probability=1.5)]), r"doubts\[0\]: Doubt.probability: expected 0 to 1, got 1.5"),
-        (lambda d: d.update(doubts=[doubt(probability="high")]), r"doubts\[0\].probability: expected float, got 'high'"),
-        (lambda d: d.update(doubts=[doubt(removed=9)]), "Scene.doubts: expected removed objects from 0 to 5, got 9"),
-        (lambda d: d.update(doubts=[doubt(frame=10**12)]), r"doubtful events: frame: 1(,000){4}"),
+        (lambda d: d.update(uncertain=[uncertain(probability=1.5)]), r"uncertain.*probability: expected 0 to 1, got 1.5"),
+        (lambda d: d.update(uncertain=[uncertain(probability="a")]), r"uncertain\[0\].probability: expected float, got 'a'"),
+        (lambda d: d.update(uncertain=[uncertain(removed=9)]), "Scene.uncertain: expected removed objects from 0 to 5, got 9"),
+        (lambda d: d.update(uncertain=[uncertain(frame=10**12)]), r"uncertain events: frame: 1(,000){4}"),
         (lambda d: d["visible"].update(dtype="object"), r"visible\.dtype: expected one of bool"),
         (lambda d: d["visible"].update(shape=[10**6, 10**6]), "visible: expected 1000000000000 values"),
         (lambda d: d["visible"].update(shape=[-1, 128]), r"visible\.shape: expected a list of sizes"),

@@ -10,15 +10,15 @@ import pytest
 from nsdr import DataError, VideoConfig, VideoError
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
-from nsdr.frame_parser.camera_motion import camera_motion
-from nsdr.frame_parser.empty_scene import COLUMNS, ROWS, fit_ground, read_background, references
-from nsdr.frame_parser.marks import marked_px
-from nsdr.frame_parser.padding import content_box
-from nsdr.frame_parser.shots import first_shot
-from nsdr.frame_parser.video_check import check_video, clip_frames, look
+from nsdr.frame_parser.check.camera_motion import camera_motion
+from nsdr.frame_parser.check.ground import COLUMNS, ROWS, fit_ground, read_background, references
+from nsdr.frame_parser.check.marks import marked_px
+from nsdr.frame_parser.check.padding import content_box
+from nsdr.frame_parser.check.shots import first_shot
+from nsdr.frame_parser.check.video import check_video, clip_frames, look
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
-from nsdr.io import video_kinds
+from nsdr.io import video
 from nsdr.io.video import VideoSample, read_frames, read_video, write_video
 from nsdr.world.camera import Camera
 
@@ -329,7 +329,7 @@ def test_codecs_are_named(tmp_path, monkeypatch) -> None:
     def missing(_):
         raise ImportError
 
-    monkeypatch.setattr(video_kinds, "_streams", missing)  # without PyAV
+    monkeypatch.setattr(video, "_streams", missing)  # without PyAV
     with pytest.raises(VideoError, match=message):
         read_video(tmp_path / "v.mp4")
 

@@ -17,10 +17,8 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.errors import DataError
 from nsdr.evaluation.runner import EvaluationConfig, _job
-from nsdr.io.files import atomic_path, remove_partial_files, write_json
-from nsdr.io.listing import find_files
-from nsdr.io.lock import locked
-from nsdr.io.runner import Job, run_jobs
+from nsdr.io.files import atomic_path, find_files, locked, remove_partial_files, write_json
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_video, write_video
 
 
@@ -130,7 +128,7 @@ def test_writers_of_one_file_never_mix(tmp_path) -> None:
 
 def holds(folder: Path, name: str = "") -> "subprocess.Popen[str]":
     lock = f"locked({str(folder)!r}, {name!r})"
-    code = f"from nsdr.io.lock import locked\nwith {lock}: print('has it', flush=True); input()"
+    code = f"from nsdr.io.files import locked\nwith {lock}: print('has it', flush=True); input()"
     return start(code)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.symbolic import explain, format_tree
 from nsdr.types import (
@@ -192,8 +192,8 @@ class AgentTools:
         """Objects, events and predicted collisions of a video."""
         with self._working():
             scene = self._perceived(video).scene
-        doubts = [d for d in scene.doubts or () if d.removed is None]
-        known = None if scene.doubts is None else {d.event: d.probability for d in doubts}
+        uncertain = [d for d in scene.uncertain or () if d.removed is None]
+        known = None if scene.uncertain is None else {d.event: d.probability for d in uncertain}
         happens = {*scene.events, *(scene.unseen or ())}
         return SceneView(
             video,
@@ -201,7 +201,7 @@ class AgentTools:
             [o.name for o in scene.objects],
             [_event(e, scene.objects, known) for e in scene.events],
             [_event(e, scene.objects, known) for e in scene.unseen or ()],
-            [_event(d.event, scene.objects, known) for d in doubts if d.event not in happens],
+            [_event(d.event, scene.objects, known) for d in uncertain if d.event not in happens],
         )
 
     def ask(self, video: str, question: str, choices: Sequence[str] = ()) -> AnswerView:
@@ -285,7 +285,7 @@ def _event_fields(event: Event, objects: Sequence[SceneObject]) -> tuple[str, in
 
 
 def _event(event: Event, objects: Sequence[SceneObject], known: Mapping[Event, float] | None) -> EventView:
-    """An event with its probability: 1 for collisions that are not in doubt, None where no probability is known."""
+    """An event with its probability: 1 for collisions that are certain, None where no probability is known."""
     probability = known.get(event, 1.0) if event.kind == "collision" and known is not None else None
     return EventView(*_event_fields(event, objects), probability)
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import VideoError
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.video import video_seconds
-from nsdr.io.video_kinds import check_is_video
+from nsdr.io.video import check_is_video, video_seconds
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import Answer, Simulation
 from nsdr.types.interventions import Intervention

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed
+from nsdr.io.files import check_installed
 
 __all__ = ["FOLDS", "tag_blind"]
 

@@ -11,7 +11,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from nsdr.baselines.base import Batch
 from nsdr.baselines.vocabulary import PAD, Vocabulary, encode_program
-from nsdr.clevrer.questions import Question, SceneQuestions
+from nsdr.clevrer.files.questions import Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 
 __all__ = [
@@ -30,7 +30,7 @@ VIDEO_FEATURES = ("pooled", "maps", "objects")
 
 
 class FeatureSource(Protocol):
-    """Features of videos, such as `nsdr.baselines.features.FeatureCache`.
+    """Features of videos, such as `nsdr.baselines.features.files.FeatureCache`.
 
     Attributes:
         channels: C of the feature vectors and maps.

@@ -5,7 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.world.vocabulary import ATTRIBUTES

@@ -11,10 +11,9 @@ from torch import Tensor
 from nsdr.baselines.base import BASELINES, Baseline, Sizes
 from nsdr.baselines.data import Example, FeatureSource, encoded, feature_sizes, make_batch, video_needs
 from nsdr.baselines.vocabulary import Vocabulary
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import CheckpointError, DataError, NsdrError
-from nsdr.io.checkpoint import load_description, load_network
-from nsdr.io.pretrained import PretrainedPart
+from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
 from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.types import Answer, ChoiceAnswer
 

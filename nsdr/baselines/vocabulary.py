@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer
 

@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import check_annotation, check_truth
 from nsdr.clevrer.dataset import CLEVRER, Entry
-from nsdr.clevrer.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, proposals_from_document
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.truth_blocks import truth_block, write_truth
+from nsdr.clevrer.files.annotations import check_annotation, check_truth
+from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, proposals_from_document
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.truth_blocks import truth_block, write_truth
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, locked
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.lock import locked
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import parse_json, read_npz
-from nsdr.io.runner import Job, run_jobs
 
 __all__ = ["write_compact_files"]
 

@@ -12,14 +12,13 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from nsdr.clevrer.annotations import check_annotation
-from nsdr.clevrer.proposals import parse_proposals
-from nsdr.clevrer.questions import SceneQuestions, iterate_questions
-from nsdr.clevrer.schema import get, get_whole, shown
+from nsdr.clevrer.files.annotations import check_annotation
+from nsdr.clevrer.files.proposals import parse_proposals
+from nsdr.clevrer.files.questions import SceneQuestions, iterate_questions
+from nsdr.clevrer.files.schema import get, get_whole, shown
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, is_hidden
 from nsdr.io.limits import check_limit, limits
-from nsdr.io.listing import is_hidden
 from nsdr.io.reading import UNZIP_ERRORS, parse_json, read_bytes, read_json
 from nsdr.types import VideoProposals
 from nsdr.world.timeline import VIDEO_FRAMES

@@ -62,8 +62,7 @@ def download(
     """
     from nsdr.clevrer.dataset import SPLITS
     from nsdr.clevrer.transfer import fetch
-    from nsdr.io.files import write_json
-    from nsdr.io.lock import locked
+    from nsdr.io.files import locked, write_json
     from nsdr.io.reading import read_json
 
     if split not in SPLITS:

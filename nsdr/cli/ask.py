@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from nsdr.cli.common import endpoint_parser, is_scene, load_scene, make_pipeline
+from nsdr.cli.common import is_scene, load_scene, make_pipeline, question_parser
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError, EndpointError, QuestionError
 from nsdr.types import Answer
@@ -24,11 +24,9 @@ def answer(options: Any) -> int:
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
     source: Any = load_scene(options.video) if saved else options.video
-    parser = endpoint_parser(options)
-    _check_extensions(options)
+    parser = question_parser(options)
     pipeline = make_pipeline(options)
-    pipeline.question_parser.extensions = options.extensions
-    pipeline.question_parser = parser or pipeline.question_parser
+    pipeline.question_parser = parser
     pipeline.responsible = options.responsible
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
@@ -67,12 +65,7 @@ def parse_question(options: Any) -> int:
     given = [f"--{k}" for k, v in (("checkpoint", "default"), ("device", "auto")) if getattr(options, k) != v]
     if options.parser and given:
         raise DataError(f"{', '.join(given)} would do nothing with --parser; leave it out")
-    _check_extensions(options)
-    parser = endpoint_parser(options)
-    if parser is None:
-        from nsdr.question_parser.network import QuestionParser
-
-        parser = QuestionParser.from_pretrained(options.checkpoint, options.device, extensions=options.extensions)
+    parser = question_parser(options)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
     for kind in kinds:
         try:
@@ -87,16 +80,9 @@ def parse_question(options: Any) -> int:
     return 0
 
 
-def _check_extensions(options: Any) -> None:
-    if options.extensions and options.parser:
-        raise DataError(
-            "--extensions is of the shipped parser's rules and would do nothing with --parser; leave one out"
-        )
-
-
 def execute(options: Any) -> int:
     """`nsdr execute`: a program on a saved scene, or with the official semantics on a prediction file."""
-    from nsdr.clevrer.predictions import read_predictions
+    from nsdr.clevrer.files.predictions import read_predictions
     from nsdr.symbolic import Executor
 
     if not options.scene:

@@ -7,7 +7,7 @@ from typing import Any
 from nsdr.errors import DataError
 from nsdr.types import Scene
 
-__all__ = ["check_port", "endpoint_parser", "is_scene", "load_scene", "make_pipeline", "settings_of"]
+__all__ = ["check_port", "is_scene", "load_scene", "make_pipeline", "question_parser", "settings_of"]
 
 MAX_PORT = 65535
 
@@ -51,7 +51,7 @@ def _check_early(options: Any) -> None:
 
     The settings take the networks' libraries, which take seconds; `Pipeline.perceive` checks in any case.
     """
-    from nsdr.frame_parser.video_check import VideoConfig, check_video
+    from nsdr.frame_parser.check.video import VideoConfig, check_video
 
     if not options.config and not any(value.startswith("video") for value in options.set):
         check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
@@ -62,19 +62,21 @@ def is_scene(path: str) -> bool:
     return Path(path).suffix in (".json", ".npz")
 
 
-def endpoint_parser(options: Any) -> Any:
-    """The question parser on the server of `--parser`, which is there; None without that option.
+def question_parser(options: Any) -> Any:
+    """The question parser of `--checkpoint`, or with the model of `--parser` in place of the networks.
 
     Raises:
-        DataError: `--parser-model` without `--parser`.
+        DataError: `--parser-model` without `--parser`, or `--checkpoint` of a command that needs nothing else with it.
     """
-    if not options.parser:
-        if options.parser_model:
-            raise DataError("--parser-model is of --parser and would do nothing without it; leave it out")
-        return None
-    from nsdr.question_parser.endpoint import EndpointParser
+    from nsdr.question_parser.auto import AutoParser
 
-    return EndpointParser.connect(options.parser, options.parser_model)
+    if options.parser:
+        from nsdr.question_parser.language_model import LanguageModelParser
+
+        return AutoParser(LanguageModelParser(options.parser, options.parser_model), options.extensions)
+    if options.parser_model:
+        raise DataError("--parser-model is of --parser and would do nothing without it; leave it out")
+    return AutoParser.from_pretrained(options.checkpoint, options.device, options.extensions)
 
 
 def load_scene(path: str) -> Scene:

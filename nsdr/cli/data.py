@@ -4,7 +4,7 @@ from typing import Any
 
 from nsdr.cli.status import left_out
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output_folder
+from nsdr.io.files import check_output_folder
 
 __all__ = ["data"]
 

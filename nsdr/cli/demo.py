@@ -4,10 +4,10 @@ import textwrap
 from pathlib import Path
 
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.questions import Question, read_questions
+from nsdr.clevrer.files.questions import Question, read_questions
 from nsdr.cli.status import failures_line
 from nsdr.errors import NsdrError
-from nsdr.io.outputs import check_output
+from nsdr.io.files import check_output
 from nsdr.pipeline import Pipeline
 from nsdr.types import Answer
 

@@ -4,14 +4,14 @@ from dataclasses import fields
 from typing import Any
 
 from nsdr.cli.status import failures_line
-from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.files import check_output, check_output_folder
 
 __all__ = ["evaluate", "experiment"]
 
 
 def evaluate(options: Any) -> int:
     """`nsdr evaluate`: score answers to a question file or a whole split."""
-    from nsdr.clevrer.submissions import write_submission
+    from nsdr.clevrer.files.submissions import write_submission
     from nsdr.evaluation import EvaluationConfig, format_table, run_evaluation
     from nsdr.evaluation.score import first_failure
     from nsdr.io.files import write_json

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from nsdr.baselines.extraction import FeatureExtraction, extract_features
+from nsdr.baselines.features.extraction import FeatureExtraction, extract_features
 from nsdr.io.configuration import parse_config
-from nsdr.io.outputs import check_output_folder
+from nsdr.io.files import check_output_folder
 
 __all__ = ["main"]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from nsdr.cli.common import settings_of
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed, check_output_folder
+from nsdr.io.files import check_installed, check_output_folder
 
 __all__ = ["figures"]
 
@@ -51,7 +51,7 @@ def figures(options: Any) -> int:
 
 
 def _write_distribution(questions: str, path: Path) -> None:
-    from nsdr.clevrer.questions import read_questions
+    from nsdr.clevrer.files.questions import read_questions
     from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
     from nsdr.visualize.distributions import question_figure
 
@@ -111,7 +111,7 @@ def _write(path: Path, figure: Any) -> None:
 
 def _chosen(samples: str, show: list[str]) -> dict[Any, list[Any]]:
     """The scenes and questions that `--show` names."""
-    from nsdr.clevrer.questions import read_questions
+    from nsdr.clevrer.files.questions import read_questions
 
     scenes = {scene.scene_index: scene for scene in read_questions(samples)}
     chosen: dict[Any, list[Any]] = {}

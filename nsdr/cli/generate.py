@@ -8,9 +8,9 @@ from typing import Any
 
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import write_questions
-from nsdr.clevrer.scene_files import iterate_scenes
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import write_questions
+from nsdr.clevrer.files.scene_files import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
@@ -20,10 +20,8 @@ from nsdr.generate.questions.selection import QuestionConfig, find_candidates, s
 from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import truth_document
 from nsdr.io.configuration import parse_config
-from nsdr.io.files import write_json
-from nsdr.io.listing import find_files
-from nsdr.io.outputs import check_output, check_output_folder
-from nsdr.io.tasks import ENGINES, run_in_order
+from nsdr.io.files import check_output, check_output_folder, find_files, write_json
+from nsdr.io.jobs import ENGINES, run_in_order
 from nsdr.io.validation import COUNT, check_choices, check_ranges
 from nsdr.world.camera import CLEVRER_CAMERA
 

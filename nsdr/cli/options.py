@@ -64,9 +64,7 @@ class Commands:
                 "--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable"
             )
         if texts:
-            server = (
-                "OpenAI-compatible server that parses the texts, such as http://localhost:8000/v1 (docs/questions.md)"
-            )
+            server = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
             sub.add_argument("--parser", default="", help=server)
             sub.add_argument("--parser-model", default="", help="its model's name; may be left out if it has only one")
         if videos:
@@ -205,7 +203,11 @@ def evaluate_options(commands: Commands) -> None:
     add("--videos", default="", help="folder of the videos of --data's proposals, for --dynamics that reads images")
     add("--root", default="", help="folder in the official layout, in place of --questions and --data")
     add("--split", default="validation", choices=SPLITS, help="of --root")
-    add("--programs", default="parsed", help="parsed, gold, or the released parser's JSON files, separated by commas")
+    add(
+        "--programs",
+        default="parsed",
+        help="parsed, network, gold, or the released parser's JSON files, separated by commas",
+    )
     add(
         "--types",
         nargs="+",

@@ -8,7 +8,7 @@ from typing import Any
 from nsdr.cli.common import is_scene, load_scene, make_pipeline, settings_of
 from nsdr.cli.status import failures_line
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed, check_output, check_output_folder
+from nsdr.io.files import check_installed, check_output, check_output_folder
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
@@ -29,7 +29,7 @@ def parse_video(options: Any) -> int:
             check_output(path, suffixes, taken)
             taken.append(path)
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
-    from nsdr.clevrer.proposals import proposals_document
+    from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io import storage
     from nsdr.io.files import write_json
     from nsdr.symbolic.world import world_of

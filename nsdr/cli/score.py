@@ -6,7 +6,7 @@ from typing import Any
 from jsonargparse.typing import NonNegativeInt, NotEmptyStr
 
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.files import check_output, check_output_folder
 
 __all__ = ["add_options", "controls", "dummy", "score"]
 
@@ -48,8 +48,8 @@ def add_options(commands: Any, splits: list[str], engines: list[str]) -> None:
 
 def score(options: Any) -> int:
     """`nsdr score`: the table of one system, or the difference of two."""
-    from nsdr.clevrer.answer_files import read_answers
-    from nsdr.clevrer.questions import read_questions
+    from nsdr.clevrer.answers.answer_files import read_answers
+    from nsdr.clevrer.files.questions import read_questions
     from nsdr.evaluation.comparison import compare_reports, format_comparison
     from nsdr.evaluation.responses import format_report, score_responses
     from nsdr.io.files import write_json
@@ -79,7 +79,7 @@ def score(options: Any) -> int:
 
 def dummy(options: Any) -> int:
     """`nsdr dummy`: the answers of a system that understands nothing."""
-    from nsdr.clevrer.questions import read_questions
+    from nsdr.clevrer.files.questions import read_questions
     from nsdr.evaluation.dummies import write_dummy
 
     check_output(options.output, [".jsonl"], [options.questions])

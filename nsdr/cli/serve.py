@@ -8,8 +8,7 @@ from jsonargparse.typing import PositiveFloat, PositiveInt
 
 from nsdr.cli.common import check_port, settings_of
 from nsdr.errors import DataError
-from nsdr.io.listing import find_files
-from nsdr.io.outputs import check_installed
+from nsdr.io.files import check_installed, find_files
 
 __all__ = ["add_options", "serve"]
 

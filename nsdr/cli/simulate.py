@@ -8,7 +8,7 @@ from jsonargparse.typing import NonNegativeInt
 
 from nsdr.cli.common import is_scene, make_pipeline
 from nsdr.errors import DataError, NsdrError
-from nsdr.io.outputs import check_installed, check_output
+from nsdr.io.files import check_installed, check_output
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
 from nsdr.types.interventions import Intervention
 from nsdr.world.timeline import FPS

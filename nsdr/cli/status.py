@@ -12,8 +12,8 @@ from typing import Any
 import jsonargparse
 
 from nsdr.errors import NsdrError
+from nsdr.io.jobs import FAILURES
 from nsdr.io.reading import read_json
-from nsdr.io.runner import FAILURES
 
 __all__ = ["BUG", "ERROR", "PARTLY", "Terminated", "failures_line", "interruptible", "left_out", "outcome_of"]
 

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output
+from nsdr.io.files import check_output
 
 __all__ = ["tag"]
 
@@ -44,7 +44,7 @@ def tag(options: Any) -> int:
 
 def _with_tags(scenes: Sequence[SceneQuestions], truth: Iterable[str], file: str) -> list[SceneQuestions]:
     from nsdr.baselines.recording import tag_options
-    from nsdr.clevrer.scene_files import iterate_scenes
+    from nsdr.clevrer.files.scene_files import iterate_scenes
 
     tagged = {s.scene_index: s for s in scenes}
     wanted = {s.scene_index for s in scenes if any(q.type == "counterfactual" for q in s.questions)}

@@ -7,7 +7,7 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.scenes import enter_exit_events
+from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.types import (
@@ -236,9 +236,9 @@ def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept
     def renumbered(event: Event) -> Event:
         return replace(event, objects=tuple(new[i] for i in event.objects))
 
-    doubts = rollout.doubts
-    if doubts is not None:
-        doubts = tuple(replace(d, event=renumbered(d.event)) for d in doubts)
+    uncertain = rollout.uncertain
+    if uncertain is not None:
+        uncertain = tuple(replace(d, event=renumbered(d.event)) for d in uncertain)
     speed = rollout.speed_world_per_s
     part = Rollout(
         rollout.location_world[kept],
@@ -246,7 +246,7 @@ def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept
         tuple(renumbered(e) for e in rollout.collisions),
         None,
         None if speed is None else speed[kept],
-        doubts,
+        uncertain,
     )
     prediction = DynamicsPrediction(tuple(replace(objects[i], id=new[i]) for i in kept), n_frames, part)
     return replace(scene_from_prediction(prediction), counterfactual=None, dynamics=prediction)
@@ -277,8 +277,8 @@ def simulate_removal(
             "use the backend physics"
         )
     changed = prediction.counterfactual[changes.removed[0]]
-    if changed.doubts is not None:
-        changed = replace(changed, doubts=tuple(replace(doubt, removed=None) for doubt in changed.doubts))
+    if changed.uncertain is not None:
+        changed = replace(changed, uncertain=tuple(replace(one, removed=None) for one in changed.uncertain))
     original = replace(prediction.observed, unseen_scores=None)
     none = np.zeros(changed.visible.shape)
     return make_simulation(changes, n_frames, 0, original, changed, (none, none))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.velocity_rule import velocity_collisions as grid_collisions
+from nsdr.clevrer.files.velocity_rule import velocity_collisions as grid_collisions
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
@@ -99,10 +99,10 @@ class VelocityEvents:
         ahead = velocity_collisions(_from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.config)
         later = [e for e in ahead if e.frame >= tracks.n_frames and e.objects not in met]
         counterfactual = {
-            k: replace(without, collisions=velocity_collisions(without, self.config), doubts=None)
+            k: replace(without, collisions=velocity_collisions(without, self.config), uncertain=None)
             for k, without in prediction.counterfactual.items()
         }
-        rollout = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None, doubts=None)
+        rollout = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None, uncertain=None)
         return replace(prediction, observed=rollout, counterfactual=counterfactual)
 
 

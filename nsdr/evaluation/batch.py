@@ -6,17 +6,16 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.predictions import predictions_document
-from nsdr.clevrer.proposals import proposals_document, read_compact_proposals, read_proposals
+from nsdr.clevrer.files.predictions import predictions_document
+from nsdr.clevrer.files.proposals import proposals_document, read_compact_proposals, read_proposals
 from nsdr.dynamics.registry import checkpoint_folders
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
-from nsdr.io.files import write_json
+from nsdr.io.files import find_files, write_json
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, Summary, run_jobs
+from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from nsdr.clevrer.questions import QUESTION_TYPES
+from nsdr.clevrer.files.questions import QUESTION_TYPES
 
 __all__ = ["BINS", "calibration", "calibration_text"]
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
 from nsdr.errors import DataError
 from nsdr.evaluation.intervals import difference_interval
 

@@ -9,15 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from nsdr.clevrer.dataset import CLEVRER, Split
-from nsdr.clevrer.questions import write_questions
+from nsdr.clevrer.files.questions import write_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.sources import FOLDER_SIZE
-from nsdr.io.files import atomic_path, write_json
+from nsdr.io.files import atomic_path, check_installed, write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.outputs import check_installed
 from nsdr.io.reading import read_json
-from nsdr.io.runner import Job, Summary, run_jobs
 from nsdr.io.video import sample_frames, write_video
 from nsdr.world.timeline import FPS
 

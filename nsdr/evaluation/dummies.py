@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.answer_files import write_responses
-from nsdr.clevrer.prompts import answer_text, option_letters
-from nsdr.clevrer.questions import Question, SceneQuestions
+from nsdr.clevrer.answers.answer_files import write_responses
+from nsdr.clevrer.answers.prompts import answer_text, option_letters
+from nsdr.clevrer.files.questions import Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.references import constant_answers
 from nsdr.evaluation.runner import true_scene_of

@@ -17,7 +17,7 @@ from typing import Any
 
 import nsdr
 from nsdr.baselines.q_type import q_type_answers
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
 from nsdr.evaluation.calibration import calibration_text
@@ -25,9 +25,8 @@ from nsdr.evaluation.halves import blind_text
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
 from nsdr.evaluation.score import first_failure, score_answers
 from nsdr.io.configuration import config_of
-from nsdr.io.files import atomic_path, write_json
+from nsdr.io.files import atomic_path, locked, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
-from nsdr.io.lock import locked
 from nsdr.io.reading import read_json, read_yaml
 
 __all__ = ["ExperimentRow", "markdown_table", "read_experiment", "run_experiment"]

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES, Question
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question
 
 __all__ = ["BLIND_HALVES", "blind_text", "by_halves", "tags_of"]
 

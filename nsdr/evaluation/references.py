@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import Any
 
 from nsdr.baselines.q_type import ANSWERS, q_type_answers
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.types import Answer, ChoiceAnswer

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from nsdr.clevrer.answer_files import GivenAnswer, read_given
-from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.answers.answer_files import GivenAnswer, read_given
+from nsdr.clevrer.answers.prompts import option_letters
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.references import format_references, reference_rows
 from nsdr.evaluation.score import format_table, score_answers

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from nsdr.baselines.recording import keep_recording, option_tags
-from nsdr.clevrer.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.calibration import calibration, calibration_text
 from nsdr.evaluation.halves import by_halves, tags_of

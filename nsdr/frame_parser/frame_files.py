@@ -6,8 +6,8 @@ from typing import Any
 
 from pycocotools import mask as rle
 
-from nsdr.clevrer.masks import check_mask
-from nsdr.clevrer.schema import check_new, get, get_number, get_text, get_whole, scene_object, shown
+from nsdr.clevrer.files.masks import check_mask
+from nsdr.clevrer.files.schema import check_new, get, get_number, get_text, get_whole, scene_object, shown
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import parse_json_lines, read_bytes, read_json

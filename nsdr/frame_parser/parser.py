@@ -13,14 +13,13 @@ from pycocotools import mask as rle
 from torch import nn
 from tqdm import tqdm
 
-from nsdr.clevrer.proposals import proposals_from_rows
+from nsdr.clevrer.files.proposals import proposals_from_rows
 from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
-from nsdr.io.device import resolve_precision
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.device import limit_threads, resolve_precision
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 

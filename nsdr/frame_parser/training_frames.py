@@ -9,12 +9,11 @@ from typing import Any
 
 import cv2
 
-from nsdr.clevrer.proposals import read_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, run_jobs
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX

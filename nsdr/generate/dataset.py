@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file, write_annotation
 from nsdr.clevrer.dataset import SPLITS
-from nsdr.clevrer.questions import without_answers, write_questions
-from nsdr.clevrer.scenes import scene_from_truth
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.annotations import read_truth_file, write_annotation
+from nsdr.clevrer.files.questions import without_answers, write_questions
+from nsdr.clevrer.files.scenes import scene_from_truth
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
@@ -30,14 +30,11 @@ from nsdr.generate.records import annotation_document, frame_masks, proposal_doc
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.io.files import write_json
+from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.lock import locked
-from nsdr.io.outputs import check_installed
 from nsdr.io.reading import read_json
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
 from nsdr.io.video import write_video
 from nsdr.world.camera import Camera

@@ -6,15 +6,15 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from nsdr.clevrer.annotations import read_truth_file
 from nsdr.clevrer.dataset import SPLITS
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, by_type, read_questions
-from nsdr.clevrer.scenes import scene_from_truth
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, by_type, read_questions
+from nsdr.clevrer.files.scenes import scene_from_truth
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.generate.statistics import FRAME_BIN, TITLES, Counts, count_scenes, released_statistics
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 
 __all__ = ["PAPER_QUESTIONS", "RELEASED_VIDEOS", "facts_page"]

@@ -84,7 +84,7 @@ def proposal_document(
 def truth_document(scene: SimulatedScene, index: int, camera: Camera) -> dict[str, Any]:
     """Content of `truth_N.json`: all simulated frames, all collisions, and the collisions without each object.
 
-    `nsdr.clevrer.scenes.scene_from_truth` reads it.
+    `nsdr.clevrer.files.scenes.scene_from_truth` reads it.
     """
     mass = [round(float(m), DECIMALS) for m in scene.mass]
     return {

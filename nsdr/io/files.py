@@ -2,18 +2,35 @@
 
 import errno
 import fcntl
+import importlib.util
 import json
+import logging
 import os
 import shutil
+import socket
+import stat
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["atomic_path", "remove_partial_files", "sync", "write_json"]
+__all__ = [
+    "atomic_path",
+    "check_installed",
+    "check_output",
+    "check_output_folder",
+    "find_files",
+    "is_hidden",
+    "locked",
+    "remove_partial_files",
+    "sync",
+    "write_json",
+]
 
 PARTIAL = ".partial"
 """Part of the name of unfinished files, which begins with a dot."""
@@ -166,3 +183,185 @@ def sync(*paths: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+LOCK = ".lock"
+"""End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
+POLL_S = 0.2
+"""Time between two looks at a lock that is waited for (s)."""
+_held: ContextVar[frozenset[Path]] = ContextVar("held", default=frozenset())
+"""Lock files that this thread holds."""
+log = logging.getLogger(__name__)
+
+
+@contextmanager
+def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[None]:
+    """Hold the lock of a folder, or of some output in it; what runs within the block may take it again.
+
+    Args:
+        folder: created if missing.
+        name: of the output in it; "" for the whole folder.
+        wait: wait for another process that has the lock, and say so.
+
+    Raises:
+        DataError: another process has it; names the process, its machine and the time. Or the folder cannot be written.
+    """
+    target = Path(folder) / name
+    with writing(folder):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        path = Path(folder).resolve() / f"{'.' if name else ''}{name}{LOCK}"
+        handle = None if path in _held.get() else _taken(path, target, wait)
+    if handle is None:
+        yield
+        return
+    token = _held.set(_held.get() | {path})
+    try:
+        owner = {"process": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+        with suppress(OSError):  # the lock holds on a full disk, too
+            os.ftruncate(handle, 0)
+            os.write(handle, json.dumps(owner).encode())
+        yield
+    finally:
+        _held.reset(token)
+        with suppress(OSError):
+            path.unlink()
+        os.close(handle)
+
+
+def _taken(path: Path, target: Path, wait: bool) -> int:
+    """The descriptor of the lock file, once it is ours."""
+    told = False
+    while (handle := hold(path)) is None:
+        if not wait:
+            raise DataError(f"{target}: {_owner(path)} writes to it; wait for it, or choose another place")
+        if not told:
+            log.warning("%s: %s writes to it; waiting for its end", target, _owner(path))
+            told = True
+        time.sleep(POLL_S)
+    return handle
+
+
+def _owner(path: Path) -> str:
+    try:
+        owner = json.loads(path.read_text())
+        return f"process {owner['process']} on {owner['host']} (since {owner['since']})"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process"
+
+
+PROBE_BYTES = 4096
+"""Bytes that are written for a test, and deleted."""
+
+
+def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequence[str | Path] = ()) -> str:
+    """Check that a file can be written, now or in folders that are still to be made.
+
+    Args:
+        path: the file. What is no regular file, such as `/dev/null`, may have any ending.
+        suffixes: endings that say how it is written; () for any.
+        inputs: files that are read, or written as well: `path` must be none of them.
+
+    Returns:
+        The ending, in lower case; for a target that is no regular file and has none of the endings, the first one.
+
+    Raises:
+        DataError: another ending, one of the inputs, a folder, or a place that is read-only, full or not to be written by this
+            user; names the path.
+    """
+    _check_name(path)
+    path = Path(path)
+    suffix = path.suffix.lower()
+    with writing(path):
+        target = Path(os.path.realpath(path))
+        if target.is_dir():
+            raise DataError(f"{path}: is a folder; expected a file")
+        is_special = target.exists() and not target.is_file()
+        if suffixes and suffix not in suffixes:
+            if not is_special:
+                raise DataError(f"{path}: expected a name ending in {' or '.join(suffixes)}")
+            suffix = suffixes[0]
+        if is_special:
+            _probe_special(target)
+            return suffix
+        if any(target == Path(os.path.realpath(other)) for other in inputs):
+            raise DataError(f"{path}: is already another input or output; choose another name")
+        if target.exists() and (_is_read_only(target) or not os.access(target, os.W_OK)):
+            raise DataError(f"{path}: is read-only; make it writable (chmod u+w), or choose another name")
+        _probe_folder(target.parent, path)
+    return suffix
+
+
+def check_installed(module: str, purpose: str, extra: str) -> None:
+    """Refuse before the work what needs a package that is not installed.
+
+    Args:
+        module: the package's module.
+        purpose: what needs it and its name, such as "figures need matplotlib".
+        extra: the extra of nsdr that brings it.
+
+    Raises:
+        DataError: it is not installed; says how to install it.
+    """
+    if importlib.util.find_spec(module) is None:
+        raise DataError(f"{purpose}: pip install 'nsdr[{extra}]'")
+
+
+def check_output_folder(path: str | Path) -> None:
+    """Check that files can be written to a folder, which may be missing.
+
+    Raises:
+        DataError: it is a file, read-only, full or not to be written by this user; names the path.
+    """
+    _check_name(path)
+    with writing(path):
+        _probe_folder(Path(os.path.realpath(path)), path)
+
+
+def _check_name(path: str | Path) -> None:
+    if not str(path).strip() or "\0" in str(path):
+        raise DataError(f"{str(path)!r}: is no name of an output")
+
+
+def _probe_folder(folder: Path, path: str | Path) -> None:
+    """Write to the folder, or to the nearest one above it that exists."""
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    if not folder.is_dir():
+        raise DataError(f"{path}: {folder} is no folder")
+    if _is_read_only(folder):
+        raise DataError(f"{path}: {folder} is a read-only folder; make it writable (chmod u+w), or choose another one")
+    with tempfile.TemporaryFile(dir=folder) as file:
+        file.write(b"\0" * PROBE_BYTES)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _probe_special(target: Path) -> None:
+    """Write nothing to a device; what else is no regular file, such as a pipe, might wait for its reader."""
+    if stat.S_ISCHR(target.stat().st_mode):
+        handle = os.open(target, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        try:
+            os.write(handle, b"")
+        finally:
+            os.close(handle)
+
+
+def _is_read_only(path: Path) -> bool:
+    """Whether nobody may write it; the superuser could."""
+    return not path.stat().st_mode & (stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH)
+
+
+def find_files(folder: str | Path, pattern: str) -> list[Path]:
+    """Files below a folder whose names match, sorted; without hidden ones, such as the unfinished files of a killed process.
+
+    Args:
+        folder: searched with its subfolders.
+        pattern: of names, such as `video_*.mp4`.
+    """
+    folder = Path(folder)
+    return sorted(p for p in folder.rglob(pattern) if p.is_file() and not is_hidden(p.relative_to(folder)))
+
+
+def is_hidden(path: Path) -> bool:
+    """Whether the file or a folder of the (relative) path has a name that begins with a dot."""
+    return any(part.startswith(".") for part in path.parts)

@@ -25,6 +25,8 @@ T = TypeVar("T")
 _KINDS: dict[str, type] = {name: getattr(types, name) for name in types.__all__}
 DTYPES = ("bool", "float16", "float32", "float64", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64)))
 """Types of arrays in JSON files."""
+OLD_KEYS = {"doubts": "uncertain"}
+"""Keys of files of version 0.2 and earlier -> those of today."""
 PAIR = 2
 """Length of a row of a map: key and value."""
 NAMES: dict[Any, str] = {
@@ -123,10 +125,10 @@ def _check_sizes(value: Any) -> None:
     """Check what is read against `nsdr.io.limits`."""
     if isinstance(value, Scene):
         later = [*(value.unseen or ()), *(e for events in (value.counterfactual or {}).values() for e in events)]
-        later += [doubt.event for doubt in value.doubts or ()]
+        later += [one.event for one in value.uncertain or ()]
         check_limit(len(value.events) + len(later), "events", "events")
         check_limit(
-            max((e.frame for e in later), default=0), "frames", "unseen, counterfactual and doubtful events: frame"
+            max((e.frame for e in later), default=0), "frames", "unseen, counterfactual and uncertain events: frame"
         )
     if isinstance(value, Scene | DynamicsPrediction):
         check_limit(len(value.objects), "scene_objects", "objects")
@@ -150,7 +152,8 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
         return {_key(k, where): _decoded(v, arrays, f"{where}.map[{i}][1]") for i, (k, v) in enumerate(rows)}
     if "dtype" in tree:
         return _decoded_array(tree, where)
-    kind = tree.get("type")
+    tree = {OLD_KEYS.get(k, k): v for k, v in tree.items()}
+    kind = "UncertainCollision" if tree.get("type") == "Doubt" else tree.get("type")
     if not isinstance(kind, str) or kind not in _KINDS:
         expected = "an array with dtype, shape and values, a map, or a type of `nsdr.types`, such as Scene"
         raise DataError(f"{where or 'file'}: expected {expected}, got type {kind!r:.60}")

@@ -37,10 +37,13 @@ class Phrases(Protocol):
 
 
 class AtRandom:
+    """Draws everything."""
+
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
 
     def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """One of several, at random."""
         return self.rng.choices(options, weights)[0]
 
     vary = pick
@@ -54,6 +57,7 @@ class Replay(AtRandom):
         self.path, self.depth = path, 0
 
     def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """The recorded one, or the first one, which is recorded."""
         if self.depth == len(self.path):
             self.path.append((0, len(options)))
         index = self.path[self.depth][0]
@@ -62,7 +66,10 @@ class Replay(AtRandom):
 
 
 class First:
+    """Takes the first of everything."""
+
     def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """The first one."""
         return options[0]
 
     vary = pick

@@ -16,7 +16,17 @@ from nsdr.language.slots import CATEGORY, Slot, in_order
 from nsdr.language.texts import english
 from nsdr.world.nouns import ADJECTIVES, NOUNS
 
-__all__ = ["OTHER_WORDS", "Normal", "corrected", "normal_form", "replacements", "rewritten"]
+__all__ = [
+    "AMBIGUOUS",
+    "FUNCTION_WORDS",
+    "MEANINGS",
+    "OTHER_WORDS",
+    "Normal",
+    "corrected",
+    "normal_form",
+    "replacements",
+    "rewritten",
+]
 
 MIN_CORRECTED_LETTERS = 4
 """Shorter words are not corrected, and only to words that are longer or among the lexicon's SHORT ones."""
@@ -58,22 +68,28 @@ def rewritten(text: str, name: str) -> str:
     return text
 
 
-def _lexicon() -> dict[str, list[str]]:
-    """The words of each head of the lexicon."""
+def _word_lists(name: str) -> dict[str, list[str]]:
+    """The words of each head of the file `NAME.txt`."""
     found: dict[str, list[str]] = {}
-    for line in _lines("lexicon"):
+    for line in _lines(name):
         if not line.startswith(" "):
             head, _, line = line.partition(":")
         found[head] = [*found.get(head, []), *line.split()]
     return found
 
 
-_LEXICON = _lexicon()
+_LEXICON, _MEANINGS = _word_lists("lexicon"), _word_lists("meanings")
 QUESTION_STARTS = frozenset(_LEXICON.pop("QUESTION"))
 CLAUSE_STARTS = frozenset(_LEXICON.pop("CLAUSE"))
 _SHORT = frozenset(_LEXICON.pop("SHORT"))
 OTHER_WORDS = frozenset(_LEXICON.pop("OTHER"))
 """Words that are near to known ones and mean something else; they are not corrected."""
+FUNCTION_WORDS = frozenset(_MEANINGS.pop("FUNCTION"))
+"""Words of normal forms that say nothing by themselves."""
+AMBIGUOUS = frozenset(_MEANINGS.pop("AMBIGUOUS"))
+"""Words of texts that the phrases rewrite in one of several senses."""
+MEANINGS = {word: meaning for meaning, words in _MEANINGS.items() for word in words}
+"""Words of normal forms that a program must express, and what they mean."""
 FORMS = {word: form for form, words in _LEXICON.items() for word in words}
 """Word -> its normal form."""
 
@@ -265,7 +281,7 @@ _CENTRAL = frozenset(
     | NOUNS.keys()
     | english().words
 )
-_KNOWN = frozenset({"'s", "one", "ones"} | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
+_KNOWN = frozenset({"one", "ones"} | FUNCTION_WORDS | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
 """All words that a text may have."""
 _CORRECTABLE = frozenset(
     {word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in _SHORT}

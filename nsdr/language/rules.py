@@ -1,4 +1,4 @@
-"""One notation and one engine that relate texts and programs: texts are read, drawn and enumerated by rules, programs put in words.
+"""One notation and one engine that relate texts and programs: texts are read, drawn and listed by rules, programs put in words.
 
 A line is `SYMBOL: pattern => program`. A pattern holds words, symbols in capitals (with a digit where one occurs twice),
 `(a|b c)` for alternatives and `[a]` for what may be left out. The program holds tokens and the symbols of the pattern, which
@@ -74,7 +74,7 @@ class Rules:
         self._rules: dict[str, list[_Rule]] = {}
         for line in _lines(text):
             head = _HEAD.fullmatch(line)
-            assert head is not None and "=>" in line, f"no rule: {line}"
+            assert head is not None, f"no rule: {line}"
             pattern, program = head[3].split("=>")
             parts = _sequence(_TOKEN.findall(pattern))
             in_pattern = {part.symbol: part for part in _all_parts(parts) if part.symbol}

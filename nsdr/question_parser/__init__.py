@@ -1,4 +1,4 @@
-"""From questions and choices to programs: three parsers (rules, the networks, a language model) and the default, which joins them."""
+"""From questions and choices to programs: rules, the networks, a language model, and the default, which joins them."""
 
 import lazy_loader
 

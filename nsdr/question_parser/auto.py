@@ -4,84 +4,53 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
 from nsdr.errors import NsdrError, ProgramError
 from nsdr.io.checkpoint import find_checkpoint, load_description
-from nsdr.language.normal import normal_form
+from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_form
 from nsdr.language.slots import Slot
 from nsdr.language.texts import in_words
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.grammar import GrammarParser, NoReadingError
+from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
 
 __all__ = ["AutoParser", "Checked", "says_the_same"]
 
-_MEANINGS = """
-enter: enter entering entrance
-exit: exit exiting
-collision: hit hitting collide colliding collision collisions
-moving: moving move
-stationary: stationary
-before: before until
-after: after once
-when: when
-begin: begin
-end: end
-not: not no
-without: without
-next: next
-cause: cause caused why
-count: many number count often
-frame: frame time moment point
-color: color
-material: material made
-shape: shape
-"""
-MEANINGS = {word: line.split(":")[0] for line in _MEANINGS.strip().splitlines() for word in line.split(":")[1].split()}
-"""Words of normal forms that a program must express, and what they mean; orders mean themselves."""
-MEANINGS |= {word: word for word in ("first", "second", "last")}
 TIMES = ("before", "after", "when")
-FUNCTION_WORDS = frozenset(
-    """
-    a all an and any are as at be between by did do each for from had has have how i if in into involve involving is it its of on
-    one or other another out over scene so some such that the their them then there these they this those to up us video was were
-    what which while who will with you happen happening happens kind there event events presence exist something anything thing
-    's
-    """.split()
-)
-"""Words of normal forms that say nothing by themselves."""
+EVENTS = ("enter", "exit", "collision", "moving", "stationary", "cause", "not", "without", "next")
 
 
 def says_the_same(text: str, program: Program) -> bool:
     """Whether a program, in words, says the same as a text, as far as single words tell: a check weaker than a reading.
 
-    Both have the same attribute words, orders, negations, events and times and ask for the same, with the same objects in the
-    same order on the same side of "before", "after" or "when". Every other word of the text is a function word.
+    Both have the same attribute words, orders, negations, events and times and ask for the same; objects and events stand in
+    the same order, on the same side of "before", "after" or "when". Every other word of the text is a function word.
     """
+    if AMBIGUOUS.intersection(split_words(text)) or "objects unique" in str(program):
+        return False
     try:
         said = in_words(program)
     except ProgramError:
         return False
-    found, expected = _meaning(text), _meaning(said)
-    if found is None or expected is None or len(found) != len(expected):
+    words, expected = normal_form(text).words, normal_form(said).words
+    sides, others = _meaning(words), _meaning(expected)
+    if sides is None or others is None or len(sides) != len(others):
         return False
-    for side, other in zip(found, expected, strict=True):
-        objects, others = ([m for m in meanings if isinstance(m, Slot)] for meanings in (side, other))
-        in_pair = "collision" in side and sorted(objects, key=str) == sorted(others, key=str)
-        if Counter(side) != Counter(other) or not (objects == others or in_pair):
-            return False
-    return _ordered_objects(text) <= _ordered_objects(said)
+    if not _ordered_objects(words) <= _ordered_objects(expected) or _indefinite(words) != _indefinite(expected):
+        return False
+    return all(_fit(side, other) for side, other in zip(sides, others, strict=True))
 
 
-def _meaning(text: str) -> list[list[str | Slot]] | None:
+def _meaning(words: Sequence[str | Slot]) -> list[list[str | Slot]] | None:
     """What the words mean before and after each word of `TIMES`; None where a word means nothing known."""
     sides: list[list[str | Slot]] = [[]]
-    for word in normal_form(text).words:
+    for word in words:
         if isinstance(word, Slot):
-            if word.words:
-                sides[-1].append(Slot("A", word.words))
+            sides[-1].append(word)
         elif word in MEANINGS:
             if MEANINGS[word] in TIMES:
                 sides.append([])
@@ -91,11 +60,35 @@ def _meaning(text: str) -> list[list[str | Slot]] | None:
     return sides
 
 
-def _ordered_objects(text: str) -> set[tuple[str, tuple[str, ...]]]:
+def _fit(found: list[str | Slot], expected: list[str | Slot]) -> bool:
+    """Whether two lists of meanings are the same but for the place of orders, of what is asked for, and of "object"."""
+    objects, others = ([m for m in meanings if isinstance(m, Slot) and m.form != "O"] for meanings in (found, expected))
+    if objects != others and ("collision" not in found or sorted(objects, key=str) != sorted(others, key=str)):
+        return False
+    bare = Slot("O", ())
+    if bare in found and bare not in expected:
+        return False
+    words, other_words = ([m for m in meanings if isinstance(m, str)] for meanings in (found, expected))
+    events, other_events = ([m for m in meanings if m in EVENTS] for meanings in (words, other_words))
+    return Counter(words) == Counter(other_words) and events == other_events
+
+
+def _ordered_objects(words: Sequence[str | Slot]) -> set[tuple[str, tuple[str, ...]]]:
     """Orders with the attribute words that follow them immediately: ("first", ("red", "cube"))."""
-    words = normal_form(text).words
-    pairs = zip(words, words[1:], strict=False)
-    return {(a, b.words) for a, b in pairs if a in ("first", "second", "last") and isinstance(b, Slot) and b.words}
+    return {
+        (a, b.words) for a, b in pairwise(words) if a in ("first", "second", "last") and isinstance(b, Slot) and b.words
+    }
+
+
+def _indefinite(words: Sequence[str | Slot]) -> set[tuple[str, Slot]]:
+    """Singular noun phrases that stand for any object, plural ones with "the", and "the" without a noun phrase."""
+    found = set()
+    for a, b in pairwise((*words, "")):
+        if isinstance(b, Slot) and (a in ("a", "any", "another", "each") if b.form in ("N", "O") else a == "the"):
+            found.add((str(a), b))
+        elif a == "the" and isinstance(b, str) and b not in MEANINGS:
+            found.add((b, Slot("O", ())))
+    return found
 
 
 class Checked(Parser):
@@ -172,9 +165,13 @@ class AutoParser(Parser):
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
         """As of `Parser`. A program of the second parser comes with a warning that says what was understood."""
         found = self.grammar.parse_batch(texts, kind)
-        unread = [i for i, f in enumerate(found) if isinstance(f, NoReadingError) and not normal_form(texts[i]).left_out]
+        unread = [
+            i for i, f in enumerate(found) if isinstance(f, NoReadingError) and not normal_form(texts[i]).left_out
+        ]
         if unread:
-            for i, program in zip(unread, Checked(self.second).parse_batch([texts[i] for i in unread], kind), strict=True):
+            for i, program in zip(
+                unread, Checked(self.second).parse_batch([texts[i] for i in unread], kind), strict=True
+            ):
                 if isinstance(program, Program):
                     found[i] = program
         return found

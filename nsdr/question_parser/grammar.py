@@ -1,7 +1,7 @@
 """Programs of texts by rules alone: exact, without torch, in milliseconds.
 
-The text, in normal form, must have one reading by the rules (`nsdr.language`). So no word of the text is lost, none is invented, and
-their order matters. What has no reading is refused, with what is understood without some of its words.
+The text, in normal form, must have one reading by the rules (`nsdr.language`). So no word is lost, none is invented, and their
+order matters. What has no reading is refused, with what is understood without some of its words.
 """
 
 import unicodedata
@@ -128,9 +128,8 @@ def _refusal(text: str, kind: str) -> str:
         return f"{text!r} fits no program; {REMEDY}"
     program, unused = near
     words, were = ("words", "were") if len(unused) > 1 else ("word", "was")
-    return (
-        f"{text!r} fits no program (understood: {_said(program)}; the {words} {' '.join(unused)!r} {were} not used); {REMEDY}"
-    )
+    why = f"the {words} {' '.join(unused)!r} {were} not used"
+    return f"{text!r} fits no program (understood: {_said(program)}; {why}); {REMEDY}"
 
 
 def _near_readings(text: str, kind: str) -> Iterator[tuple[list[str], list[str]]]:

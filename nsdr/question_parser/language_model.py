@@ -64,7 +64,7 @@ class LanguageModelParser(Parser):
     """
 
     def __init__(self, url: str, model: str = "", timeout_s: float = TIMEOUT_S) -> None:
-        if not re.fullmatch(r"https?://[^\s/?#@]+[^\s?#@]*", url):
+        if not re.fullmatch(r"https?://[^\s/:?#@]+(:[1-9]\d*)?(/[^\s?#@]*)?", url):
             shown = url.rpartition("@")[2]
             raise QuestionError(
                 f"parser is {shown!r:.200}; expected an address such as http://localhost:8000/v1, without a password"
@@ -103,7 +103,9 @@ class LanguageModelParser(Parser):
         names = [str(getattr(row, "id", row)) for row in listed or ()]
         if len(names) != 1:
             shown = ", ".join(f"{name!r:.80}" for name in names[:NAMED_MODELS]) + (", …" * (len(names) > NAMED_MODELS))
-            raise EndpointError(f"{self.url}: has {len(names)} models ({shown or 'none'}); name one with --parser-model")
+            raise EndpointError(
+                f"{self.url}: has {len(names)} models ({shown or 'none'}); name one with --parser-model"
+            )
         return names[0]
 
     def _asked(self, text: str, kind: str) -> Program:
@@ -120,7 +122,9 @@ class LanguageModelParser(Parser):
         except (AttributeError, IndexError, TypeError):
             reply = reason = None
         if reason == "length":
-            raise QuestionError(f"{self.url}: the reply of {self.model!r:.80} is cut off; let the server write longer replies")
+            raise QuestionError(
+                f"{self.url}: the reply of {self.model!r:.80} is cut off; let the server write longer replies"
+            )
         if not isinstance(reply, str):
             raise EndpointError(
                 f"{self.url}: not the reply of an OpenAI-compatible server; is the address right (it mostly ends in /v1)?"
@@ -143,12 +147,15 @@ class LanguageModelParser(Parser):
             text = f"no reply within {self.timeout_s:g} s; use a faster model, {LEAVE_OUT}"
             raise EndpointError(f"{self.url}: {text}") from e
         except openai.APIStatusError as e:
-            said = " ".join(str(e.message).split())
+            body = e.body.get("message") if isinstance(e.body, dict) else e.body
+            said = " ".join(str(body or e.message).split())
             remedy = f"see the server's log, {LEAVE_OUT}"
             if isinstance(e, openai.AuthenticationError | openai.PermissionDeniedError):
                 remedy = f"set {KEY_VARIABLE} to a key that it takes"
             elif isinstance(e, openai.NotFoundError):
-                remedy = f"is the address right (it mostly ends in /v1), and does the server have the model {self._name()}?"
+                remedy = (
+                    f"is the address right (it mostly ends in /v1), and does the server have the model {self._name()}?"
+                )
             raise EndpointError(
                 f"{self.url}: the server answers {e.status_code} to {path}: {said!r:.{QUOTED_CHARACTERS}}; {remedy}"
             ) from e
@@ -159,7 +166,7 @@ class LanguageModelParser(Parser):
             ) from e
 
     def _name(self) -> str:
-        return f"{getattr(self, 'model', ''):.80}"
+        return repr(getattr(self, "model", ""))[:QUOTED_CHARACTERS]
 
 
 def examples() -> dict[str, dict[str, str]]:

@@ -9,9 +9,8 @@ import torch
 from torch import nn
 
 from nsdr.errors import CheckpointError, NsdrError, ProgramError, QuestionError
-from nsdr.io.checkpoint import load_description, load_network
-from nsdr.io.pretrained import PretrainedPart
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
+from nsdr.io.device import limit_threads
 from nsdr.language.normal import normal_form
 from nsdr.language.texts import TEXT_KINDS
 from nsdr.question_parser.base import Parser
@@ -90,7 +89,9 @@ class QuestionParser(PretrainedPart, Parser):
         for i, text in enumerate(texts):
             try:
                 check_text(text, kind)
-                self._check_words(text)
+                unknown = normal_form(text).left_out
+                if unknown:
+                    raise QuestionError(f"unknown word {unknown[0]!r} in {text!r}; {REMEDY}")
                 readable.append(i)
             except NsdrError as e:
                 found[i] = e
@@ -101,18 +102,14 @@ class QuestionParser(PretrainedPart, Parser):
                 found[i] = e
         return [found[i] for i in range(len(texts))]
 
-    def _check_words(self, text: str) -> None:
-        normal = normal_form(text)
-        unknown = [*normal.left_out, *(word for word in split_words(normal.text) if word not in self.tokenizer)]
-        if unknown:
-            raise QuestionError(f"unknown word {unknown[0]!r} in {text!r}; {REMEDY}")
-
     @limit_threads(1)
     def candidates(self, texts: Sequence[str], kind: str = "descriptive") -> list[tuple[list[str], float]]:
         """The most probable tokens of many texts with their probability (0-1), whether or not they form a program.
 
-        Unknown words are left out; a text of unknown words only is of no kind.
+        Words that are not in the vocabulary are left out; a text of such words only is of no kind.
         """
+        if not texts:
+            return []
         network: Any = self.networks[kind]
         found: list[tuple[list[str], float]] = []
         for start in range(0, len(texts), MAX_BATCH_TEXTS):

@@ -7,7 +7,7 @@ from operator import attrgetter
 from string import ascii_uppercase
 from typing import Any
 
-from nsdr.clevrer.predictions import PredictionFile
+from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.joint import exactly_one, with_probabilities
@@ -81,7 +81,7 @@ class Executor:
         self._shown: dict[tuple[Kind, Any], tuple[Any, str]] = {}
         self.unseen_scores = scene.unseen_scores
         make = partial(Executor, responsible=responsible)
-        self._worlds = None if scene.doubts is None else PossibleWorlds(scene, make)
+        self._worlds = None if scene.uncertain is None else PossibleWorlds(scene, make)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -172,7 +172,7 @@ class Executor:
                 f"the program gives {kind}; the program of a question ends in a count, exist, query or frame"
             )
         answer = with_lazy(Answer(question, tokens, self._answer_text(kind, value)), trace=partial(self._trace, tokens))
-        if self._worlds is None or not EXTENSIONS.isdisjoint(tokens):  # doubts say nothing about speeds and masses
+        if self._worlds is None or not EXTENSIONS.isdisjoint(tokens):  # uncertain say nothing about speeds and masses
             return answer
         return with_lazy(answer, probability=partial(self._probability, tokens))
 
@@ -197,7 +197,7 @@ class Executor:
 
         Exactly one of the two choices of a predictive question is correct (a rule of CLEVRER). If both are judged alike and
         the scene has scores of unseen collisions, the choice with the higher score is the correct one. Hardly any
-        counterfactual question has no correct choice: if all come out wrong, the scene's doubts may say which one is correct
+        counterfactual question has no correct choice: if all come out wrong, the scene's uncertain may say which one is correct
         (`nsdr.symbolic.joint`). What the question and each choice suppose is taken as by `answer`. A choice of an explanatory
         question of which it is not known whether the event needed it has an `error` if that is what "responsible" means.
 
@@ -301,7 +301,7 @@ class Executor:
     def _judged_together(
         self, question: Program, answers: Sequence[ChoiceAnswer], choices: Sequence[tuple[str, Any]]
     ) -> Sequence[ChoiceAnswer]:
-        """The choices, judged by what is known of their question, with probabilities where the scene has doubts."""
+        """The choices, judged by what is known of their question, with probabilities where the scene has uncertain."""
         if question.tokens == PREDICTIVE and len(answers) == 2 and not any(a.error for a in answers):
             unsettled = self._worlds is not None or answers[0].answer == answers[1].answer
             scores = self._scores([choice for _, choice in choices]) if unsettled else None

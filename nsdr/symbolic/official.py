@@ -15,7 +15,7 @@ from functools import partial
 from itertools import combinations
 from typing import Any
 
-from nsdr.clevrer.predictions import PredictionFile
+from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.modules import MODULES, WORDS, Kind
 from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
@@ -37,7 +37,7 @@ class OfficialExecutor:
     """The released executor on one prediction file. A program that fails is an "error", never an exception.
 
     Args:
-        content: of `sim_N.json` (see `nsdr.clevrer.predictions`).
+        content: of `sim_N.json` (see `nsdr.clevrer.files.predictions`).
         collisions: "predicted", or "velocity" for the variant NE ("no events"), which detects them from the motion.
 
     Raises:

@@ -16,8 +16,8 @@ from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
-from nsdr.clevrer.predictions import SAMPLE_FRAMES, Described, Prediction, PredictionFile
-from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
+from nsdr.clevrer.files.predictions import SAMPLE_FRAMES, Described, Prediction, PredictionFile
+from nsdr.clevrer.files.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import SceneObject

@@ -1,4 +1,4 @@
-"""Worlds that the doubts of a scene leave possible, and how probable values of programs are in them."""
+"""Worlds that the uncertain of a scene leave possible, and how probable values of programs are in them."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -14,7 +14,7 @@ __all__ = ["N_DRAWS", "PossibleWorlds", "possible_scenes"]
 
 N_DRAWS = 512
 """Draws of possible scenes. Probabilities that depend on several collisions are off by 0.006 on average. CLEVRER's scenes have
-few doubts, so that few draws are different."""
+few uncertain, so that few draws are different."""
 SEED = 0
 MIN_SUPPOSED = 0.05
 """A question whose suppositions are less probable is refused. Of 49 collisions of left-out `train` scenes to which the
@@ -25,23 +25,23 @@ Found = TypeVar("Found")
 
 
 def possible_scenes(scene: Scene) -> list[tuple[int, Scene]]:
-    """Different scenes drawn from the doubts, without doubts, each with the number of the `N_DRAWS` draws that gave it.
+    """Different scenes drawn from the uncertain, without uncertain, each with the number of the `N_DRAWS` draws that gave it.
 
     Doubts are taken as independent. Each collision happens in as many of the draws as its probability says (Latin hypercube
     sampling), so that what depends on one collision is off by at most half a draw.
     """
-    doubts = scene.doubts or ()
-    order = np.random.default_rng(SEED).permuted(np.tile(np.arange(N_DRAWS), (len(doubts), 1)), axis=1)
-    happens = (order + 0.5) / N_DRAWS < np.array([d.probability for d in doubts])[:, None]
+    uncertain = scene.uncertain or ()
+    order = np.random.default_rng(SEED).permuted(np.tile(np.arange(N_DRAWS), (len(uncertain), 1)), axis=1)
+    happens = (order + 0.5) / N_DRAWS < np.array([d.probability for d in uncertain])[:, None]
     rows, counts = np.unique(happens.T, axis=0, return_counts=True)
     return [(int(n), _with(scene, row.tolist())) for n, row in zip(counts, rows, strict=True)]
 
 
 def _with(scene: Scene, happens: list[bool]) -> Scene:
     """The scene with those of its doubtful collisions that happen, and without the others."""
-    doubts = scene.doubts or ()
-    doubtful = {(d.removed, d.event) for d in doubts}
-    drawn = [(d.removed, d.event) for d, happened in zip(doubts, happens, strict=True) if happened]
+    uncertain = scene.uncertain or ()
+    doubtful = {(d.removed, d.event) for d in uncertain}
+    drawn = [(d.removed, d.event) for d, happened in zip(uncertain, happens, strict=True) if happened]
 
     def events(of: tuple[Event, ...], removed: int | None, fits: Callable[[int], bool]) -> tuple[Event, ...]:
         kept = [e for e in of if (removed, e) not in doubtful]
@@ -64,8 +64,8 @@ class PossibleWorlds:
     """The possible worlds of one scene, drawn when a probability is first asked for.
 
     Args:
-        scene: with doubts.
-        executor: makes the `Executor` of a scene without doubts.
+        scene: with uncertain.
+        executor: makes the `Executor` of a scene without uncertain.
     """
 
     def __init__(self, scene: Scene, executor: Callable[[Scene], Any]) -> None:

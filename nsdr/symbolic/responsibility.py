@@ -10,7 +10,7 @@ one away.
 
 from collections.abc import Mapping, Sequence
 
-from nsdr.clevrer.scenes import enter_exit_events
+from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import Event, Scene, TraceStep

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import PARTS, load_checkpoint, save_checkpoint
-from nsdr.io.outputs import check_output_folder
+from nsdr.io.files import check_output_folder
 
 __all__ = ["average_checkpoints", "main"]
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
-from nsdr.baselines.backbone import (
+from nsdr.baselines.features.backbone import (
     CELL_STAGE,
     MAX_COUNT,
     STRIDES,
@@ -20,7 +20,7 @@ from nsdr.baselines.backbone import (
     image_batch,
     load_backbone,
 )
-from nsdr.baselines.extraction import spaced
+from nsdr.baselines.features.extraction import spaced
 from nsdr.errors import DataError
 from nsdr.io.validation import COUNT, MANY, SHARE, SIZE, check_paths, check_ranges
 from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_videos

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.extraction import frames_of, spaced
+from nsdr.baselines.features.extraction import frames_of, spaced
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.runner import Job, run_jobs
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -99,7 +99,7 @@ def seen_objects(annotation: Mapping[str, Any], frame: int) -> tuple[SeenObject,
     """The objects whose centres are in a frame, the nearest to the camera last.
 
     Args:
-        annotation: as `nsdr.clevrer.annotations.read_annotation` gives it.
+        annotation: as `nsdr.clevrer.files.annotations.read_annotation` gives it.
         frame: index of the frame.
     """
     words = {

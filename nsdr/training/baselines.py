@@ -12,10 +12,10 @@ from torch.nn import functional as F
 
 from nsdr.baselines.base import BASELINES, Baseline, Batch
 from nsdr.baselines.data import Example, FeatureSource, feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features import MANIFEST, FeatureCache
+from nsdr.baselines.features.files import MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
 from nsdr.baselines.vocabulary import Vocabulary
-from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, resolved
@@ -36,7 +36,7 @@ class BaselineTraining:
         system: name of the baseline in `nsdr.baselines.base.BASELINES`.
         questions: question file in CLEVRER's format, with answers, and with programs where the system needs them.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
-        features: folder of a `nsdr.baselines.features.FeatureCache`; "" for systems that see no video.
+        features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
         held_out: the videos whose index this number divides are left out of training and evaluated on.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.

@@ -29,7 +29,7 @@ from nsdr.errors import DataError
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import described, resolved
 from nsdr.io.device import has_bfloat16, resolve_device, resolve_precision
-from nsdr.io.lock import locked
+from nsdr.io.files import locked
 from nsdr.io.validation import check_choices, check_ranges
 from nsdr.training.run_folder import RunFolder, TrainingState
 from nsdr.training.tensorboard import EventFile

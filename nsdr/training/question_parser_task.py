@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.clevrer.questions import iterate_questions
+from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
 from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
@@ -89,7 +89,9 @@ class QuestionParserTask(Task):
         torch.manual_seed(config.loop.seed)
         self.config = config
         self.pool = self._pool()
-        pool_texts = [normal_form(text, keep_unknown=True).text for pairs in (self.pool or {}).values() for text, _ in pairs]
+        pool_texts = [
+            normal_form(text, keep_unknown=True).text for pairs in (self.pool or {}).values() for text, _ in pairs
+        ]
         self.tokenizer = Tokenizer.from_texts([*vocabulary(), *pool_texts])
         self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
         if config.initial:
@@ -175,7 +177,7 @@ class QuestionParserTask(Task):
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """For each kind, the share of exact programs on texts of the grammar and on the paraphrases that ship with it."""
         rng = random.Random("evaluation")
-        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model), constrained=True, unknown="ignore")
+        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model))
         scores = {}
         for kind in TEXT_KINDS:
             pairs = [sample(kind, rng) for _ in range(self.config.evaluation_texts)]

@@ -18,9 +18,8 @@ from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
-from nsdr.io.files import atomic_path, remove_partial_files, sync, write_json, writing
+from nsdr.io.files import atomic_path, check_output_folder, remove_partial_files, sync, write_json, writing
 from nsdr.io.fingerprint import code_revision
-from nsdr.io.outputs import check_output_folder
 from nsdr.io.reading import read_json
 
 __all__ = ["RunFolder", "TrainingState", "parse_training", "training_time"]

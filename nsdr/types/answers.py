@@ -61,7 +61,8 @@ class ChoiceAnswer(_Lazy):
         program: postfix tokens of the choice's program followed by the question's; empty if the text has no program.
         trace: executed steps; empty if it failed.
         error: why it failed; "" if it did not.
-        probability: that the choice is correct, in 0-1; None if it failed, or where the scene knows no doubts (`Scene.doubts`).
+        probability: that the choice is correct, in 0-1; None if it failed, or where the scene does not say
+            what is uncertain (`Scene.uncertain`).
         meanings: of a choice of an explanatory question, whether it is correct by each meaning of "responsible"
             (`nsdr.symbolic.responsibility`), None where that is not known; else empty.
     """
@@ -85,8 +86,8 @@ class Answer(_Lazy):
         answer: the answer word, "frame 43" for a frame, or one line per event; None for a multiple-choice question.
         trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
         choices: the judged choices; empty for a descriptive question.
-        probability: that the answer is right as far as the scene's doubts go, in 0-1; None where the scene knows none
-            (`Scene.doubts`), and for a multiple-choice question, whose choices have their own.
+        probability: that the answer is right as far as the scene's uncertain collisions go, in 0-1; None where the scene does
+            not say what is uncertain (`Scene.uncertain`), and for a multiple-choice question, whose choices have their own.
     """
 
     question: str

@@ -11,7 +11,7 @@ from nsdr.types.checks import ArrayHolder, BoolArray, FloatArray, check, check_v
 from nsdr.types.object_physics import ObjectPhysics
 from nsdr.types.tracks import SceneObject, check_objects
 
-__all__ = ["Doubt", "DynamicsPrediction", "Event", "Rollout", "Scene"]
+__all__ = ["DynamicsPrediction", "Event", "Rollout", "Scene", "UncertainCollision"]
 
 PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
 """Number of objects of each kind of event."""
@@ -44,7 +44,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Doubt:
+class UncertainCollision:
     """A collision that is neither certain nor ruled out.
 
     Attributes:
@@ -59,10 +59,10 @@ class Doubt:
 
     def __post_init__(self) -> None:
         fits = self.event.kind == "collision" and self.event.frame >= 0
-        check(fits, f"Doubt.event: expected a collision at a frame, got {self.event}")
-        check(0 <= self.probability <= 1, f"Doubt.probability: expected 0 to 1, got {self.probability}")
+        check(fits, f"UncertainCollision.event: expected a collision at a frame, got {self.event}")
+        check(0 <= self.probability <= 1, f"UncertainCollision.probability: expected 0 to 1, got {self.probability}")
         if self.removed is not None:
-            check_whole("Doubt", "removed", self.removed, 0)
+            check_whole("UncertainCollision", "removed", self.removed, 0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +75,7 @@ class Rollout(ArrayHolder):
         collisions: collision events in order of time.
         unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
         speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
-        doubts: collisions of this rollout that are uncertain; None where nothing is known about that.
+        uncertain: collisions of this rollout that are uncertain; None where nothing is known about that.
     """
 
     location_world: FloatArray
@@ -83,7 +83,7 @@ class Rollout(ArrayHolder):
     collisions: tuple[Event, ...]
     unseen_scores: FloatArray | None = None
     speed_world_per_s: FloatArray | None = None
-    doubts: tuple[Doubt, ...] | None = None
+    uncertain: tuple[UncertainCollision, ...] | None = None
 
     def __post_init__(self) -> None:
         store_array(self, "location_world", (None, None, 2), "f")
@@ -96,7 +96,7 @@ class Rollout(ArrayHolder):
         if self.unseen_scores is not None:
             store_array(self, "unseen_scores", (n, n), "f")
             check_values("Rollout", "unseen_scores", self.unseen_scores, 0, 1)
-        for event in (*self.collisions, *(d.event for d in self.doubts or ())):
+        for event in (*self.collisions, *(d.event for d in self.uncertain or ())):
             fits = event.kind == "collision" and event.objects[1] < n and event.frame >= 0
             check(fits, f"Rollout: {event} is not a collision of two of the {n} objects at a frame")
 
@@ -144,7 +144,7 @@ class Scene(ArrayHolder):
         counterfactual: collisions with one object removed, by that object's id; None where they are not known.
         unseen_scores: (n_objects, n_objects) float, as in `Rollout`; None for ground-truth scenes.
         dynamics: the trajectories that the scene was made from, which pictures show; None where they were not kept.
-        doubts: collisions that are uncertain: observed, unseen (those after the video) and counterfactual ones; None where
+        uncertain: collisions that are uncertain: observed, unseen (those after the video) and counterfactual ones; None where
             nothing is known about that.
         physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
     """
@@ -158,7 +158,7 @@ class Scene(ArrayHolder):
     counterfactual: Mapping[int, tuple[Event, ...]] | None = None
     unseen_scores: FloatArray | None = None
     dynamics: DynamicsPrediction | None = None
-    doubts: tuple[Doubt, ...] | None = None
+    uncertain: tuple[UncertainCollision, ...] | None = None
     physics: ObjectPhysics | None = None
 
     def __post_init__(self) -> None:
@@ -181,14 +181,14 @@ class Scene(ArrayHolder):
         for event in self.events:
             if event.frame >= self.n_frames:
                 raise DataError(f"Scene.events: {event} is after the video's {self.n_frames} frames")
-        counterfactual, doubts = self.counterfactual or {}, self.doubts or ()
+        counterfactual, uncertain = self.counterfactual or {}, self.uncertain or ()
         later = [*(self.unseen or ()), *(e for events in counterfactual.values() for e in events)]
-        for event in [*self.events, *later, *(d.event for d in doubts)]:
+        for event in [*self.events, *later, *(d.event for d in uncertain)]:
             if event.objects[-1] >= n or event.frame < 0:
                 raise DataError(f"Scene: {event} names an object outside 0-{n - 1} or no frame")
-        for doubt in doubts:
-            fits = doubt.removed is None or doubt.removed < n
-            check(fits, f"Scene.doubts: expected removed objects from 0 to {n - 1}, got {doubt.removed}")
+        for one in uncertain:
+            fits = one.removed is None or one.removed < n
+            check(fits, f"Scene.uncertain: expected removed objects from 0 to {n - 1}, got {one.removed}")
         object.__setattr__(self, "events", _in_order(self.events))
         if self.unseen is not None:
             object.__setattr__(self, "unseen", _in_order(self.unseen))

@@ -79,11 +79,11 @@ class Simulation(ArrayHolder):
 
         Collisions that happen for sure have 1. None where the backend knows no probabilities.
         """
-        doubts = self.changed.doubts
-        if doubts is None:
+        uncertain = self.changed.uncertain
+        if uncertain is None:
             return None
         sure = dict.fromkeys(self.changed.collisions, 1.0)
-        return sure | {doubt.event: doubt.probability for doubt in doubts}
+        return sure | {u.event: u.probability for u in uncertain}
 
     def differences(self) -> tuple[EventChange, ...]:
         """Events that happen in one of the worlds only, or in both more than 3 frames apart, in order of time.

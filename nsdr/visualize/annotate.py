@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.errors import DataError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.types import Scene, VideoProposals, VideoTracks

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from nsdr.clevrer.questions import QUESTION_TYPES, by_type
+from nsdr.clevrer.files.questions import QUESTION_TYPES, by_type
 from nsdr.visualize.figures import pyplot
 
 __all__ = ["program_curve", "question_figure", "training_curves"]

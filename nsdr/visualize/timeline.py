@@ -146,7 +146,7 @@ def _seek(frame: int, video: str) -> str:
 
 def _probability(event: Event, scene: Scene) -> str:
     """How probable an uncertain event is, as " (77 %)"; "" where nothing is known against it."""
-    known = [d.probability for d in scene.doubts or () if d.removed is None and d.event == event]
+    known = [d.probability for d in scene.uncertain or () if d.removed is None and d.event == event]
     return f" ({percent(known[0])})" if known else ""
 
 

@@ -5,7 +5,7 @@ __all__ = ["FPS", "VIDEO_FRAMES", "horizon_frame", "simulated_frames"]
 FPS = 25
 """Frame rate of the released videos (frames per second of video time)."""
 VIDEO_FRAMES = 128
-"""Number of frames of a released video, except three irregular ones (`nsdr.clevrer.annotations.IRREGULAR_VIDEOS`)."""
+"""Number of frames of a released video, except three irregular ones (`nsdr.clevrer.files.annotations.IRREGULAR_VIDEOS`)."""
 _SIMULATED_PER_SHOWN = 7 / 5
 """Simulated frames per shown frame: CLEVRER simulates 7 s of video time and shows the first 5 (paper, section 3.1)."""
 

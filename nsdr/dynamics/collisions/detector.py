@@ -6,8 +6,8 @@ import torch
 from nsdr.dynamics.collisions.features import NetworkInputs, arrays_from_states, near_pairs, network_inputs
 from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.device import limit_threads
 from nsdr.types import Event
 
 __all__ = ["TrackCollisionDetector"]

@@ -21,19 +21,20 @@ class CollisionSearchConfig:
     """How collisions are found by fitting.
 
     Attributes:
-        doubt: candidates with a probability in (doubt, 1 - doubt) are tried both ways; the others are taken as they are.
+        min_probability: candidates that are more probable than this, and less than 1 minus this, are tried both ways; the
+            others are taken as they are.
         trials: maximum number of fits beside the first.
         weights: of the evidence.
         fit: of the simulator.
     """
 
-    doubt: float = 0.01
+    min_probability: float = 0.01
     trials: int = 8
     weights: EvidenceWeights = field(default_factory=EvidenceWeights)
     fit: TrajectoryFitConfig = field(default_factory=TrajectoryFitConfig)
 
     def __post_init__(self) -> None:
-        check_ranges(self, doubt=(0.0, 0.5), trials=COUNT)
+        check_ranges(self, min_probability=(0.0, 0.5), trials=COUNT)
 
 
 class FoundCollisions(NamedTuple):
@@ -61,7 +62,7 @@ class CollisionSearch:
         measurement: how far measured positions are trusted.
 
     Attributes:
-        doubtful: pairs that are tried both ways, the most doubtful first.
+        uncertain: pairs that are tried both ways, the most uncertain first.
         probable: pairs that collide more probably than not.
     """
 
@@ -77,9 +78,9 @@ class CollisionSearch:
         self.events = {event.objects: event for event, _ in candidates}
         self.probability = {event.objects: p for event, p in candidates}
         self.probable: frozenset[Pair] = frozenset(pair for pair, p in self.probability.items() if p > 0.5)
-        low, high = self.config.doubt, 1 - self.config.doubt
-        doubtful = sorted((abs(p - 0.5), pair) for pair, p in self.probability.items() if low < p < high)
-        self.doubtful = [pair for _, pair in doubtful]
+        low, high = self.config.min_probability, 1 - self.config.min_probability
+        uncertain = sorted((abs(p - 0.5), pair) for pair, p in self.probability.items() if low < p < high)
+        self.uncertain = [pair for _, pair in uncertain]
         self._fits: dict[frozenset[Pair], TrajectoryFit] = {}
         self._repeated: set[frozenset[Pair]] = set()
 
@@ -133,7 +134,7 @@ def search_collisions(
 ) -> FoundCollisions:
     """Collisions during the video, and the simulation fitted with them.
 
-    Starting from those that are more probable than not, doubtful collisions are added and dropped one by one as long as the
+    Starting from those that are more probable than not, uncertain collisions are added and dropped one by one as long as the
     evidence (`EvidenceWeights`), given the others, is for it.
 
     Args:
@@ -147,7 +148,7 @@ def search_collisions(
     chosen, seen, changed = search.probable, {search.probable}, True
     while changed:
         changed = False
-        for pair in search.doubtful:
+        for pair in search.uncertain:
             other = chosen ^ {pair}
             if other in seen or not search.can_try(other):
                 continue

@@ -18,14 +18,14 @@ from nsdr.dynamics.physics.simulator import (
     simulate_perturbed,
 )
 from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image
-from nsdr.types import Doubt, Event, Rollout
+from nsdr.types import Event, Rollout, UncertainCollision
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
-__all__ = ["DOUBT", "FittedScene"]
+__all__ = ["MIN_PROBABILITY", "FittedScene"]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
-DOUBT = 0.005
+MIN_PROBABILITY = 0.005
 """Collisions that are less probable count as ruled out, and those that are more probable than 1 minus this as certain."""
 
 
@@ -52,7 +52,9 @@ class FittedScene:
         met = {i for e in observed for i in e.objects}
         self.mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
         self.perturbations = self._perturbations(np.random.default_rng(config.seed))
-        self.doubts = [Doubt(event, p) for event, p in found.candidates if DOUBT <= p <= 1 - DOUBT]
+        self.uncertain = [
+            UncertainCollision(event, p) for event, p in found.candidates if MIN_PROBABILITY <= p <= 1 - MIN_PROBABILITY
+        ]
         self.collisions = np.array([(*e.objects, e.frame) for e in observed], np.int64).reshape(-1, 3)
 
     def rollout(self, removed: int | None) -> Rollout:
@@ -68,8 +70,8 @@ class FittedScene:
         pairs = {e.objects for e in self.observed}
         scores = (frames != NO_CONTACT).mean(0)
         collisions = list(self.observed) if removed is None else []
-        doubts = list(self.doubts) if removed is None else []
-        probability = scores if removed is None else self.with_observed_doubts(scores, exists)
+        uncertain = list(self.uncertain) if removed is None else []
+        probability = scores if removed is None else self.with_observed_uncertain(scores, exists)
         for event, p in self.probable_collisions(frames, probability):
             if removed is None and event.objects in pairs:
                 continue
@@ -77,8 +79,8 @@ class FittedScene:
                 event = replace(event, frame=max(event.frame, self.frames))
             if p > self.config.collision_threshold:
                 collisions.append(event)
-            if p <= 1 - DOUBT:
-                doubts.append(Doubt(event, p, removed))
+            if p <= 1 - MIN_PROBABILITY:
+                uncertain.append(UncertainCollision(event, p, removed))
         scores = (len(frames) * scores + self._closeness(first)) / (len(frames) + 1)
         for pair in pairs:  # a pair collides once
             scores[pair] = scores[pair[::-1]] = 0.0
@@ -87,7 +89,7 @@ class FittedScene:
             self._visible(first, exists),
             tuple(sorted(collisions, key=lambda e: e.frame)),
             scores if removed is None else None,
-            doubts=tuple(doubts),
+            uncertain=tuple(uncertain),
         )
         return rollout, first.yaw
 
@@ -97,32 +99,32 @@ class FittedScene:
         """Collisions that are not ruled out, with their probabilities.
 
         Args:
-            frames: (runs, n, n) of first contacts. A collision is at their median, or else where it was doubtful in the video.
+            frames: (runs, n, n) of first contacts. A collision is at their median, or else where it was uncertain in the video.
             probability: (n, n) of each pair.
         """
-        doubtful = {d.event.objects: d.event.frame for d in self.doubts}
+        uncertain = {d.event.objects: d.event.frame for d in self.uncertain}
         found = []
-        for i, j in np.argwhere(np.triu(probability >= DOUBT, 1)).tolist():
+        for i, j in np.argwhere(np.triu(probability >= MIN_PROBABILITY, 1)).tolist():
             at = frames[:, i, j][frames[:, i, j] != NO_CONTACT]
-            frame = int(np.median(at)) if len(at) else doubtful[i, j]
+            frame = int(np.median(at)) if len(at) else uncertain[i, j]
             found.append((Event("collision", frame, (i, j)), float(probability[i, j])))
         return found
 
-    def with_observed_doubts(self, share: FloatArray, untouched: BoolArray, after_frame: int = 0) -> FloatArray:
+    def with_observed_uncertain(self, share: FloatArray, untouched: BoolArray, after_frame: int = 0) -> FloatArray:
         """(n, n) probabilities of collisions in a changed scene, given the shares of runs with them.
 
-        The runs take the collisions of the video as they were found. One that is in doubt is as doubtful in the changed scene;
+        The runs take the collisions of the video as they were found. One that is uncertain is so in the changed scene, too;
         one that was probably none happens in the runs, or else as probably as in the video.
 
         Args:
             share: (n, n).
             untouched: (n,) bool, the objects that exist and whose motion is not set.
-            after_frame: doubts of the video up to this frame, unless it is 0, concern what was before the change.
+            after_frame: what is uncertain in the video up to this frame, unless it is 0, concerns what was before the change.
         """
         result, chosen = share.copy(), {e.objects for e in self.observed}
-        for doubt in self.doubts:
-            (i, j), p = doubt.event.objects, doubt.probability
-            if untouched[[i, j]].all() and (after_frame == 0 or doubt.event.frame > after_frame):
+        for one in self.uncertain:
+            (i, j), p = one.event.objects, one.probability
+            if untouched[[i, j]].all() and (after_frame == 0 or one.event.frame > after_frame):
                 result[i, j] = share[i, j] * p if (i, j) in chosen else 1 - (1 - share[i, j]) * (1 - p)
         return result
 

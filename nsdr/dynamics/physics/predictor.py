@@ -19,7 +19,7 @@ from nsdr.dynamics.physics.physics_config import PhysicsConfig
 from nsdr.dynamics.physics.what_if import original, what_if
 from nsdr.dynamics.track_smoothing import SmoothingConfig, smooth_tracks, with_smoothed_tracks
 from nsdr.errors import DataError
-from nsdr.io.threads import limit_threads
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Rollout, Simulation, VideoTracks
 from nsdr.types.interventions import Intervention
 

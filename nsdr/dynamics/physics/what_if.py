@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.interventions import Changes
 from nsdr.dynamics.physics.changed_bodies import ChangedBodies, change_bodies
-from nsdr.dynamics.physics.fitted_scene import DOUBT, FittedScene
+from nsdr.dynamics.physics.fitted_scene import MIN_PROBABILITY, FittedScene
 from nsdr.dynamics.physics.simulator import (
     NO_CONTACT,
     Perturbations,
@@ -16,7 +16,7 @@ from nsdr.dynamics.physics.simulator import (
     simulate_perturbed,
 )
 from nsdr.dynamics.track_smoothing import rollout_in_image
-from nsdr.types import Doubt, Event, Rollout
+from nsdr.types import Event, Rollout, UncertainCollision
 from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, STEPS_PER_FRAME
 
 __all__ = ["original", "what_if"]
@@ -33,7 +33,10 @@ def original(scene: FittedScene, extra: int, from_frame: int) -> tuple[Rollout, 
     rollout, yaw = scene.rollout_and_yaw(None)
     repeated = _repeated_collisions(scene, from_frame)
     collisions = [*rollout.collisions, *(event for event, p in repeated if p > scene.config.collision_threshold)]
-    doubts = [*(rollout.doubts or ()), *(Doubt(event, p) for event, p in repeated if p <= 1 - DOUBT)]
+    uncertain = [
+        *(rollout.uncertain or ()),
+        *(UncertainCollision(event, p) for event, p in repeated if p <= 1 - MIN_PROBABILITY),
+    ]
     speed = np.full(yaw.shape, np.nan)
     speed[:, : scene.frames] = _observed_speed(scene)
     visible = rollout.visible.copy()
@@ -44,7 +47,7 @@ def original(scene: FittedScene, extra: int, from_frame: int) -> tuple[Rollout, 
         tuple(sorted(collisions, key=lambda e: e.frame)),
         None,
         _padded(speed, extra, np.nan),
-        tuple(doubts),
+        tuple(uncertain),
     )
     return padded, _padded(yaw, extra, 0.0)
 
@@ -58,12 +61,12 @@ def what_if(scene: FittedScene, changes: Changes, from_frame: int) -> tuple[Roll
     changed = change_bodies(scene.bodies_at(from_frame), changes)
     first, later = _later_collisions(scene, changed, from_frame)
     collisions = _earlier_collisions(scene, from_frame)
-    doubts = [d for d in scene.doubts if 0 < d.event.frame <= from_frame]
+    uncertain = [d for d in scene.uncertain if 0 < d.event.frame <= from_frame]
     for event, p in later:
         if p > scene.config.collision_threshold:
             collisions.append(event)
-        if p <= 1 - DOUBT:
-            doubts.append(Doubt(event, p))
+        if p <= 1 - MIN_PROBABILITY:
+            uncertain.append(UncertainCollision(event, p))
     extra = len(changed.exists) - len(scene.states.objects)
     location, speed = first.position.copy(), np.linalg.norm(first.velocity, axis=-1)
     location[~changed.exists] = np.nan
@@ -79,7 +82,7 @@ def what_if(scene: FittedScene, changes: Changes, from_frame: int) -> tuple[Roll
         tuple(sorted(collisions, key=lambda e: e.frame)),
         None,
         speed,
-        tuple(doubts),
+        tuple(uncertain),
     )
     return rollout, yaw
 
@@ -100,7 +103,7 @@ def _later_collisions(
         frames[continued, i, j] = frames[continued, j, i] = NO_CONTACT
     untouched = (changed.exists & ~changed.simulated)[: len(scene.states.objects)]
     n, share = len(untouched), (frames != NO_CONTACT).mean(0)
-    share[:n, :n] = scene.with_observed_doubts(share[:n, :n], untouched, from_frame)
+    share[:n, :n] = scene.with_observed_uncertain(share[:n, :n], untouched, from_frame)
     return first, scene.probable_collisions(frames, share)
 
 

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
 from nsdr.io.reading import read_npz
 from nsdr.tracking.tracker import track
 from nsdr.tracking.truth_tracks import tracks_from_motion
@@ -102,8 +101,8 @@ def read_motion_dataset(
     """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
     Args:
-        proposals: compact proposals (NPZ), see `nsdr.clevrer.proposals.read_compact_proposals`.
-        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.truth_blocks.read_truth`.
+        proposals: compact proposals (NPZ), see `nsdr.clevrer.files.proposals.read_compact_proposals`.
+        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.truth_blocks.read_truth`.
         cache: an NPZ file that keeps the result. It is read where it was made from the same files and `limit` by the same code,
             and written otherwise.
         limit: maximum number of real scenes; None for all.

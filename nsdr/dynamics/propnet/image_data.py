@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from nsdr.clevrer.dataset import CLEVRER, Split
-from nsdr.clevrer.scenes import scene_from_annotation
-from nsdr.clevrer.truth_blocks import truth_block
+from nsdr.clevrer.files.scenes import scene_from_annotation
+from nsdr.clevrer.files.truth_blocks import truth_block
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.propnet.data import MAX_OBJECTS, MIN_OBJECTS, MotionDataset, motion_row
 from nsdr.dynamics.propnet.image_patches import object_patches

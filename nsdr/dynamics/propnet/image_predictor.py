@@ -15,7 +15,7 @@ from nsdr.dynamics.propnet.image_patches import MAX_VALUE, PATCH_CHANNELS, objec
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.errors import DataError
-from nsdr.io.threads import limit_threads
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, VideoTracks
 
 __all__ = ["ImagePredictor"]

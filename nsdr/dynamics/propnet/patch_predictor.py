@@ -13,8 +13,8 @@ from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig, PatchNetwork
 from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD

@@ -18,8 +18,8 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["StatePredictor", "windows"]

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
-from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import Question, SceneQuestions, iterate_questions
-from nsdr.clevrer.scene_files import iterate_scenes
-from nsdr.clevrer.schema import get, get_whole
+from nsdr.clevrer.files.questions import Question, SceneQuestions, iterate_questions
+from nsdr.clevrer.files.scene_files import iterate_scenes
+from nsdr.clevrer.files.schema import get, get_whole
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
 from nsdr.generate.export.reasoning import reasoner

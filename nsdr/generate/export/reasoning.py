@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from contextlib import suppress
 
-from nsdr.clevrer.prompts import solution
-from nsdr.clevrer.questions import Question
+from nsdr.claims.narration import Length, narrate
+from nsdr.clevrer.answers.prompts import solution
+from nsdr.clevrer.files.questions import Question
 from nsdr.errors import NsdrError
 from nsdr.symbolic import Executor
-from nsdr.symbolic.narration import Length, narrate
 from nsdr.types import Answer, Scene
 
 __all__ = ["reasoner"]

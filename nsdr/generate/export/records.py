@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from nsdr.clevrer.prompts import option_letters, prompt, solution
-from nsdr.clevrer.questions import Question, SceneQuestions
+from nsdr.clevrer.answers.prompts import option_letters, prompt, solution
+from nsdr.clevrer.files.questions import Question, SceneQuestions
 
 __all__ = ["Record", "scene_records"]
 
@@ -20,14 +20,14 @@ class Record:
         scene_index: index of the video.
         question_id: id of the question within the video.
         video: path of the video, relative to the export's folder; without copied or linked videos, to the data set's.
-        question_type: one of `nsdr.clevrer.questions.QUESTION_TYPES`.
+        question_type: one of `nsdr.clevrer.files.questions.QUESTION_TYPES`.
         subtype: subtype of a descriptive question, such as "query_color"; None for multiple choice.
         question: the question alone.
         options: texts of the options; empty for a descriptive question.
         letters: their letters, "A", "B", …
-        prompt: question, options and how to answer (`nsdr.clevrer.prompts.prompt`).
-        solution: the right answer in its tags (`nsdr.clevrer.prompts.solution`); None if the file has no answers.
-        tags: of each option, one of `nsdr.clevrer.questions.OPTION_TAGS`; None where it is not known.
+        prompt: question, options and how to answer (`nsdr.clevrer.answers.prompts.prompt`).
+        solution: the right answer in its tags (`nsdr.clevrer.answers.prompts.solution`); None if the file has no answers.
+        tags: of each option, one of `nsdr.clevrer.files.questions.OPTION_TAGS`; None where it is not known.
         blind: of each option, or of the one descriptive question, whether texts alone predict the answer; None where it is
             not known.
         program: postfix tokens of the question; None if the file has none.

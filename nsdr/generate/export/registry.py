@@ -3,12 +3,10 @@
 import logging
 from dataclasses import asdict
 
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.export.base import Export, ExportConfig, Exporter, SplitSummary
-from nsdr.io.files import remove_partial_files, write_json
-from nsdr.io.lock import locked
-from nsdr.io.outputs import check_installed, check_output_folder
+from nsdr.io.files import check_installed, check_output_folder, locked, remove_partial_files, write_json
 from nsdr.io.reading import read_json
 from nsdr.io.registry import Registry
 

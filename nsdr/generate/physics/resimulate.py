@@ -62,7 +62,7 @@ def resimulate(annotation: Mapping[str, Any], simulator: Simulator, evaluations:
     """Simulate an annotation from frame 0, with fitted masses.
 
     Args:
-        annotation: content of an annotation file, see `nsdr.clevrer.annotations.read_annotation`.
+        annotation: content of an annotation file, see `nsdr.clevrer.files.annotations.read_annotation`.
         simulator: a simulator with CLEVRER's parameters.
         evaluations: approximate max number of simulations for the refinement from each of `START_SCALES`.
     """

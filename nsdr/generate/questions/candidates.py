@@ -8,7 +8,7 @@ from functools import cache, cached_property
 from itertools import combinations
 
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.questions import OPTION_TAGS
+from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.errors import ExecutionError
 from nsdr.language.choosing import Chooser
 from nsdr.language.rules import Pair
@@ -206,9 +206,7 @@ def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
             continue
         event_text, event_program = name(target, participants)
         question = ["events", *event_program, "filter_ancestor", "belong_to"]
-        options = [
-            name.option(question, "PRESENCE", [i]) for i in range(len(scene.objects)) if i not in participants
-        ]
+        options = [name.option(question, "PRESENCE", [i]) for i in range(len(scene.objects)) if i not in participants]
         options += [
             name.option(question, symbol, objects)
             for symbol, objects in about

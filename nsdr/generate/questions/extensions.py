@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 
-from nsdr.clevrer.questions import Choice, Question
+from nsdr.clevrer.files.questions import Choice, Question
 from nsdr.errors import ExecutionError
 from nsdr.generate.questions.candidates import Descriptive, MultipleChoice, Option, SceneWords
 from nsdr.language.texts import clevrer

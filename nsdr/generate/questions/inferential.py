@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from nsdr.clevrer.questions import OPTION_TAGS
+from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.generate.questions.candidates import MultipleChoice, Option
 from nsdr.io.validation import SHARE, check_ranges
 
@@ -35,8 +35,8 @@ class CounterfactualConfig:
     """What counterfactual questions ask.
 
     Attributes:
-        inferential_share: share of their options that are inferential (`nsdr.clevrer.questions.OPTION_TAGS`), met as closely
-            as the scenes allow; None leaves it as it falls. CLEVRER has about 0.15.
+        inferential_share: share of their options that are inferential (`nsdr.clevrer.OPTION_TAGS`), met as closely as
+            the scenes allow; None leaves it as it falls. CLEVRER has about 0.15.
     """
 
     inferential_share: float | None = None

@@ -13,7 +13,7 @@ from functools import partial
 from string import ascii_uppercase
 
 from nsdr.baselines.q_type import ANSWERS
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
     Descriptive,

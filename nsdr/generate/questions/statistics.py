@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
-from nsdr.clevrer.questions import SceneQuestions
+from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.generate.statistics import bar_charts
 from nsdr.io.files import atomic_path
 

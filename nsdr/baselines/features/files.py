@@ -1,0 +1,252 @@
+"""Features of videos for the baselines: their settings, and the folder that `nsdr extract-features` writes."""
+
+import math
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDES
+from nsdr.errors import DataError
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.device import PRECISIONS
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import LEDGER
+from nsdr.io.reading import read_json
+from nsdr.io.validation import SHARE, SIZE, check_choices, check_ranges
+
+__all__ = ["BOX_NUMBERS", "KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
+
+KINDS = ("pooled", "maps", "objects")
+"""Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
+MANIFEST = "features.json"
+"""File of a folder of features that says how they were made."""
+BOX_NUMBERS = 4
+"""Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
+
+
+@dataclass(frozen=True)
+class FeatureConfig:
+    """How features are made of a video. The defaults are the paper's settings.
+
+    Attributes:
+        backbone: "resnet18", "resnet34" or "resnet50".
+        weights: "imagenet" (torchvision's, downloaded when first used), or a checkpoint of `nsdr train backbone`.
+        frames: number of frames, evenly spaced from the first to the last one.
+        image_size: height and width to which frames are scaled (pixels).
+        stage: stage of the maps: "layer2", "layer3" or "layer4", of stride 8, 16 and 32 px.
+        grid: height and width to which the maps are pooled by means; None leaves them as they are.
+        kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" and "objects".
+        regions: where objects are from: "frame_parser" detects them, "proposals" takes those of files.
+        detector: checkpoint of the frame parser.
+        max_objects: objects of a frame; those with the best scores.
+        min_score: objects with a score up to this are left out (0-1; the paper's threshold for proposals).
+        precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
+
+    Raises:
+        DataError: a value out of its range; names it.
+    """
+
+    backbone: str = "resnet50"
+    weights: str = IMAGENET
+    frames: int = 25
+    image_size: tuple[int, int] = (224, 224)
+    stage: str = "layer3"
+    grid: tuple[int, int] | None = None
+    kinds: tuple[str, ...] = KINDS
+    regions: str = "frame_parser"
+    detector: str = "default"
+    max_objects: int = 10
+    min_score: float = 0.9
+    precision: str = "auto"
+
+    def __post_init__(self) -> None:
+        check_choices(self, backbone=CHANNELS, stage=STRIDES, regions=("frame_parser", "proposals"))
+        check_choices(self, precision=PRECISIONS)
+        check_ranges(self, frames=SIZE, image_size=(min(STRIDES.values()), SIZE[1]), max_objects=SIZE, min_score=SHARE)
+        if not self.kinds or len(set(self.kinds)) < len(self.kinds) or not set(self.kinds) <= set(KINDS):
+            raise DataError(f"kinds is {list(self.kinds)}; expected one or more of {', '.join(KINDS)}, each once")
+        if self.grid is not None:
+            check_ranges(self, grid=SIZE)
+            height, width = self.map_size
+            if self.grid[0] > height or self.grid[1] > width:
+                raise DataError(f"grid is {list(self.grid)}; expected at most the maps' {height} and {width}")
+
+    @property
+    def map_size(self) -> tuple[int, int]:
+        """Height and width of the maps before they are pooled."""
+        height, width = (math.ceil(side / STRIDES[self.stage]) for side in self.image_size)
+        return height, width
+
+    def shape(self, kind: str) -> tuple[int, ...]:
+        """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
+        channels = CHANNELS[self.backbone]
+        if kind == "pooled":
+            return self.frames, channels["layer4"]
+        if kind == "maps":
+            return self.frames, channels[self.stage], *(self.grid or self.map_size)
+        return self.frames, self.max_objects, channels[self.stage] + BOX_NUMBERS
+
+
+def manifest_of(config: FeatureConfig) -> dict[str, Any]:
+    """How features are made, as plain values: the weights by their content, and no setting that has no effect.
+
+    Raises:
+        CheckpointError: there is no such checkpoint.
+    """
+    values = asdict(config)
+    values["weights"] = _content(config.weights, "backbone")
+    if "objects" not in config.kinds:
+        for name in ("regions", "max_objects", "min_score"):
+            del values[name]
+    if "objects" not in config.kinds or config.regions != "frame_parser":
+        del values["detector"]
+    else:
+        values["detector"] = _content(config.detector, "frame_parser")
+    if not {"maps", "objects"} & set(config.kinds):
+        del values["stage"]
+    if "maps" not in config.kinds:
+        del values["grid"]
+    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+    return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
+
+
+def _content(weights: str, part: str) -> str:
+    """What stands for weights in a manifest: `IMAGENET`, or the fingerprint of a checkpoint's part."""
+    if weights == IMAGENET:
+        return weights
+    folder = find_checkpoint(weights)
+    return fingerprint(weights=[folder / f"{part}.{suffix}" for suffix in ("safetensors", "json")], code=False)
+
+
+def feature_file(folder: Path, kind: str, scene_index: int) -> Path:
+    """The file with the features of a video of one kind."""
+    return folder / kind / f"{scene_index:05d}.npy"
+
+
+class FeatureCache:
+    """The features of videos that `nsdr extract-features` wrote to a folder.
+
+    Files are mapped into memory, so that processes that read the same ones share them.
+
+    Args:
+        folder: the folder.
+        needs: what is read of it: `Baseline.needs`, of which "program" is passed over; None for all that it has.
+        config: the settings that its features must have been made with; None for any.
+
+    Raises:
+        DataError: the folder has no features, lacks a kind, or its features have other settings; names them.
+    """
+
+    def __init__(
+        self, folder: str | Path, needs: Collection[str] | None = None, config: FeatureConfig | None = None
+    ) -> None:
+        self.folder = Path(folder)
+        path = self.folder / MANIFEST
+        if not path.is_file():
+            raise DataError(f"{folder}: holds no features; `nsdr extract-features --root DATA -o {folder}` makes them")
+        self.manifest: dict[str, Any] = read_json(path)
+        shapes = self.manifest.get("shapes") if isinstance(self.manifest, dict) else None
+        if not isinstance(shapes, dict) or not shapes or not set(shapes) <= set(KINDS):
+            raise DataError(f"{path}: not the manifest of a folder of features; extract them again")
+        self._shapes = {kind: tuple(shape) for kind, shape in shapes.items()}
+        self.kinds = tuple(kind for kind in KINDS if kind in (shapes if needs is None else needs))
+        self._check_kinds(self.kinds)
+        if config is not None:
+            self.check(manifest_of(config))
+
+    def check(self, manifest: dict[str, Any]) -> None:
+        """Refuse another manifest; a precision of "auto" fits any.
+
+        Raises:
+            DataError: it differs from the folder's; names how.
+        """
+        mine, wanted = self.manifest.get("features", {}), manifest["features"]
+        if wanted["precision"] == "auto" and "precision" in mine:
+            wanted = wanted | {"precision": mine["precision"]}
+        if self.manifest == manifest | {"features": wanted}:
+            return
+        none = "none"
+        names = [n for n in {**wanted, **mine} if mine.get(n, none) != wanted.get(n, none)]
+        different = ", ".join(f"{n} {mine.get(n, none)} in place of {wanted.get(n, none)}" for n in names)
+        raise DataError(
+            f"{self.folder}: its features have other settings ({different or 'shapes'}); choose another folder, or delete it"
+        )
+
+    @property
+    def channels(self) -> int:
+        """C of the feature vectors and maps of the kinds that are read, see `nsdr.baselines.base.Sizes`; 0 for none.
+
+        Raises:
+            DataError: kinds differ in their channels.
+        """
+        found = {kind: self._channels(kind) for kind in self.kinds}
+        if len(set(found.values())) > 1:
+            numbers = ", ".join(f"{kind} {number}" for kind, number in found.items())
+            raise DataError(f"{self.folder}: expected as many channels of each kind, got {numbers}; say which are read")
+        return next(iter(found.values()), 0)
+
+    def _channels(self, kind: str) -> int:
+        shape = self._shapes[kind]
+        return int(shape[-1]) - BOX_NUMBERS if kind == "objects" else int(shape[1])
+
+    def _check_kinds(self, kinds: Collection[str]) -> None:
+        for kind in kinds:
+            if kind not in self._shapes:
+                remedy = "extract features with this kind to another folder"
+                raise DataError(f"{self.folder}: has {', '.join(self._shapes)} and no {kind}; {remedy}")
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Height and width of the maps; (0, 0) where there are none."""
+        height, width = self._shapes["maps"][2:] if "maps" in self._shapes else (0, 0)
+        return int(height), int(width)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Changes when any of the features may have."""
+        return fingerprint(inputs=[p for p in (self.folder / MANIFEST, self.folder / LEDGER) if p.is_file()])
+
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
+        """The features of a video.
+
+        Args:
+            scene_index: the video.
+            needs: kinds of features; others, such as "program", are passed over.
+
+        Returns:
+            By kind float32 arrays of the shapes in `nsdr.baselines.base.Batch`, without the axis of the videos; with "objects"
+            also `has_object`, (F, N) bool.
+
+        Raises:
+            DataError: the folder lacks the kind or the video, or a file is damaged; names it.
+        """
+        kinds = [kind for kind in KINDS if kind in needs]
+        self._check_kinds(kinds)
+        found: dict[str, NDArray[Any]] = {kind: self._read(kind, scene_index) for kind in kinds}
+        if "objects" in found:
+            left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
+            found["has_object"] = right > left
+        return found
+
+    def _read(self, kind: str, scene_index: int) -> NDArray[np.float32]:
+        path = feature_file(self.folder, kind, scene_index)
+        try:
+            stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        except FileNotFoundError as e:
+            raise DataError(
+                f"{path}: no such file; run `nsdr extract-features` to its end on a data set with video {scene_index}"
+            ) from e
+        except (OSError, ValueError, EOFError) as e:
+            raise DataError(f"{path}: damaged ({e}); delete it and run `nsdr extract-features` again") from e
+        expected = self._shapes[kind]
+        if stored.shape != expected or stored.dtype != np.float16:
+            got = f"{stored.shape} of {stored.dtype}"
+            raise DataError(
+                f"{path}: expected {expected} of float16, got {got}; delete it and run `nsdr extract-features` again"
+            )
+        return np.asarray(stored, np.float32)

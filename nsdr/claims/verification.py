@@ -1,0 +1,235 @@
+"""Finds the claims of a text about a video, and whether they hold in its scene."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import overload
+
+from nsdr.claims.judge import ClaimJudge, Verdict
+from nsdr.claims.reading import read_sentence
+from nsdr.claims.statements import LAST_FRAME, Statement
+from nsdr.types import Event, Scene
+from nsdr.types.checks import check, check_whole
+
+__all__ = ["TOLERANCE_FRAMES", "Claim", "Verification", "verify"]
+
+TOLERANCE_FRAMES = 1
+"""By how many frames a stated frame may differ from the scene's. CLEVRER's own files differ by as much: of 29 collisions in
+annotations and in the release's `processed_proposals`, 18 have the same frame in both and 11 are one later in the latter."""
+
+MAX_SENTENCE = 400
+"""Longest sentence that is read (characters): more than twice the longest of `narrate`, and short enough to be read at once."""
+_MARKUP = re.compile(r"</?\w+>|[*_`#>|]+")
+_ANSWER = re.compile(r"<answer>.*?(?:</answer>|$)", re.DOTALL | re.IGNORECASE)
+_LIST_MARK = re.compile(r"\s*(?:[-•]\s+|\(?\d{1,2}[.)]\s+|step \d+ ?[:.)]\s*)?", re.IGNORECASE)
+_OPTION = re.compile(r"\s*(?:[-•]\s*)?\(?(?:(?:option|choice) )?\(?[A-Za-z][).:]\s", re.IGNORECASE)
+_SENTENCE = re.compile(r"[^\s].*?(?:(?<![.!?;])[.!?;]+(?=\s|$)|$)")
+_OTHER_WORLD = re.compile(
+    r"\b(?:if|suppose|supposing|assume|assuming|imagine|hypothetical\w*|would|could|scenario|remov\w+|without|absent|absence|"
+    r"counterfactual\w*|had|were|option|options|choice|choices|statement|claim|claims|says|said|question|asks?|asked|whether|"
+    r"after the video|future|next|predict\w*|false|wrong|incorrect|possib\w+|maybe|perhaps|might|may|"
+    r"missing|not exist|delet\w+|eliminat\w+|ignor\w+|exclud\w+|tak(?:e|ing|en)\b.*\b(?:away|out))\b",
+    re.IGNORECASE,
+)
+"""Words that make doubtful what follows an unread sentence: it may be about another course of events, or be reported."""
+_DENIAL = re.compile(
+    r"^\W*(?:no,|wait\b|actually\b|hmm\b|correction\b|oops\b|sorry\b)|"
+    r"^\W*(?:but |however,? )?(?:this|that|it|which)\b.*\b(?:not|false|wrong|incorrect|untrue|never|impossible|unclear)\b|"
+    r"^\W*(?:but |however,? )?(?:this|that|it)(?:'s| is| was)n't\b|^\W*(?:but )?they (?:do|did)(?: not|n't)\b|"
+    r"^\W*(?:false|wrong|incorrect|not (?:true|correct|right|really))\b|^\W*no\W*$|^\W*there (?:is|was) no such\b",
+    re.IGNORECASE,
+)
+"""Sentences that take back what the one before them says, unless they are claims themselves."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A fact that a text states.
+
+    Attributes:
+        text: the sentence that states it.
+        start: position of the sentence's first character in the text.
+        end: position after its last one.
+        kind: "attribute", "presence" (of objects, or how many there are), "count" (of events, or of moving or resting objects),
+            "entrance", "exit", "collision", "order", "motion", "future", "counterfactual" or "cause".
+        objects: ids of the objects that are named, as far as the text says which.
+        frame: the stated frame; None if there is none.
+        holds: whether it does; None if that can't be checked.
+        reason: why it does not hold or can't be checked; "" if it holds.
+        negated: whether the sentence denies something, or counts none.
+        event: the event of the scene that it is about, if it holds and is about one.
+        vacuous: whether it counts none of a class of which the scene has no object ("no yellow cube enters").
+        statement: what was read.
+    """
+
+    text: str
+    start: int
+    end: int
+    kind: str
+    objects: tuple[int, ...]
+    frame: int | None
+    holds: bool | None
+    reason: str
+    negated: bool
+    event: Event | None
+    vacuous: bool
+    statement: Statement
+
+
+@dataclass(frozen=True)
+class Verification(Sequence[Claim]):
+    """The claims of a text, in its order; a sequence of them.
+
+    Attributes:
+        claims: what was read.
+        skipped: (start, end) of the sentences that make no claim or are not read.
+    """
+
+    claims: tuple[Claim, ...]
+    skipped: tuple[tuple[int, int], ...]
+
+    @property
+    def failing(self) -> tuple[Claim, ...]:
+        """Claims that do not hold."""
+        return tuple(c for c in self.claims if c.holds is False)
+
+    @property
+    def unchecked(self) -> tuple[Claim, ...]:
+        """Claims that can't be checked."""
+        return tuple(c for c in self.claims if c.holds is None)
+
+    @overload
+    def __getitem__(self, index: int) -> Claim: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Claim, ...]: ...
+    def __getitem__(self, index: int | slice) -> Claim | tuple[Claim, ...]:
+        return self.claims[index]
+
+    def __len__(self) -> int:
+        return len(self.claims)
+
+
+def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) -> Verification:
+    """Find each claim of a text, and whether it holds.
+
+    A sentence is read as a whole or skipped (the grammar is in `docs/rewards.md`). Questions, options with letters and what
+    is in answer tags are skipped. What follows a sentence that may open another course of events ("Suppose the cube is
+    removed.") and what the next sentence takes back ("Wait, that is wrong."), can't be checked.
+
+    Args:
+        text: such as a language model's reasoning.
+        scene: the scene of the video, which counts as the truth.
+        tolerance_frames: by how many frames a stated frame may differ from the scene's.
+
+    Raises:
+        DataError: `text` is no text, or the tolerance no whole number from 0 on.
+    """
+    check(isinstance(text, str), f"verify.text: expected a text, got {text!r:.60}")
+    check_whole("verify", "tolerance_frames", tolerance_frames, 0)
+    judge = ClaimJudge(scene, tolerance_frames)
+    claims: list[Claim] = []
+    skipped: list[tuple[int, int]] = []
+    doubtful = ""
+    last_line, just_claimed = -1, False
+    for sentence in _sentences(text):
+        if sentence.line != last_line and (doubtful == "line" or sentence.after_gap):
+            doubtful = ""
+        last_line = sentence.line
+        shown = text[sentence.start : sentence.end]
+        found = read_sentence(sentence.plain) if sentence.readable else ()
+        statements = [_with_frames(statement, scene.n_frames - 1) for statement in found]
+        if not statements:
+            if just_claimed and not sentence.after_gap and _DENIAL.match(shown):
+                _take_back(claims)
+            just_claimed = False
+            skipped.append((sentence.start, sentence.end))
+            if sentence.readable and _OTHER_WORLD.search(sentence.plain):
+                doubtful = "paragraph"
+            continue
+        just_claimed = True
+        for statement in statements:
+            verdict = judge.judge(statement)
+            if doubtful and statement.kind not in ("future", "counterfactual"):
+                reason = "a sentence before it may open another course of events"
+                verdict = Verdict(None, reason, verdict.objects)
+            claims.append(_claim(statement, verdict, shown, sentence))
+        if not doubtful and any(s.kind in ("future", "counterfactual") for s in statements):
+            doubtful = "line"
+    return Verification(tuple(claims), tuple(skipped))
+
+
+@dataclass(frozen=True)
+class _Sentence:
+    """Where a sentence stands, its text without markup, and whether it may be a claim."""
+
+    start: int
+    end: int
+    line: int
+    after_gap: bool
+    plain: str
+    readable: bool
+
+
+def _sentences(text: str) -> Iterator[_Sentence]:
+    """The sentences of a text; one never goes over the end of a line."""
+    blank = _ANSWER.sub(_spaces, text)
+    blank = _MARKUP.sub(_spaces, blank)
+    position, after_gap = 0, False
+    for number, line in enumerate(blank.split("\n")):
+        option = _OPTION.match(line) is not None
+        mark = 0 if option else _mark_end(line)
+        for found in _SENTENCE.finditer(line, mark):
+            plain = found[0].rstrip(" .!;")
+            if not re.search(r"\w", plain):
+                continue
+            start = position + found.start()
+            readable = not option and len(plain) <= MAX_SENTENCE and not plain.endswith("?")
+            yield _Sentence(start, start + len(found[0].rstrip()), number, after_gap, plain, readable)
+            after_gap = False
+        after_gap = after_gap or not line.strip()
+        position += len(line) + 1
+
+
+def _mark_end(line: str) -> int:
+    match = _LIST_MARK.match(line)
+    return match.end() if match else 0
+
+
+def _spaces(match: re.Match[str]) -> str:
+    return re.sub(r"[^\n]", " ", match[0])
+
+
+def _take_back(claims: list[Claim]) -> None:
+    """The claims of the last sentence can't be checked, because the next one denies or doubts it."""
+    start = claims[-1].start
+    for i, claim in enumerate(claims):
+        if claim.start == start:
+            claims[i] = replace(claim, holds=None, reason="the next sentence takes it back", event=None)
+
+
+def _with_frames(statement: Statement, last: int) -> Statement:
+    """The statement with the video's last frame in place of `LAST_FRAME`."""
+
+    def frame(stated: int | None) -> int | None:
+        return last if stated == LAST_FRAME else stated
+
+    events = tuple(replace(e, frame=frame(e.frame)) for e in statement.events)
+    return replace(statement, frame=frame(statement.frame), events=events)
+
+
+def _claim(statement: Statement, verdict: Verdict, text: str, sentence: _Sentence) -> Claim:
+    frames = [statement.frame, *(e.frame for e in statement.events)]
+    return Claim(
+        text,
+        sentence.start,
+        sentence.end,
+        statement.kind,
+        verdict.objects,
+        next((f for f in frames if f is not None), None),
+        verdict.holds,
+        verdict.reason,
+        statement.negated or statement.number == 0 or statement.words == ("never moving",),
+        verdict.event,
+        verdict.vacuous,
+        statement,
+    )

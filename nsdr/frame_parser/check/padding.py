@@ -1,0 +1,76 @@
+"""Bars around a video's image, and images of another shape than CLEVRER's 3:2."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.frame_parser.check.ground import COLUMNS, ROWS, FloatArray, cells
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+
+__all__ = ["ASPECT", "ASPECT_TOLERANCE", "Box", "content_box", "middle_of"]
+
+Box = tuple[int, int, int, int]
+"""Left, top, right and bottom (pixels)."""
+ASPECT = WIDTH_PX / HEIGHT_PX
+"""Width of CLEVRER's images relative to their height."""
+ASPECT_TOLERANCE = 0.02
+"""Images whose aspect differs by less (as a share) have CLEVRER's: bars are found to a pixel or two."""
+MAX_DEVIATION = 8.0
+"""Pixels of a bar differ by at most this from its colour, in each channel (levels of 255)."""
+OUTLIERS = 0.02
+"""Share of a bar's pixels that may differ more."""
+MIN_STEP = 12.0
+"""Brightness changes by more than this from a bar to the image (levels of 255); the ground of CLEVRER has no such step."""
+STEP_QUANTILE = 0.6
+"""Quantile of the step along the bar's edge; bars at two sides share corners, where there is no step."""
+FLAT = 0.5
+"""Pixels of a bar differ by at most this where the image has its colour, and the bar no step (levels of 255): the borders of
+CLEVRER's images differ by 5 to 27, and by 2 at half the exposure."""
+MIN_FLAT_PX = 4
+"""Width of a bar without a step, at least (pixels)."""
+EDGE_PX = 2
+"""Width of the blurred edge between bar and image (pixels)."""
+FINE = 8
+"""Parts that a cell is divided into along each axis when a reference is cut."""
+MIN_CONTENT = 0.25
+"""Share of width and height that the image has at least."""
+
+
+def content_box(median: NDArray[Any]) -> Box:
+    """The part of a video's median frame (height, width, 3) within bars of one colour; all of it if there are none."""
+    image = median.astype(np.float32)
+    height, width = image.shape[:2]
+    left, right = _bar(image), _bar(image[:, ::-1])
+    upright = image.transpose(1, 0, 2)
+    top, bottom = _bar(upright), _bar(upright[:, ::-1])
+    if left + right > (1 - MIN_CONTENT) * width or top + bottom > (1 - MIN_CONTENT) * height:
+        return 0, 0, width, height
+    return left, top, width - right, height - bottom
+
+
+def _bar(image: FloatArray) -> int:
+    """Width of the bar at the left side (pixels)."""
+    color = np.median(image[:, 0], 0)
+    deviation = np.quantile(np.abs(image - color).max(2), 1 - OUTLIERS, axis=0)
+    width = _first(deviation > MAX_DEVIATION)
+    inside = min(width + EDGE_PX, image.shape[1] - 1)
+    step = np.quantile(np.abs(image[:, inside] - color).mean(1), STEP_QUANTILE)
+    if step > MIN_STEP:
+        return width
+    flat = _first(deviation > FLAT)
+    return _first(deviation > MAX_DEVIATION / 2) if flat >= MIN_FLAT_PX else 0
+
+
+def _first(condition: NDArray[np.bool_]) -> int:
+    """Index of the first true value; 0 if there is none."""
+    return int(np.argmax(condition))
+
+
+def middle_of(reference: FloatArray, aspect: float) -> FloatArray:
+    """The largest part of a reference (32, 48, 3) with this aspect around its middle, as (32, 48, 3)."""
+    share = aspect / ASPECT
+    columns, rows = COLUMNS * min(share, 1.0), ROWS * min(1 / share, 1.0)
+    fine = np.repeat(np.repeat(reference, FINE, 0), FINE, 1)
+    left, top = round(FINE * (COLUMNS - columns) / 2), round(FINE * (ROWS - rows) / 2)
+    return cells(fine[top : FINE * ROWS - top, left : FINE * COLUMNS - left])
