@@ -45,6 +45,7 @@ from .tracking.tracker import TrackerConfig as TrackerConfig, track as track
 from .types import (
     Add as Add,
     Answer as Answer,
+    Camera as Camera,
     ChoiceAnswer as ChoiceAnswer,
     DynamicsPrediction as DynamicsPrediction,
     Event as Event,

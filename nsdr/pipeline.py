@@ -30,6 +30,7 @@ from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
+from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -51,6 +52,7 @@ class PipelineConfig:
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
             device multiplies matrices of it (AMX, CUDA).
         video: what is expected of videos, and how many frames of them are processed.
+        camera: that took the videos; its images are 480x320.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
     """
@@ -59,12 +61,22 @@ class PipelineConfig:
     batch_size: int = 8
     precision: str = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
+    camera: Camera = field(default_factory=Camera)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
     def __post_init__(self) -> None:
         check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
         check_choices(self, precision=PRECISIONS)
+        check_release_size(self.camera)
+
+    def versions(self) -> dict[str, int]:
+        """Versions of the stages that make a scene; what was made by others is stale."""
+        from nsdr import dynamics, frame_parser, tracking
+        from nsdr.dynamics import physics, propnet
+
+        backend = physics if self.dynamics.backend == "physics" else propnet
+        return {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
 
 
 def pipeline_settings(
@@ -114,6 +126,11 @@ class Perception:
         """The scene with its trajectories, as `nsdr parse-video` saves it: exits without an object need them."""
         return replace(self.scene, dynamics=self.dynamics)
 
+    @property
+    def camera(self) -> Camera:
+        """That took the video; CLEVRER's where no tracks tell."""
+        return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
+
 
 class Pipeline:
     """Frame parser, tracker, dynamics backend, question parser and executor, composed.
@@ -129,6 +146,7 @@ class Pipeline:
         semantics: of the executor.
         responsible: meaning of "responsible", as of the executor: "chain" or "but_for".
         video: what is expected of videos; None for CLEVRER's.
+        camera: that took the videos.
     """
 
     def __init__(
@@ -140,6 +158,7 @@ class Pipeline:
         semantics: str = "paper",
         responsible: str = "chain",
         video: VideoConfig | None = None,
+        camera: Camera = CLEVRER_CAMERA,
     ) -> None:
         self.frame_parser = frame_parser
         self.dynamics = dynamics
@@ -148,6 +167,7 @@ class Pipeline:
         self.semantics = semantics
         self.responsible = responsible
         self.video = video or VideoConfig()
+        self.camera = camera
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
 
@@ -189,6 +209,7 @@ class Pipeline:
             from nsdr.frame_parser.parser import FrameParser
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
+        options.setdefault("camera", config.camera)
         pipeline = cls(
             FrameParser.from_checkpoint(
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
@@ -251,12 +272,12 @@ class Pipeline:
                 object was found.
         """
         stride = vars(self.frame_parser).get("stride")
-        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video)
+        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video, self.camera)
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
             check_is_video(Path(video))
-            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])], code=False)
+            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])])
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
@@ -264,7 +285,7 @@ class Pipeline:
         if dynamics is None:
             if tracks is None:
                 assert proposals is not None
-                tracks = track(proposals, self.tracker)
+                tracks = track(proposals, self.tracker, self.camera)
             if not tracks.tracks:
                 what, least = video or "the proposals", self.tracker.min_frames
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"

@@ -346,9 +346,9 @@ def test_the_tolerance_is_an_argument(small_scene: Scene) -> None:
 
 
 def test_a_sentence_of_several_worlds_is_not_read() -> None:
-    assert read_sentence("The cube exits and the cube hits the sphere without the cylinder") == ()
-    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the cone")) == 0
-    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the ball")) == 2
+    assert read_sentence("The cube exits and the cube hits the sphere without the cylinder", 127) == ()
+    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the cone", 127)) == 0
+    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the ball", 127)) == 2
 
 
 def test_minimal_pairs_of_each_kind(small_scene: Scene) -> None:

@@ -36,11 +36,11 @@ def test_attribute_index_and_back() -> None:
 
 
 def test_camera_looks_at_the_origin() -> None:
-    np.testing.assert_allclose(camera.pixels_from_world([0, 0, 0]), [240, 160], atol=1e-3)
+    np.testing.assert_allclose(camera.CLEVRER_CAMERA.pixels([0, 0, 0]), [240, 160], atol=1e-3)
 
 
 def test_camera_matches_the_released_matrix() -> None:
-    u, v = camera.pixels_from_world([1.0, -0.5, 0.2])
+    u, v = camera.CLEVRER_CAMERA.pixels([1.0, -0.5, 0.2])
     w = -0.866025 * 1 - 0.5 * 0.2 + 5
     assert u == pytest.approx((-207.846 * 1 + 525 * -0.5 - 120 * 0.2 + 1200) / w, abs=0.01)
     assert v == pytest.approx((123.936 * 1 - 534.663 * 0.2 + 800) / w, abs=0.01)
@@ -49,11 +49,11 @@ def test_camera_matches_the_released_matrix() -> None:
 def test_ground_and_pixels_are_inverse() -> None:
     positions = np.random.default_rng(0).uniform(-2, 2, (50, 2))
     world = np.concatenate([positions, np.full((50, 1), camera.OBJECT_RADIUS_WORLD)], 1)
-    np.testing.assert_allclose(camera.ground_from_pixels(camera.pixels_from_world(world)), positions, atol=1e-6)
+    np.testing.assert_allclose(camera.CLEVRER_CAMERA.ground(camera.CLEVRER_CAMERA.pixels(world)), positions, atol=1e-6)
 
 
 def test_points_behind_the_camera_have_no_pixel() -> None:
-    assert np.isnan(camera.pixels_from_world([9.0, 0.0, 0.2])).all()
+    assert np.isnan(camera.CLEVRER_CAMERA.pixels([9.0, 0.0, 0.2])).all()
 
 
 def test_grid_is_rows_then_columns() -> None:

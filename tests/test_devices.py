@@ -23,11 +23,11 @@ from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.training import loop
+from nsdr.training.dynamics import StateModelTask
 from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
 from nsdr.training.loop import LoopConfig, Task
 from nsdr.training.patch_dynamics import PatchModelTask
 from nsdr.training.question_parser_task import QuestionParserTask, QuestionParserTraining
-from nsdr.training.state_dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
 from tests.conftest import draw_frame
 from tests.second_device import second_device
@@ -78,7 +78,6 @@ def step(task: Task, device: Any) -> tuple[dict[str, float], dict[str, float]]:
     torch.stack(list(means.values())).sum().backward()
     optimizer.step()
     metrics = task.evaluate(task.model)
-    task.images(task.model)
     return {name: mean.item() for name, mean in means.items()}, metrics
 
 
@@ -170,8 +169,10 @@ def test_settings_of_the_loop_are_checked(option, message) -> None:
 
 def test_bfloat16_is_refused_on_processors_without_it(monkeypatch) -> None:
     monkeypatch.setattr(loop, "has_bfloat16", lambda: False)
-    with pytest.raises(DataError, match=r"precision is 'bf16', which this processor lacks .* expected no or auto"):
-        loop._accelerator(LoopConfig(precision="bf16", device="cpu"))
+    with pytest.raises(
+        DataError, match=r"precision is 'bfloat16', which this processor lacks .* expected float32 or auto"
+    ):
+        loop._accelerator(LoopConfig(precision="bfloat16", device="cpu"))
 
 
 @pytest.mark.parametrize(

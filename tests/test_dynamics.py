@@ -18,7 +18,7 @@ from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject, Track, VideoTracks
-from nsdr.world.camera import ground_from_pixels, on_ground, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.timeline import horizon_frame
 
@@ -275,7 +275,7 @@ def test_objects_enter_and_exit_with_the_first_and_last_bit_of_their_outline(sha
 
 
 def test_an_object_whose_box_shrinks_at_the_border_leaves_although_the_fit_rests() -> None:
-    location = np.tile(ground_from_pixels([5.0, 150.0]), (60, 1))
+    location = np.tile(CLEVRER_CAMERA.ground([5.0, 150.0]), (60, 1))
     detected = np.arange(60) < 40
     box = np.tile([0.0, 130.0, 20.0, 170.0], (60, 1))
     box[30:40, 2] = np.arange(12, 2, -1)
@@ -299,8 +299,8 @@ def test_masks_that_are_cut_at_the_top_do_not_delay_an_entrance() -> None:
 
 
 def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: StatePredictor) -> None:
-    (x, y) = ground_from_pixels([471.0, 150.0])
-    u, v = pixels_from_world([x, y, 0.2])
+    (x, y) = CLEVRER_CAMERA.ground([471.0, 150.0])
+    u, v = CLEVRER_CAMERA.pixels([x, y, 0.2])
     box = np.tile([int(u) - 17, int(v) - 17, 480, int(v) + 17], (128, 1))
     centroid = np.tile([475.0, 150.0], (128, 1))
     o = SceneObject(0, "red", "metal", "sphere")

@@ -23,9 +23,9 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
-from nsdr.training.state_dynamics import StateModelTask
+from nsdr.training.dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
-from nsdr.world.camera import pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA
 
 OBJECTS = [
     {"id": 0, "color": "red", "material": "metal", "shape": "sphere"},
@@ -47,7 +47,7 @@ def proposal_file(path: Path, index: int, ground_truth: bool) -> None:
     for frame in range(128):
         rows = []
         for o, location in zip(OBJECTS, locations(frame), strict=True):
-            u, v = (int(x) for x in pixels_from_world([*location, 0.2]))
+            u, v = (int(x) for x in CLEVRER_CAMERA.pixels([*location, 0.2]))
             mask = np.zeros((320, 480), np.uint8, order="F")
             mask[max(v - 18, 0) : v + 18, max(u - 18, 0) : u + 18] = 1
             words = {name: o[name] for name in ("color", "material", "shape")}

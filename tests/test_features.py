@@ -31,8 +31,15 @@ from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.video import write_video
 from nsdr.training import backbone
-from nsdr.training.backbone import BackboneTask, BackboneTraining, frame_targets
-from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_videos, seen_objects
+from nsdr.training.backbone import (
+    BackboneTask,
+    BackboneTraining,
+    DecodedVideo,
+    SeenObject,
+    decode_videos,
+    frame_targets,
+    seen_objects,
+)
 from nsdr.types import VideoProposals
 
 from .conftest import draw_frame
@@ -379,12 +386,12 @@ def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
     root = str(tmp_path / "data")
     config = DatasetConfig(root, 2, first_scene=500300, scene=scene, render=render, splits={"train": 1}, workers=1)
     generate_dataset(replace(config, questions=None, masks=False))
-    monkeypatch.setattr("nsdr.training.backbone_frames.run_jobs", in_this_process)
+    monkeypatch.setattr("nsdr.training.backbone.run_jobs", in_this_process)
     first = decode_videos(root, tmp_path / "frames", (32, 48), 3)
     assert [v.index for v in first] == [0, 1]
     assert first[0].images.shape == (3, 32, 48, 3)
     assert len(first[0].objects) == 3
-    monkeypatch.setattr("nsdr.training.backbone_frames.frames_of", lambda _: pytest.fail("decoded again"))
+    monkeypatch.setattr("nsdr.training.backbone.frames_of", lambda _: pytest.fail("decoded again"))
     again = decode_videos(root, tmp_path / "frames", (32, 48), 3, limit=1)
     assert [v.index for v in again] == [0]
     np.testing.assert_array_equal(again[0].images, first[0].images)

@@ -24,7 +24,7 @@ from nsdr.io.video import read_video, write_video
 from nsdr.tracking.localization import ground_location, outline
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.tracking.visibility import hidden_sides
-from nsdr.world.camera import ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import attribute_index
 
 TINY = FrameParserConfig(
@@ -362,7 +362,7 @@ def test_outline_centroid_gives_the_position(shape: str, x: float, y: float) -> 
 
 
 def test_the_visible_sides_give_the_position_of_an_outline_cut_by_the_border() -> None:
-    expected = ground_from_pixels([474.0, 160.0])
+    expected = CLEVRER_CAMERA.ground([474.0, 160.0])
     polygon = outline("sphere", *expected)
     centroid = np.array([[470.0, 160.0]])  # of the visible part, too far left
     box = np.array([[polygon[:, 0].min(), polygon[:, 1].min(), 480, polygon[:, 1].max()]]).round().astype(int)

@@ -35,7 +35,7 @@ from nsdr.symbolic import Executor
 from nsdr.tracking.localization import outline
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
-from nsdr.world.camera import Camera, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import GRAVITY, GROUND_FRICTION, LINEAR_DAMPING, STEP_SECONDS, STEPS_PER_FRAME
 from nsdr.world.shapes import hull_vertices, rendered_rotation
 
@@ -177,7 +177,7 @@ def test_a_configuration_without_scenes_raises(monkeypatch) -> None:
 
 def test_the_default_view_is_clevrers_camera() -> None:
     points = np.random.default_rng(0).uniform(-2, 2, (50, 3))
-    np.testing.assert_allclose(Camera().pixels(points), pixels_from_world(points), atol=1e-3)
+    np.testing.assert_allclose(Camera().pixels(points), CLEVRER_CAMERA.pixels(points), atol=1e-3)
     assert view_of(RenderConfig(), 7) == View()
     jittered = RenderConfig(camera_jitter=0.2, light_jitter=0.5)
     assert view_of(jittered, 7) == view_of(jittered, 7) != view_of(jittered, 8)

@@ -28,8 +28,8 @@ from nsdr.io.video import read_frames, write_video
 from nsdr.pipeline import Pipeline
 from nsdr.tracking.tracker import track
 from nsdr.training import dynamics
-from nsdr.training.image_dynamics import ImageModelTask
 from nsdr.training.loop import LoopConfig
+from nsdr.training.patch_dynamics import ImageModelTask
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.timeline import VIDEO_FRAMES
 from tests.conftest import draw_frame

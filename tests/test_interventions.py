@@ -23,7 +23,7 @@ from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
 from nsdr.visualize import comparison_frames
-from nsdr.world.camera import on_ground, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
 from .test_physics import bodies, run
 
@@ -57,7 +57,7 @@ def tracks() -> VideoTracks:
 
 def _track(o: SceneObject, position: np.ndarray) -> Track:
     """The track of an object at positions (F, 2), seen in every frame."""
-    centre = pixels_from_world(on_ground(position))
+    centre = CLEVRER_CAMERA.pixels(on_ground(position))
     box = np.concatenate([centre - 18, centre + 18], 1).round().astype(int)
     return Track(o, np.arange(len(position)), position, centre, box, np.ones(len(position)))
 
@@ -474,6 +474,8 @@ def test_the_command_writes_a_report_a_video_and_json(
     frames = [np.zeros((320, 480, 3), np.uint8)] * FRAMES
 
     class Made:
+        camera = CLEVRER_CAMERA
+
         def simulate(self, video, interventions, from_frame):
             assert (interventions, from_frame) == ([Freeze("cylinder")], 0)
             return simulation

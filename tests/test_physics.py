@@ -22,7 +22,7 @@ from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_f
 from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents, velocity_collisions
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout, SceneObject, VideoTracks
-from nsdr.world.camera import ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import SHAPES
 
 from .test_dynamics import tracks
@@ -371,7 +371,7 @@ def clock_states(first_seen: int) -> MotionStates:
     present[1, :first_seen] = False
     objects = tuple(SceneObject(i, COLORS[i], "metal", "sphere") for i in range(2))
     box = np.concatenate([pixels, np.full((2, 100, 2), 40.0)], -1)
-    return MotionStates(objects, ground_from_pixels(pixels), present, present, present, box)
+    return MotionStates(objects, CLEVRER_CAMERA.ground(pixels), present, present, present, box)
 
 
 def test_the_papers_observer_sees_collisions_by_what_comes_after_them() -> None:

@@ -38,8 +38,9 @@ def test_rules_write_what_they_read_and_draw_each_content_in_several_wordings() 
             return choose.pick([(), ("red", "cube")])
 
     program = ["events", "objects", "red", "filter_color", "cube", "filter_shape", "filter_in", "count"]
-    assert rules.write("S", program) == "How many red cubes enter?"
-    assert rules.write("S", program[:-1]) is None
+    line = ["events", "objects", "#0", "filter_in", "count"]
+    assert rules.write("S", line, [("NS",)]) == ["How", "many", ("NS", 0), "enter", "?"]
+    assert rules.write("S", line[:-1], [("NS",)]) is None
     found = list(rules.every("S", Two(), random.Random(0)))
     assert [tokens for _, tokens in found] == [["events", "objects", "filter_in", "count"], program]
     texts = {rules.draw("S", random.Random(i), Two())[0] for i in range(40)}

@@ -233,7 +233,7 @@ class AgentTools:
         self, video: str, frame: int, changes: Sequence[Change] = (), from_frame: int = 0
     ) -> NDArray[np.uint8]:
         """A frame: annotated; after the video, or with changes, as the simulator renders it. (H, W, 3) uint8 RGB."""
-        from nsdr.generate.render import render_motion
+        from nsdr.generate.render import View, render_motion
         from nsdr.visualize import annotated_image
 
         with self._working():
@@ -252,7 +252,8 @@ class AgentTools:
                 last = s.changed.location_world.shape[1] - 1
                 raise DataError(f"frame {frame}: expected 0 to {last}; the video ends at {n_frames - 1}")
             shown = slice(frame, frame + 1)
-            return next(render_motion(s.objects, s.changed.location_world[:, shown], s.changed_yaw[:, shown]))
+            motion = s.changed.location_world[:, shown], s.changed_yaw[:, shown]
+            return next(render_motion(s.objects, *motion, View(perception.camera)))
 
     @contextmanager
     def _working(self) -> Iterator[None]:

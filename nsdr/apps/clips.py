@@ -75,7 +75,7 @@ class Clips:
         """
         path = Path(path)
         check_is_video(path)
-        key = fingerprint(inputs=[path], code=False)
+        key = fingerprint(inputs=[path])
         if (known := self._known(key)) is not None:
             return known
         seconds = video_seconds(path)

@@ -8,10 +8,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.generate.render import render_motion
+from nsdr.generate.render import View, render_motion
 from nsdr.io.video import write_video
 from nsdr.types import Simulation
 from nsdr.visualize.comparison import comparison_frames
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 
 __all__ = ["write_comparison"]
 
@@ -24,6 +25,7 @@ def write_comparison(
     simulation: Simulation,
     preset: str = "slow",
     progress: Callable[[int, int], None] | None = None,
+    camera: Camera = CLEVRER_CAMERA,
 ) -> None:
     """Write an mp4 with the original at the left and the changed world at the right, from the camera and from above.
 
@@ -33,15 +35,16 @@ def write_comparison(
         simulation: of that video.
         preset: as of `nsdr.io.video.write_video`.
         progress: called before each frame with the number of frames that are done, and of all.
+        camera: that took the video.
 
     Raises:
         DataError: PyAV is missing.
     """
     s = simulation
     later = slice(s.n_frames, None)
-    following = render_motion(s.objects, s.original.location_world[:, later], s.original_yaw[:, later])
-    changed = render_motion(s.objects, s.changed.location_world, s.changed_yaw)
-    images = comparison_frames(s, chain(frames, following), changed)
+    following = render_motion(s.objects, s.original.location_world[:, later], s.original_yaw[:, later], View(camera))
+    changed = render_motion(s.objects, s.changed.location_world, s.changed_yaw, View(camera))
+    images = comparison_frames(s, chain(frames, following), changed, camera)
     write_video(path, _counted(images, s.changed.visible.shape[1], progress), preset=preset)
 
 

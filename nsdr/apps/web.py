@@ -369,7 +369,7 @@ class _Page:
         simulation = self.clips.simulate(clip, [change], frame)
         video = self._new_file()
         draw = partial(_drawing, progress)
-        write_comparison(video, list(clip.frames()), simulation, PRESET, draw)
+        write_comparison(video, list(clip.frames()), simulation, PRESET, draw, clip.perception.camera)
         return difference_panel(simulation), str(video)
 
     def _new_file(self) -> Path:

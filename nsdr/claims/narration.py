@@ -1,28 +1,31 @@
 """Answers told in sentences that can be checked: what happens at which frame, and what follows from it.
 
-Every sentence before the answer is a claim in the grammar of `docs/rewards.md`; `nsdr.claims.verification` reads it back. Each
-stands on a line of its own.
+Every sentence before the answer is a claim in the grammar of `docs/rewards.md`, which `nsdr.claims.verification` reads back.
+Each stands on a line of its own.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import combinations, pairwise
 from string import ascii_uppercase
 from typing import Any, Literal, get_args
 
-from nsdr.claims.counted_sets import CountedSet, counted_set
+from nsdr.claims.reading import STATES, written
+from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
 from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
+from nsdr.language.slots import Slot
 from nsdr.symbolic.causal import causal_path
 from nsdr.symbolic.modules import Kind
+from nsdr.symbolic.phrases import MOTION_FILTERS, OBJECT_FILTERS, attribute_words
 from nsdr.symbolic.program import Program, Step
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["Length", "Namer", "narrate"]
+__all__ = ["Length", "narrate"]
 
 Length = Literal["short", "long"]
-VERBS = {"in": ("enters", "enter"), "out": ("exits", "exit")}
-NOUNS = {"in": "entrance", "out": "exit"}
+EVENT_FILTERS = {"filter_in": "in", "filter_out": "out", "filter_collision": "collision"}
 
 
 def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short") -> str:
@@ -54,84 +57,50 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
             told.conclude(Program.parse(one.program).steps, one.trace)
         elif not (isinstance(one, ChoiceAnswer) and one.error):
             raise ExecutionError("the answer has no trace; expected one of an executor with semantics 'paper'")
-    return "\n".join([*told.sentences(), f"<answer>{_answer(answer)}</answer>"])
-
-
-def _answer(answer: Answer | ChoiceAnswer) -> str:
     if isinstance(answer, Answer) and answer.choices:
         letters = zip(ascii_uppercase, answer.choices, strict=False)
-        return answer_text({letter for letter, c in letters if c.answer == "correct"})
-    return (answer.answer or "none").replace("\n", "; ")
+        final = answer_text({letter for letter, c in letters if c.answer == "correct"})
+    else:
+        final = (answer.answer or "none").replace("\n", "; ")
+    return "\n".join([*told.sentences(), f"<answer>{final}</answer>"])
 
 
-class Namer:
-    """Names the objects of a scene by as few attributes as single each out, colour and shape first.
+class _Narration:
+    """Collects the events and statements that the answer to one question rests on."""
 
-    Args:
-        scene: the scene; its attribute triples are unique.
-    """
+    def __init__(self, scene: Scene, length: Length) -> None:
+        self.scene, self.long = scene, length == "long"
+        self.events: set[Event] = set(scene.events) if self.long else set()
+        self.states: list[Statement] = []
+        self.conclusions: list[Statement] = []
 
-    def __init__(self, scene: Scene) -> None:
-        self._objects = scene.objects
+    def sentences(self) -> list[str]:
+        """All sentences, each once: events in order of time, then states, then conclusions."""
+        events = [
+            Statement(PAST_KINDS[e.kind], events=(self.event(e, e.frame),))
+            for e in self.scene.events
+            if e in self.events
+        ]
+        return list(dict.fromkeys(written(s) for s in (*events, *self.states, *self.conclusions)))
 
-    def __call__(self, index: int, without: str = "") -> str:
-        """A name such as "the red cube".
-
-        Args:
-            index: id of the object.
-            without: an attribute that the name leaves out, if it can.
-        """
+    def name(self, index: int, without: str = "") -> ObjectPhrase:
+        """An object by as few attributes as single it out, colour and shape first, and not the attribute `without`."""
         names = [n for n in ATTRIBUTES if n != without]
         subsets = [s for size in range(1, len(names) + 1) for s in combinations(names, size)]
         preferred = [s for s in subsets if {"color", "shape"} - {without} <= set(s)]
         for subset in (*preferred, *subsets):
             wanted = self._words(index, subset)
-            if [self._words(i, subset) for i in range(len(self._objects))].count(wanted) == 1:
-                return f"the {class_name(wanted)}"
+            if [self._words(i, subset) for i in range(len(self.scene.objects))].count(wanted) == 1:
+                return ObjectPhrase(f"the {Slot('N', wanted).text}", wanted)
         if without:
-            return self(index)
-        raise ExecutionError(f"more than one {self._objects[index].name}; attribute triples must be unique")
+            return self.name(index)
+        raise ExecutionError(f"more than one {self.scene.objects[index].name}; attribute triples must be unique")
 
     def _words(self, index: int, names: Iterable[str]) -> tuple[str, ...]:
-        return tuple(getattr(self._objects[index], name) for name in names)
+        return tuple(getattr(self.scene.objects[index], name) for name in names)
 
-
-def class_name(words: Sequence[str], plural: bool = False) -> str:
-    """ "red cube" or "metal objects"."""
-    noun = () if words and words[-1] in ATTRIBUTES["shape"] else ("object",)
-    return " ".join((*words, *noun)) + ("s" if plural else "")
-
-
-class _Narration:
-    """Collects evidence, conclusions and the answer's facts of one question."""
-
-    def __init__(self, scene: Scene, length: Length) -> None:
-        self.scene, self.long, self.name = scene, length == "long", Namer(scene)
-        self.events: set[Event] = set(scene.events) if self.long else set()
-        self.states: list[str] = []
-        self.conclusions: list[str] = []
-
-    def sentences(self) -> list[str]:
-        """All sentences, each once: events in order of time, then states, then conclusions."""
-        events = [self.event(e) for e in self.scene.events if e in self.events]
-        return list(dict.fromkeys(f"{s[0].upper()}{s[1:]}." for s in (*events, *self.states, *self.conclusions)))
-
-    def event(self, event: Event) -> str:
-        return f"frame {event.frame}: {self.clause(event)}"
-
-    def clause(self, event: Event, negated: bool = False, modal: str = "") -> str:
-        """ "the red cube and the blue sphere collide"."""
-        names = [self.name(i) for i in event.objects]
-        singular, plural = VERBS.get(event.kind, ("", "collide"))
-        if not negated and not modal:
-            return f"{' and '.join(names)} {plural if len(names) > 1 else singular}"
-        auxiliary = modal or ("do" if len(names) > 1 else "does")
-        return f"{' and '.join(names)} {auxiliary} {'not ' if negated else ''}{plural}"
-
-    def noun(self, event: Event) -> str:
-        """ "the collision of the red cube and the blue sphere at frame 43"."""
-        who = " and ".join(self.name(i) for i in event.objects)
-        return f"the {NOUNS.get(event.kind, 'collision')} of {who} at frame {event.frame}"
+    def event(self, event: Event, frame: int | None = None) -> EventPhrase:
+        return EventPhrase(event.kind, tuple(self.name(i) for i in event.objects), frame)
 
     def conclude(self, steps: Sequence[Step], trace: Sequence[TraceStep]) -> None:
         """Add what a trace's answer rests on."""
@@ -147,7 +116,7 @@ class _Narration:
             if below.kind == Kind.EVENT and below.module in ("unique", "filter_order"):
                 self.events |= {below.value} & set(self.scene.events)
         if step.module in ("count", "exist"):
-            self._counted(counted_set(steps, trace, step.inputs[0]), trace[step.inputs[0]])
+            self._counted(self._collected(steps, trace, step.inputs[0]), trace[step.inputs[0]])
         elif step.module.startswith("query_"):
             self._queried(step, steps, trace)
         else:
@@ -169,65 +138,60 @@ class _Narration:
     def _responsible(self, chosen: Any, target: Event) -> None:
         """What led to an event: the chosen event or object, with the chain of events in between."""
         self.events.add(target)
+        effect = self.event(target, target.frame)
         events = self.scene.events
         if not isinstance(chosen, Event):
             path = causal_path(events, lambda e: chosen in e.objects, target)
             self.events |= set(path or ())
-            denied = "" if path else "not "
-            self.conclusions.append(f"{self.name(chosen)} is {denied}responsible for {self.noun(target)}")
+            self.conclusions.append(Statement("cause", not path, (self.name(chosen),), (effect,)))
             return
         same = [e for e in events if (e.kind, e.objects) == (chosen.kind, chosen.objects)]
         path = causal_path(events, lambda e: e in same and e != target, target)
         if path:
             self.events |= set(path)
-            links = list(pairwise(path)) if self.long else []
-            for cause, effect in [*links, (path[0], target)]:
-                self.conclusions.append(f"{self.noun(cause)} led to {self.noun(effect)}")
+            links = [*pairwise(path), (path[0], target)] if self.long else [(path[0], target)]
+            for pair in links:
+                self.conclusions.append(Statement("cause", events=tuple(self.event(e, e.frame) for e in pair)))
         elif not same:
-            self.conclusions.append(self.clause(chosen, negated=True))
+            self.conclusions.append(Statement(PAST_KINDS[chosen.kind], True, events=(self.event(chosen),)))
         for event in same if not path else []:
             self.events.add(event)
-            self.conclusions.append(f"{self.noun(event)} did not lead to {self.noun(target)}")
+            self.conclusions.append(Statement("cause", True, events=(self.event(event, event.frame), effect)))
 
     def _unseen(self, event: Event) -> None:
         unseen = self.scene.unseen or ()
+        last, moving = self.scene.n_frames - 1, self.scene.moving
         if self.long:
-            self.states += [self._motion(i, self.scene.n_frames - 1) for i in event.objects if self._knows_motion(i)]
-            self.conclusions += [f"after the video, {self.clause(e)}" for e in unseen]
+            for i in event.objects:
+                if moving is not None and self.scene.visible[i, last]:
+                    self.states.append(self._motion(i, "moving" if moving[i, last] else "stationary", last))
+            self.conclusions += [Statement("future", events=(self.event(e),)) for e in unseen]
         happens = any(e.objects == event.objects for e in unseen)
-        self.conclusions.append(f"after the video, {self.clause(event, not happens)}")
+        self.conclusions.append(Statement("future", not happens, events=(self.event(event),)))
 
     def _without(self, event: Event, removed: int) -> None:
         events = (self.scene.counterfactual or {}).get(removed, ())
-        if self.long:
-            self.conclusions += [f"without {self.name(removed)}, {self.clause(e, modal='would')}" for e in events]
-        happens = any(e.objects == event.objects for e in events)
-        self.conclusions.append(f"without {self.name(removed)}, {self.clause(event, not happens, 'would')}")
+        told = [(e, False) for e in events] if self.long else []
+        told.append((event, not any(e.objects == event.objects for e in events)))
+        for one, negated in told:
+            phrases = (self.event(one),)
+            self.conclusions.append(Statement("counterfactual", negated, events=phrases, removed=self.name(removed)))
 
-    def _knows_motion(self, index: int) -> bool:
-        return self.scene.moving is not None and bool(self.scene.visible[index, -1])
-
-    def _motion(self, index: int, frame: int) -> str:
-        assert self.scene.moving is not None
-        state = "moving" if self.scene.moving[index, frame] else "stationary"
-        return f"frame {frame}: {self.name(index)} is {state}"
+    def _motion(self, index: int, state: str, frame: int | None) -> Statement:
+        return Statement("motion", objects=(self.name(index),), words=(state,), frame=frame)
 
     # Open questions.
 
-    def _counted(self, counted: CountedSet | None, found: TraceStep) -> None:
-        if counted and counted.motion:
-            for i in found.value:
-                self.states.append(_moving_clause(self.name(i), False, counted))
+    def _counted(self, said: Statement | None, found: TraceStep) -> None:
         self.events |= set(found.events) & set(self.scene.events) if found.kind == Kind.EVENTS else set()
-        if counted is None:
+        if said is None:
             return
-        if counted.pair is None:
-            self.conclusions.append(_count_clause(counted, len(found.value), self.name))
-            return
-        event = Event("collision", 0, counted.pair)
-        when = f" {counted.relation} frame {counted.frame}" if counted.relation else ""
-        later = "after the video, " if counted.later else ""
-        self.conclusions.append(f"{later}{self.clause(event, not found.value)}{when}")
+        if said.words:
+            self.states += [self._motion(i, said.words[0], said.frame) for i in found.value]
+        pair = said.events and len(said.events[0].objects) == 2
+        self.conclusions.append(
+            replace(said, negated=not found.value) if pair else replace(said, number=len(found.value))
+        )
 
     def _queried(self, step: TraceStep, steps: Sequence[Step], trace: Sequence[TraceStep]) -> None:
         attribute = step.module.removeprefix("query_")
@@ -237,54 +201,89 @@ class _Narration:
         if source.module in ("get_object", "get_col_partner") and below.module == "filter_order":
             self._placed(index, below, steps, trace)
         elif source.module == "unique":
-            counted = counted_set(steps, trace, source.inputs[0])
-            if counted and counted.motion:
-                self.states.append(_moving_clause(self.name(index), False, counted))
+            said = self._collected(steps, trace, source.inputs[0])
+            if said and said.words:
+                self.states.append(self._motion(index, said.words[0], said.frame))
         if attribute in ATTRIBUTES:  # claims know no speeds, directions and names
-            self.conclusions.append(f"the {attribute} of {self.name(index, without=attribute)} is {step.value}")
+            told = (self.name(index, without=attribute),)
+            self.conclusions.append(Statement("attribute", objects=told, words=(step.value,), attribute=attribute))
 
     def _placed(self, index: int, order: TraceStep, steps: Sequence[Step], trace: Sequence[TraceStep]) -> None:
         """ "the second cube to enter is the red cube", where that says all that the program does."""
-        counted = counted_set(steps, trace, order.inputs[0])
-        if counted is None or counted.relation or counted.later or counted.pair:
+        said = self._collected(steps, trace, order.inputs[0])
+        if said is None or said.kind != "count" or said.relation or not (said.objects or said.events[0].objects):
             return
-        place = trace[order.inputs[1]].value
-        if counted.event == "collision" and counted.who is not None:
-            self.conclusions.append(
-                f"the {place} object to collide with {self.name(counted.who)} is {self.name(index)}"
-            )
-        elif counted.event in VERBS and counted.who is None:
-            verb = VERBS[counted.event][1]
-            self.conclusions.append(f"the {place} {class_name(counted.words)} to {verb} is {self.name(index)}")
+        members = said.objects[0] if said.objects else ObjectPhrase("object", ())
+        place = PLACES[trace[order.inputs[1]].value]
+        told = (replace(members, text=Slot("N", members.words).text, definite=True), self.name(index))
+        self.conclusions.append(Statement("order", objects=told, events=said.events, number=place))
+
+    def _collected(self, steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Statement | None:
+        """What a step collects, without its number.
+
+        None for a set that is more than one class of objects, motion, kind of events and boundary in time.
+        """
+        if trace[index].kind == Kind.OBJECTS:
+            return _class_of(steps, trace, index)
+        kinds: set[str] = set()
+        classes: list[int] = []
+        single: list[int] = []
+        relation, frame = "", None
+        while steps[index].inputs:
+            step = steps[index]
+            argument = step.inputs[-1]
+            if step.token in EVENT_FILTERS:
+                kinds.add(EVENT_FILTERS[step.token])
+                if trace[argument].kind == Kind.OBJECT:
+                    single.append(trace[argument].value)
+                elif steps[argument].token != "objects":
+                    classes.append(argument)
+            elif step.token in ("filter_before", "filter_after") and not relation:
+                relation, frame = step.token.removeprefix("filter_"), trace[argument].value.frame
+            else:
+                return None
+            index = step.inputs[0]
+        later = steps[index].token == "unseen_events"
+        if len(kinds) != 1 or not (later or steps[index].token == "events") or (later and relation):
+            return None
+        (kind,) = kinds
+        if kind == "collision":
+            if classes or len(single) > 2 or len(set(single)) < len(single):
+                return None
+            event = EventPhrase(kind, tuple(self.name(i) for i in sorted(single)))
+            past = kind if len(single) == 2 else "count"
+            return Statement("future" if later else past, events=(event,), frame=frame, relation=relation)
+        if later or single or len(classes) > 1:
+            return None
+        members = (
+            _class_of(steps, trace, classes[0]) if classes else Statement("presence", objects=(ObjectPhrase("", ()),))
+        )
+        if members is None or members.words:
+            return None
+        return replace(members, kind="count", events=(EventPhrase(kind, ()),), frame=frame, relation=relation)
+
+
+def _class_of(steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Statement | None:
+    """The objects, or those in one state of motion, that a step collects."""
+    words = attribute_words(steps, index)
+    motion, frame = "", None
+    while steps[index].inputs:
+        step = steps[index]
+        if step.token in MOTION_FILTERS:
+            if motion or trace[step.inputs[0]].kind != Kind.OBJECTS:
+                return None
+            motion, frame = MOTION_FILTERS[step.token], trace[step.inputs[1]].value
+            motion = motion if frame is not None else STATES["ever" if motion == "moving" else "never"]
+        elif step.token not in OBJECT_FILTERS or steps[step.inputs[1]].inputs:
+            return None
+        index = step.inputs[0]
+    if steps[index].token != "objects":
+        return None
+    states = (motion,) if motion else ()
+    return Statement(
+        "count" if motion else "presence", objects=(ObjectPhrase("", words, False),), words=states, frame=frame
+    )
 
 
 def _steps_below(trace: Sequence[TraceStep], index: int) -> set[int]:
-    found = {index}
-    for i in trace[index].inputs:
-        found |= _steps_below(trace, i)
-    return found
-
-
-def _moving_clause(who: str, plural: bool, counted: CountedSet) -> str:
-    """ "frame 12: the red cube is moving", "2 cubes never move in the video"."""
-    if counted.frame is None:
-        if counted.motion == "moving":
-            return f"{who} move{'' if plural else 's'} in the video"
-        return f"{who} never move{'' if plural else 's'} in the video"
-    return f"frame {counted.frame}: {who} {'are' if plural else 'is'} {counted.motion}"
-
-
-def _count_clause(counted: CountedSet, number: int, name: Namer) -> str:
-    words = "no" if number == 0 else str(number)
-    plural = number > 1
-    when = f"{counted.relation} frame {counted.frame}" if counted.relation else "in the video"
-    if counted.event == "collision":
-        who = f" of {name(counted.who)}" if counted.who is not None else ""
-        clause = f"{words} collision{'s' if plural else ''}{who} {'happen' if plural else 'happens'}"
-        return f"after the video, {clause}" if counted.later else f"{clause} {when}"
-    what = f"{words} {class_name(counted.words, plural)}"
-    if counted.event:
-        return f"{what} {VERBS[counted.event][1 if plural else 0]} {when}"
-    if counted.motion:
-        return _moving_clause(what, plural, counted)
-    return f"there {'are' if plural else 'is'} {what}"
+    return {index}.union(*(_steps_below(trace, i) for i in trace[index].inputs))

@@ -1,46 +1,29 @@
 """Pairs of texts of which one has exactly one wrong fact, to train and to test what tells them apart."""
 
 import random
-import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import groupby
+from typing import TypeVar
 
-from nsdr.claims.verification import TOLERANCE_FRAMES, Claim, Verification, verify
+from nsdr.claims.judge import ClaimJudge
+from nsdr.claims.reading import written
+from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.verification import TOLERANCE_FRAMES, verify
 from nsdr.errors import DataError
+from nsdr.language.slots import Slot
+from nsdr.symbolic.phrases import indefinite
 from nsdr.types import Scene
-from nsdr.world.nouns import ADJECTIVES, NOUNS
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["EDITS", "MinimalPair", "minimal_pairs"]
 
 EDITS = ("attribute", "event", "count", "frame", "relation")
 """What can be wrong: an attribute word; what happens or moves; a number; a frame; before and after, causes, places in a row."""
-_COUNTED = rf"(?:(?:{'|'.join(ADJECTIVES)}) )*(?:{'|'.join(NOUNS)}|collisions?)"
-_COUNT = re.compile(rf"(?<!frame )\b(?:\d{{1,2}}|no)\b(?= {_COUNTED}\b)", re.IGNORECASE)
-_FRAME = re.compile(r"(?<=frame )\d{1,3}\b", re.IGNORECASE)
-_OPPOSITES = {
-    "event": (
-        ("enters", "exits"),
-        ("enter", "exit"),
-        ("entrance", "exit"),
-        ("moving", "stationary"),
-        ("move", "never move"),
-        ("moves", "never moves"),
-        ("collide", "do not collide"),
-        ("enters", "does not enter"),
-        ("exits", "does not exit"),
-        ("would collide", "would not collide"),
-    ),
-    "relation": (
-        ("before", "after"),
-        ("led to", "did not lead to"),
-        ("responsible", "not responsible"),
-        ("the first", "the second"),
-        ("the second", "the last"),
-        ("the first", "the last"),
-    ),
-}
-"""Words that contradict each other; either is replaced by the other."""
+_OPPOSITES = (("in", "out"), ("moving", "stationary"), ("ever moving", "never moving"), ("before", "after"))
+OPPOSITES = {a: b for pair in _OPPOSITES for a, b in (pair, pair[::-1])}
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -64,10 +47,10 @@ def minimal_pairs(
     """Change one fact of a text at a time so that it becomes wrong.
 
     Every pair is verified: the wrong text has the same claims, of which exactly the changed one fails. A sentence gives at most
-    one pair of each kind; which one is drawn with the seed.
+    one pair of each kind; which one is drawn with the seed. What `narrate` would word otherwise is reworded in both texts.
 
     Args:
-        text: such as one of `nsdr.claims.narration.narrate`.
+        text: such as one of `nsdr.narrate`.
         scene: the scene that it is about.
         seed: of the draws; the same seed gives the same pairs.
         tolerance_frames: as of `verify`; changed frames differ by more.
@@ -75,82 +58,88 @@ def minimal_pairs(
     Raises:
         DataError: a claim of the text does not hold.
     """
-    right = verify(text, scene, tolerance_frames)
-    if right.failing:
-        first = right.failing[0]
+    claims = verify(text, scene, tolerance_frames)
+    if claims.failing:
+        first = claims.failing[0]
         raise DataError(f"'{first.text}' does not hold ({first.reason}); expected a text without wrong claims")
-    rng = random.Random(seed)
+    rng, judge = random.Random(seed), ClaimJudge(scene, tolerance_frames)
     pairs = []
-    sentences = {c.start: c for c in right.claims if c.holds}
-    for claim in sentences.values():
+    for start, group in groupby(claims, lambda c: c.start):
+        sentence = list(group)
+        before, told, after = text[:start], [c.statement for c in sentence], text[sentence[0].end :]
+        right = before + " ".join(map(written, told)) + after
+        if [c.holds for c in verify(right, scene, tolerance_frames)] != [c.holds for c in claims]:
+            continue
         for kind in EDITS:
-            candidates = list(dict.fromkeys(_changed(claim, kind, scene, tolerance_frames)))
-            rng.shuffle(candidates)
-            for sentence in candidates:
-                if not verify(sentence, scene, tolerance_frames).failing:
-                    continue  # the whole text takes longer
-                wrong = text[: claim.start] + sentence + text[claim.end :]
-                if _one_fails(right, verify(wrong, scene, tolerance_frames), claim.start):
-                    pairs.append(MinimalPair(text, wrong, kind))
+            edits = [
+                edit
+                for edit in _each(told, partial(_changed, kind, scene.n_frames))
+                if any(judge.judge(said).holds is False for said in edit)
+            ]
+            rng.shuffle(edits)
+            for edit in edits:
+                wrong = before + " ".join(map(written, edit)) + after
+                checked = verify(wrong, scene, tolerance_frames)
+                differing = [b.holds for a, b in zip(claims, checked, strict=False) if a.holds != b.holds]
+                if differing == [False] and [c.kind for c in checked] == [c.kind for c in claims]:
+                    pairs.append(MinimalPair(right, wrong, kind))
                     break
     return pairs
 
 
-def _one_fails(right: Verification, wrong: Verification, start: int) -> bool:
-    """Whether the claims are of the same kinds and only one, in the sentence at `start`, has become wrong."""
-    if [c.kind for c in right] != [c.kind for c in wrong] or len(right.skipped) != len(wrong.skipped):
-        return False
-    changed = [(a, b) for a, b in zip(right, wrong, strict=True) if a.holds != b.holds]
-    return len(changed) == 1 and changed[0][1].start == start and changed[0][1].holds is False
-
-
-def _changed(claim: Claim, kind: str, scene: Scene, tolerance: int) -> Iterator[str]:
-    """The sentence with one fact of a kind changed, in every way that is tried."""
+def _changed(kind: str, n_frames: int, said: Statement) -> Iterator[Statement]:
+    """A statement with one fact of a kind changed, in every way."""
+    numbered = said.number is not None and said.kind != "order"
     if kind == "attribute":
-        yield from _other_attributes(claim.text)
+        if said.kind == "attribute":
+            yield from (replace(said, words=words) for words in _each(said.words, _other_values))
+        if said.removed:
+            yield from (replace(said, removed=phrase) for phrase in _other_phrases(said.removed))
+        yield from (replace(said, objects=objects) for objects in _each(said.objects, _other_phrases))
+        yield from _with_events(said, lambda e: (replace(e, objects=o) for o in _each(e.objects, _other_phrases)))
+    elif kind == "event":
+        if said.kind in (*PAST_KINDS.values(), "future", "counterfactual") and not numbered:
+            yield replace(said, negated=not said.negated)
+        if said.kind in ("motion", "count") and said.words:
+            yield replace(said, words=(OPPOSITES[said.words[0]],))
+        if said.kind in ("count", "order", "cause"):
+            yield from _with_events(said, lambda e: [replace(e, kind=OPPOSITES[e.kind])] if e.kind in OPPOSITES else [])
+    elif kind == "count" and numbered:
+        number = said.number or 0
+        near = (0, 1) if number < 2 else (number - 1, number + 1)
+        yield from (replace(said, number=n) for n in near if (n < 2) == (number < 2))
     elif kind == "frame":
-        yield from _other_frames(claim.text, scene.n_frames, tolerance)
-    elif kind == "count":
-        yield from _other_counts(claim.text)
-    else:
-        for one, other in _OPPOSITES[kind]:
-            for old, new in ((other, one), (one, other)):
-                if old == one and re.search(rf"\b{other}\b", claim.text, re.IGNORECASE):
-                    continue  # "never move" contains "move"
-                yield from _replaced(claim.text, old, new)
+        if said.frame is not None:
+            yield from (replace(said, frame=frame) for frame in range(n_frames))
+        frames = range(n_frames)
+        yield from _with_events(said, lambda e: (replace(e, frame=f) for f in frames if e.frame is not None))
+    elif kind == "relation":
+        if said.relation:
+            yield replace(said, relation=OPPOSITES[said.relation])
+        if said.kind == "cause":
+            yield replace(said, negated=not said.negated)
+        if said.kind == "order" and said.number is not None:
+            yield from (replace(said, number=place) for place in PLACES.values())
 
 
-def _replaced(sentence: str, old: str, new: str) -> Iterator[str]:
-    for match in re.finditer(rf"\b{old}\b", sentence, re.IGNORECASE):
-        yield _with(sentence, match, new)
+def _each(items: Sequence[T], changed: Callable[[T], Iterable[T]]) -> Iterator[tuple[T, ...]]:
+    """The items with one of them changed, in every way."""
+    for i, item in enumerate(items):
+        yield from ((*items[:i], other, *items[i + 1 :]) for other in changed(item))
 
 
-def _with(sentence: str, match: re.Match[str], new: str) -> str:
-    """The sentence with another text in place of a match, which keeps a capital letter."""
-    new = new[:1].upper() + new[1:] if match[0][:1].isupper() else new
-    return sentence[: match.start()] + new + sentence[match.end() :]
+def _with_events(said: Statement, changed: Callable[[EventPhrase], Iterable[EventPhrase]]) -> Iterator[Statement]:
+    return (replace(said, events=events) for events in _each(said.events, changed))
 
 
-def _other_attributes(sentence: str) -> Iterator[str]:
-    for values in ATTRIBUTES.values():
-        for match in re.finditer(rf"\b({'|'.join(values)})(?=s?\b)", sentence, re.IGNORECASE):
-            for value in values:
-                if value != match[0].lower():
-                    yield _with(sentence, match, value)
+def _other_values(word: str) -> Iterator[str]:
+    """The other values of a word's attribute."""
+    return (value for values in ATTRIBUTES.values() if word in values for value in values if value != word)
 
 
-def _other_frames(sentence: str, n_frames: int, tolerance: int) -> Iterator[str]:
-    for match in _FRAME.finditer(sentence):
-        for frame in range(n_frames):
-            if abs(frame - int(match[0])) > tolerance:
-                yield _with(sentence, match, str(frame))
-
-
-def _other_counts(sentence: str) -> Iterator[str]:
-    """Other numbers of the same grammatical number: 1 and none, or from 2 on."""
-    for match in _COUNT.finditer(sentence):
-        number = 0 if match[0].lower() == "no" else int(match[0])
-        others = [0, 1] if number < 2 else [number - 1, number + 1]
-        for other in others:
-            if other != number and (other > 1) == (number > 1):
-                yield _with(sentence, match, str(other) if other else "no")
+def _other_phrases(phrase: ObjectPhrase) -> Iterator[ObjectPhrase]:
+    for words in _each(phrase.words, _other_values):
+        noun = Slot("N", words).text
+        article = phrase.text.split()[0] if phrase.text else ""
+        text = indefinite(noun) if article in ("a", "an") else f"the {noun}" if article == "the" else noun
+        yield replace(phrase, words=words, text=text)

@@ -1,344 +1,266 @@
-"""Reads the statements of one sentence (the grammar of claims, `docs/rewards.md`).
+"""Reads the statements of a sentence, and writes them, with the rules of `nsdr.claims.grammar`.
 
 A sentence is read as a whole or not at all: every word of it must be accounted for. So a hedge, a relative clause or a
 condition that the grammar does not know makes the sentence unread, and never a claim that it does not make.
 """
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
-from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
-from nsdr.claims.words import Clause, normal_clause
-from nsdr.world.nouns import ADJECTIVES
+from nsdr.claims.grammar import GRAMMAR, NORMAL
+from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
+from nsdr.language.slots import Slot
+from nsdr.symbolic.phrases import indefinite
+from nsdr.world.nouns import ADJECTIVES, NOUNS
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["read_sentence"]
+__all__ = ["STATES", "read_sentence", "written"]
 
-O = r"([NA]\d+)"  # noqa: E741
-W = rf"(?:{'|'.join(ADJECTIVES)})"
-MODAL = r"(?:(?:WILL|WOULD) )?"
-PLACES = {"first": 1, "second": 2, "last": -1}
-CONNECTIVES = re.compile(
-    r"^(?:(?:so|then|finally|also|therefore|thus|hence|and|but|now|meanwhile|later|here|however|first|firstly|afterwards|"
-    r"as a result|in fact|INVIDEO)\b ?,? ?)+"
+NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+"""Number words, in order."""
+ORDERS = {"earlier": "before", "afterwards": "after"}
+STATES = {"moving": "moving", "stationary": "stationary", "ever": "ever moving", "never": "never moving"}
+_ADJECTIVE = "|".join(ADJECTIVES)
+_NUMBER = r"\d{1,3}|" + "|".join(NUMBERS)
+_TOKEN = re.compile(
+    r"\b(?:the )?frames? (?:#|number )?(?P<frame>\d{1,6})\b(?! ?[-\u2013.,/] ?\d)|"
+    rf"\b(?P<thing>(?:(?P<article>the|this|that|an?|{_NUMBER}) )?(?P<words>(?:(?:{_ADJECTIVE}),? )*)"
+    rf"(?P<noun>{'|'.join(NOUNS)}))\b|\b(?P<it>it)\b|"
+    rf"\b(?P<number>{_NUMBER.replace('no|', '')})(?= collisions?\b)|\b(?P<adjective>{_ADJECTIVE})\b|(?P<word>'s\b|\w+|\S)"
 )
-SEPARATORS = re.compile(r" , and then | , and | , then | , but | , while | , | ; | and then | and ")
-ATTRIBUTE = rf"({'|'.join((*ATTRIBUTES, 'colour'))})"
+_ANSWER = r" ?,? (?:so|therefore|thus|hence) the answer (?:is|must be|should be) [\w, ]+$"
+_PASSED_OVER = re.compile(rf"\bexactly |\ba total of |{_ANSWER}")
 
 
 @dataclass(frozen=True)
-class _Context:
-    """What a sentence says about when and in which course of events it holds."""
+class _Slot:
+    """What a noun phrase, adjective, frame or number of a sentence stands for.
 
-    frame: int | None = None
-    later: bool = False
-    removed: ObjectPhrase | None = None
+    Attributes:
+        form: the word that stands for it in `GRAMMAR`.
+        text: as it is written.
+        phrase: of objects; an adjective is one without a noun.
+        number: of a count, or a frame.
+    """
 
-
-_PREFIXES = (
-    (re.compile(r"^(?:at )?(F\d+) [:,] (.+)$"), "frame"),
-    (re.compile(r"^(?:at )(F\d+) (.+)$"), "frame"),
-    (re.compile(r"^(LATER) (?:[:,] )?(.+)$"), "later"),
-    (re.compile(rf"^without {O} (?:[:,] )?(.+)$"), "removed"),
-    (
-        re.compile(rf"^if {O} (?:IS (?:removed|absent|gone|taken away)|IS NOT (?:there|present)) (?:, )?(.+)$"),
-        "removed",
-    ),
-    (re.compile(rf"^(?:removing {O}|if (?:we|you) removed? {O}) (?:, )?(.+)$"), "removed"),
-)
-_SUFFIXES = (
-    (re.compile(r"^(.+) at (F\d+)$"), "frame"),
-    (re.compile(r"^(.+?)(?: ,)? (LATER)$"), "later"),
-    (re.compile(rf"^(.+?)(?: ,)? without {O}$"), "removed"),
-    (
-        re.compile(rf"^(.+?)(?: ,)? if {O} (?:IS (?:removed|absent|gone|taken away)|IS NOT (?:there|present))$"),
-        "removed",
-    ),
-)
+    form: str
+    text: str
+    phrase: ObjectPhrase | None = None
+    number: int | None = None
 
 
 @lru_cache(maxsize=1 << 12)
-def read_sentence(text: str) -> tuple[Statement, ...]:
-    """The statements of a sentence or clause; empty if any part of it is not read."""
-    clause = normal_clause(text)
-    words = CONNECTIVES.sub("", clause.text)
-    context, words = _with_prefixes(clause, words)
-    return tuple(_clauses(clause, words, context) or ())
+def read_sentence(text: str, last_frame: int) -> tuple[Statement, ...]:
+    """The statements of a sentence or clause; empty if any part of it is not read.
+
+    Args:
+        text: the sentence, without the stop at its end.
+        last_frame: frame of "when the video ends".
+    """
+    words, slots = _tokens(text)
+    slots |= {
+        "zero": _Slot("Q", "", number=0),
+        "first": _Slot("F", "", number=0),
+        "last": _Slot("F", "", number=last_frame),
+    }
+    if not GRAMMAR.words.issuperset(w for w in words if not w.isupper()):
+        return ()
+    for line in GRAMMAR.readings("SENTENCE", words):
+        if statements := _statements(line, slots):
+            return statements
+    return ()
 
 
-def _with_prefixes(clause: Clause, words: str) -> tuple[_Context, str]:
-    context = _Context()
-    for _ in _PREFIXES:
-        for pattern, name in _PREFIXES:
-            match = pattern.match(words)
-            if match:
-                token, words = [g for g in match.groups() if g is not None]
-                context = _added(clause, context, name, token)
-                break
-        else:
-            break
-    return context, words
-
-
-def _added(clause: Clause, context: _Context, name: str, token: str) -> _Context:
-    if name == "later":
-        return replace(context, later=True)
-    if name == "removed":
-        return replace(context, removed=clause.phrases[token])
-    return replace(context, frame=clause.numbers[token])
-
-
-def _clauses(clause: Clause, words: str, context: _Context) -> list[Statement] | None:
-    """Statements of clauses in a row; a later clause may leave out the subject of the first."""
-    whole = _one(clause, words, context)
-    if whole:
-        return [whole]
-    for separator in SEPARATORS.finditer(words):
-        left, right = words[: separator.start()], words[separator.end() :]
-        first = _one(clause, left, context)
-        if first is None:
+def _tokens(text: str) -> tuple[tuple[str, ...], dict[str, _Slot]]:
+    """The words of a text in normal form, with the forms of slots, and the slots by "#" and the index of their word."""
+    words: list[str] = []
+    slots: dict[str, _Slot] = {}
+    text = re.sub(r"\s+", " ", text.lower().replace("\u2019", "'").replace("n't", " not").replace("wo not", "will not"))
+    text = re.sub(r"\((?:at )?(?=(?:the )?frame [^()]*\))([^()]*)\)", r"at \1", text)
+    for found in _TOKEN.finditer(_PASSED_OVER.sub("", text)):
+        if word := found["word"]:
+            words += NORMAL.get(word, word).split()
             continue
-        right = CONNECTIVES.sub("", right)
-        rest = _clauses(clause, right, context)
-        subject = re.match(r"(N\d+) (?!and)", left)
-        if rest is None and subject and not first.negated:
-            rest = _clauses(clause, f"{subject[1]} {right}", context)
-        if rest and len({(s.removed, s.kind == "future") for s in (first, *rest)}) == 1:
-            return [first, *rest]
-    return None
+        slots[f"#{len(words)}"] = slot = _slot(found)
+        words.append(slot.form)
+    return tuple(words), slots
 
 
-def _one(clause: Clause, words: str, context: _Context) -> Statement | None:
-    for pattern, name in _SUFFIXES:
-        match = pattern.match(words)
-        if match and not _knows(context, name):
-            found = _one(clause, match[1], _added(clause, context, name, match[2]))
-            if found:
-                return found
-    modal = re.search(r"\b(?:WILL|WOULD)\b", words)
-    allowed = ("WILL", "WOULD") if context.removed else ("WILL",) if context.later else ()
-    if (modal and modal[0] not in allowed) or (context.later and context.removed):
+def _slot(found: re.Match[str]) -> _Slot:
+    if found["frame"]:
+        return _Slot("F", found[0], number=int(found["frame"]))
+    if number := found["number"]:
+        return _Slot("Q" if _number(number) == 1 else "QS", number, number=_number(number))
+    if word := found["adjective"]:
+        return _Slot("W", word, ObjectPhrase(word, (ADJECTIVES[word],)))
+    if found["it"]:
+        return _Slot("N", "it", ObjectPhrase("it", (), known=False))
+    shape, form = NOUNS[found["noun"]]
+    words = (*(ADJECTIVES[w] for w in re.findall(r"\w+", found["words"])), *((shape,) if shape else ()))
+    article = found["article"] or ""
+    if article in NUMBERS or article.isdigit():
+        number = _number(article)
+        return _Slot("K" if number < 2 else "KS", found[0], ObjectPhrase(found[0], words, False), number)
+    form = form if form == "NS" else "A" if article in ("a", "an") else "N"
+    return _Slot(form, found[0], ObjectPhrase(found[0], words, form == "N"))
+
+
+def _number(word: str) -> int:
+    return int(word) if word.isdigit() else NUMBERS.index(word)
+
+
+def _statements(line: tuple[str, ...], slots: dict[str, _Slot]) -> tuple[Statement, ...]:
+    """The statements of the clauses of a line; empty if they don't fit together."""
+    *shared, clauses = "\n".join(line).replace("\n|\n", "|").split("|")
+    context = [token for part in shared for token in part.split("\n")]
+    statements: list[Statement] = []
+    subject = ""
+    for clause in clauses.split("\n;\n"):
+        tokens = clause.split("\n")
+        if tokens[0] == "same":
+            if slots[subject].form != "N" or statements[-1].negated:
+                return ()
+            tokens[0] = subject
+        subject = tokens[0]
+        statement = _statement([*context, *tokens], slots)
+        if statement is None:
+            return ()
+        statements.append(statement)
+    return tuple(statements)
+
+
+def _statement(tokens: list[str], slots: dict[str, _Slot]) -> Statement | None:
+    """The statement of a clause; None if it says something twice, or what does not go with its kind."""
+    pending: list[_Slot] = []
+    events: list[EventPhrase] = []
+    said: list[tuple[str, Any]] = []
+
+    def phrases() -> tuple[ObjectPhrase, ...]:
+        found = tuple(slot.phrase for slot in pending if slot.phrase)
+        pending.clear()
+        return found
+
+    for token in tokens:
+        if token in slots:
+            pending.append(slots[token])
+        elif token in PAST_KINDS:
+            events.append(EventPhrase(token, phrases()))
+        elif token == "at" and events and events[-1].frame is None:
+            events[-1] = replace(events[-1], frame=pending.pop().number)
+        elif token in ("at", "number"):
+            said.append(("frame" if token == "at" else "number", pending.pop().number))
+        elif token in ("before", "after"):
+            said += [("relation", token), ("frame", pending.pop().number)]
+        elif token == "who":
+            said += [("number", slot.number) for slot in pending if slot.number is not None]
+            said.append(("objects", phrases()))
+        elif token == "without":
+            said.append(("removed", phrases()[0]))
+        elif token == "attribute":
+            words = tuple(word for phrase in phrases() for word in phrase.words)
+            said += [("kind", token), ("words", words)]
+        elif token in ORDERS:
+            said += [("kind", "order"), ("relation", ORDERS[token])]
+        elif token.startswith("nth-"):
+            said += [("kind", "order"), ("number", PLACES[token.removeprefix("nth-")])]
+        elif token in STATES:
+            said.append(("words", (STATES[token],)))
+        elif token in ATTRIBUTES:
+            said.append(("attribute", token))
+        elif token in ("not", "modal", "later"):
+            said.append(({"not": "negated"}.get(token, token), True))
+        elif token != "whole":
+            said.append(("kind", token))
+    fields = dict(said)
+    modal, later = fields.pop("modal", False), fields.pop("later", False)
+    if len(dict(said)) < len(said) or (modal and not (later or "removed" in fields)):
         return None
-    for read in _READERS:
-        found = read(clause, words, context)
-        if found:
-            return found
-    return None
+    return _complete(Statement(**{"kind": "event", **fields}, events=tuple(events)), later)
 
 
-def _knows(context: _Context, name: str) -> bool:
-    return context.later if name == "later" else getattr(context, name) is not None
-
-
-def _event_noun(clause: Clause, words: str) -> EventPhrase | None:
-    """ "the collision of N0 and N1", "N0's exit", perhaps with "at F0"."""
-    words, frame = _with_frame(clause, words)
-    patterns: tuple[tuple[str, Callable[[re.Match[str]], tuple[str, tuple[str, ...]]]], ...] = (
-        (rf"(?:the |a )?COLLISION (?:between|of|involving) {O} (?:and|with) {O}", lambda m: ("collision", m.groups())),
-        (rf"{O}'s COLLISION with {O}", lambda m: ("collision", m.groups())),
-        (rf"(?:the )?(ENTRANCE|EXIT) of {O}", lambda m: (m[1], (m[2],))),
-        (rf"{O}'s (ENTRANCE|EXIT)", lambda m: (m[2], (m[1],))),
-    )
-    for pattern, parts in patterns:
-        match = re.fullmatch(pattern, words)
-        if match:
-            verb, objects = parts(match)
-            kind = {"ENTRANCE": "in", "EXIT": "out"}.get(verb, verb)
-            return EventPhrase(kind, tuple(clause.phrases[o] for o in objects), frame)
-    return None
-
-
-def _with_frame(clause: Clause, words: str) -> tuple[str, int | None]:
-    match = re.fullmatch(r"(.+) at (F\d+)", words)
-    return (match[1], clause.numbers[match[2]]) if match else (words, None)
-
-
-def _event_clause(clause: Clause, words: str) -> tuple[EventPhrase, bool] | None:
-    """ "N0 and N1 COLLIDE", "N0 NOT EXIT", "the collision of N0 and N1 HAPPEN", and whether it is denied."""
-    words, frame = _with_frame(clause, words)
-    match = re.fullmatch(rf"{O} and {O} {MODAL}(NOT |NEVER )?COLLIDE", words)
-    if match:
-        return EventPhrase("collision", (clause.phrases[match[1]], clause.phrases[match[2]]), frame), bool(match[3])
-    match = re.fullmatch(rf"{O} {MODAL}(NOT |NEVER )?HIT {O}", words)
-    if match:
-        return EventPhrase("collision", (clause.phrases[match[1]], clause.phrases[match[3]]), frame), bool(match[2])
-    match = re.fullmatch(rf"{O} {MODAL}(NOT |NEVER )?(ENTER|EXIT)", words)
-    if match:
-        kind = "in" if match[3] == "ENTER" else "out"
-        return EventPhrase(kind, (clause.phrases[match[1]],), frame), bool(match[2])
-    match = re.fullmatch(rf"there IS (a |no |NOT a )?(COLLISION (?:between|of|involving) {O} and {O})", words)
-    if match:
-        noun = _event_noun(clause, match[2])
-        return (replace(noun, frame=frame), match[1] in ("no ", "NOT a ")) if noun else None
-    match = re.fullmatch(rf"(.+?) {MODAL}(NOT |NEVER )?HAPPEN", words)
-    noun = _event_noun(clause, match[1]) if match else None
-    if match is None or noun is None or None not in (noun.frame, frame):
+def _complete(said: Statement, later: bool) -> Statement | None:
+    """The statement with its kind and frame in place; None if it says what does not go with its kind."""
+    event = said.events[0] if said.events else None
+    world = "future" if later else "counterfactual" if said.removed else ""
+    if later and said.removed:
         return None
-    return (noun if frame is None else replace(noun, frame=frame)), bool(match[2])
-
-
-def _event(clause: Clause, words: str, context: _Context) -> Statement | None:
-    match = re.fullmatch(r"(.+) (before|after) (F\d+)", words)
-    relation, frame = "", context.frame
-    if match and context.frame is None:
-        words, relation, frame = match[1], match[2], clause.numbers[match[3]]
-    found = _event_clause(clause, words.removesuffix(" INVIDEO"))
-    if found is None and context.frame is not None:
-        noun = _event_noun(clause, words)
-        found = (noun, False) if noun else None
-    if found is None:
-        return None
-    event, negated = found
-    kind = "counterfactual" if context.removed else "future" if context.later else PAST_KINDS[event.kind]
-    if relation and (event.frame is not None or kind != PAST_KINDS[event.kind]):
-        return None
-    if not relation and frame is not None:
-        if event.frame is not None:
-            return None
-        event, frame = replace(event, frame=frame), None
-    return Statement(kind, negated, events=(event,), frame=frame, relation=relation, removed=context.removed)
-
-
-def _order(clause: Clause, words: str, context: _Context) -> Statement | None:
-    """One event before or after another, or the place of an object or collision in a row of events."""
-    if context != _Context():
-        return None
-    match = re.fullmatch(r"(before|after) (.+) , (.+)", words)
-    if match:
-        left, relation, right = match[3], match[1], match[2]
-    elif len(re.findall(r" (?:before|after) ", words)) == 1:
-        left, relation, right = re.split(r" (before|after) ", words)
+    if said.kind == "event":
+        assert event is not None
+        if said.relation or said.frame is None:
+            valid = not said.relation or (event.frame is None and not world)
+            return replace(said, kind=world or PAST_KINDS[event.kind]) if valid else None
+        event = replace(event, frame=said.frame) if event.frame is None else None
+        return replace(said, kind=world or PAST_KINDS[event.kind], frame=None, events=(event,)) if event else None
+    if said.kind == "count" and event:
+        said = replace(said, kind="future") if later and event.kind == "collision" and not said.relation else said
+        valid = (
+            event.frame is None and (said.frame is None or bool(said.relation)) and (not world or said.kind == world)
+        )
+    elif said.kind in ("motion", "count"):
+        if said.frame is not None and said.words == (STATES["ever"],):
+            said = replace(said, words=("moving",))
+        over_video = said.words[0] not in STATES
+        valid = not world and ((said.kind == "motion" and said.frame is None) or over_video == (said.frame is None))
     else:
-        return _place(clause, words)
-    first = _plain_event(clause, left)
-    second = _plain_event(clause, right)
-    return Statement("order", events=(first, second), relation=relation) if first and second else None
+        valid = not world and said.frame is None
+        if said.attribute:
+            valid &= len(said.words) == 1 and said.words[0] in ATTRIBUTES[said.attribute]
+    return said if valid else None
 
 
-def _plain_event(clause: Clause, words: str) -> EventPhrase | None:
-    """An event as a noun or as a clause that does not deny it."""
-    noun = _event_noun(clause, re.sub(r" (?:HAPPEN|IS)$", "", words))
-    if noun:
-        return noun
-    found = _event_clause(clause, words)
-    return found[0] if found and not found[1] else None
+def written(statement: Statement) -> str:
+    """The sentence that tells a statement; `read_sentence` reads it back."""
+    slots: list[_Slot] = []
+    line = _line(statement, slots)
+    words = GRAMMAR.write("SENTENCE", line, [(slot.form,) for slot in slots])
+    assert words is not None, f"{statement} has no sentence"
+    text = " ".join(word if isinstance(word, str) else slots[word[1]].text for word in words)
+    return re.sub(r" (?=[,:'])", "", f"{text[0].upper()}{text[1:]}.")
 
 
-def _place(clause: Clause, words: str) -> Statement | None:
-    match = re.fullmatch(
-        rf"the (first|second|last) COLLISION IS (?:the )?(?:COLLISION )?(?:between|of) {O} and {O}", words
-    )
-    if match:
-        event = EventPhrase("collision", (clause.phrases[match[2]], clause.phrases[match[3]]))
-        return Statement("order", events=(event,), number=PLACES[match[1]])
-    match = re.fullmatch(rf"the (first|second|last) (N\d+) (?:to|that) (ENTER|EXIT|HIT {O}) IS {O}", words)
-    if not match:
-        return None
-    place, members, verb, partner, filler = match.groups()
-    kind = {"ENTER": "in", "EXIT": "out"}.get(verb, "collision")
-    event = EventPhrase(kind, (clause.phrases[partner],) if partner else ())
-    objects = (clause.phrases[members], clause.phrases[filler])
-    return Statement("order", objects=objects, events=(event,), number=PLACES[place])
+def _line(said: Statement, slots: list[_Slot]) -> list[str]:
+    """The line of tokens of a statement, whose slots are appended to `slots`."""
 
+    def slot(form: str, text: str) -> str:
+        slots.append(_Slot(form, text))
+        return f"#{len(slots) - 1}"
 
-def _cause(clause: Clause, words: str, context: _Context) -> Statement | None:
-    if context != _Context():
-        return None
-    match = re.fullmatch(r"(.+?) (NOT |NEVER )?(LED|BY) (.+)", words)
-    if match:
-        left, denied, verb, right = match.groups()
-        cause, effect = (left, right) if verb == "LED" else (right, left)
+    def things(*phrases: ObjectPhrase) -> list[str]:
+        return [slot("N" if p.definite else "A", p.text) for p in phrases]
+
+    def at(frame: int | None, *end: str) -> list[str]:
+        return [] if frame is None else [slot("F", f"frame {frame}"), *end]
+
+    events, frame = said.events, said.frame
+    if said.kind in (*PAST_KINDS.values(), "future", "counterfactual") and not said.relation:
+        frame = events[0].frame
+        events = (replace(events[0], frame=None),)
+    line = [*things(said.removed), "without", "|"] if said.removed else []
+    line += ["later", "|"] if said.kind == "future" else []
+    line += at(frame, "at", "|") if not said.relation else []
+    number = said.number if said.kind != "order" else None
+    many = number is not None and number > 1
+    if number is None or not said.objects:
+        line += [*things(*said.objects), "who"] if said.objects else []
+        line += [] if number is None else [slot("QS" if many else "Q", str(number)) if number else "zero", "number"]
     else:
-        match = re.fullmatch(r"(.+) because(?: of)? (.+)", words)
-        if not match:
-            return None
-        effect, denied, cause = match[1], None, match[2]
-    second = _plain_event(clause, effect)
-    if second is None:
-        return None
-    if re.fullmatch(O, cause):
-        return Statement("cause", bool(denied), (clause.phrases[cause],), (second,))
-    first = _plain_event(clause, cause)
-    return Statement("cause", bool(denied), events=(first, second)) if first else None
-
-
-def _motion(clause: Clause, words: str, context: _Context) -> Statement | None:
-    """Of one object or of a number of them, at a frame or over the video."""
-    if context.later or context.removed:
-        return None
-    match = re.fullmatch(r"([NK]\d+) IS (NOT )?(MOVING|STATIONARY)", words)
-    if match:
-        state = match[3].lower()
-        if match[2]:
-            state = "stationary" if state == "moving" else "moving"
-    else:
-        match = re.fullmatch(r"([NK]\d+) (NEVER )?MOVE(?: INVIDEO)?", words)
-        if not match or (context.frame is not None and match[2]):
-            return None
-        state = "never moving" if match[2] else "moving" if context.frame is not None else "ever moving"
-    token = match[1]
-    if token[0] == "N":
-        return Statement("motion", objects=(clause.phrases[token],), words=(state,), frame=context.frame)
-    if context.frame is None and state in ("moving", "stationary"):
-        return None
-    number = clause.numbers[token]
-    return Statement("count", False, (clause.phrases[token],), words=(state,), number=number, frame=context.frame)
-
-
-def _count(clause: Clause, words: str, context: _Context) -> Statement | None:
-    if context.removed or context.frame is not None:
-        return None
-    match = re.fullmatch(r"there IS (?:NOT )?([KA]\d+)(?: INVIDEO)?", words)
-    if match and not context.later:
-        phrase = clause.phrases[match[1]]
-        if match[1][0] == "A":
-            return Statement("presence", " NOT " in words, (phrase,))
-        return None if " NOT " in words else Statement("presence", objects=(phrase,), number=clause.numbers[match[1]])
-    relation, frame = "", None
-    match = re.fullmatch(r"(.+) (before|after) (F\d+)", words)
-    if match and not context.later:
-        words, relation, frame = match[1], match[2], clause.numbers[match[3]]
-    words = words.removesuffix(" INVIDEO")
-    match = re.fullmatch(r"(K\d+) (ENTER|EXIT)", words)
-    if match and not context.later:
-        event = EventPhrase("in" if match[2] == "ENTER" else "out", ())
-        phrase, number = clause.phrases[match[1]], clause.numbers[match[1]]
-        return Statement("count", False, (phrase,), (event,), number=number, frame=frame, relation=relation)
-    match = re.fullmatch(rf"(C\d+)(?: of {O})? HAPPEN|there IS (C\d+)(?: of {O})?", words)
-    if not match:
-        return None
-    token, who = match[1] or match[3], match[2] or match[4]
-    event = EventPhrase("collision", (clause.phrases[who],) if who else ())
-    kind = "future" if context.later else "count"
-    return Statement(kind, events=(event,), number=clause.numbers[token], frame=frame, relation=relation)
-
-
-def _attribute(clause: Clause, words: str, context: _Context) -> Statement | None:
-    if context != _Context():
-        return None
-    match = re.fullmatch(rf"the {ATTRIBUTE} of {O} IS (NOT )?({W}|[NA]\d+)", words) or re.fullmatch(
-        rf"{O}'s {ATTRIBUTE} IS (NOT )?({W}|[NA]\d+)", words
-    )
-    if match:
-        name, token = (match[1], match[2]) if match[1] in (*ATTRIBUTES, "colour") else (match[2], match[1])
-        name = "color" if name == "colour" else name
-        stated = _stated_words(clause, match[4])
-        if len(stated) != 1 or stated[0] not in ATTRIBUTES[name]:
-            return None
-        return Statement("attribute", bool(match[3]), (clause.phrases[token],), words=stated, attribute=name)
-    match = re.fullmatch(rf"{O} IS (NOT )?(?:made of )?({W}(?: (?:, |and )*{W})*|A\d+)", words)
-    if not match:
-        return None
-    stated = _stated_words(clause, match[3])
-    return Statement("attribute", bool(match[2]), (clause.phrases[match[1]],), words=stated) if stated else None
-
-
-def _stated_words(clause: Clause, words: str) -> tuple[str, ...]:
-    if words in clause.phrases:
-        return clause.phrases[words].words
-    return tuple(ADJECTIVES[w] for w in re.findall(W, words))
-
-
-_READERS = (_event, _order, _cause, _motion, _count, _attribute)
+        text = f"{number or 'no'} {Slot('NS' if many else 'N', said.objects[0].words).text}"
+        line += [slot("KS" if many else "K", text), "who"]
+    for event in events:
+        line += [*things(*event.objects), event.kind, *at(event.frame, "at")]
+    if said.kind == "attribute":
+        noun = said.words[-1] in ATTRIBUTES["shape"] and not said.attribute
+        line += [slot("A", indefinite(Slot("N", said.words).text))] if noun else [slot("W", w) for w in said.words]
+    if said.kind == "order":
+        line += [f"nth-{place}" for place, number in PLACES.items() if number == said.number]
+        line += [token for token, relation in ORDERS.items() if relation == said.relation]
+    elif said.kind in ("attribute", "presence", "motion", "count", "cause"):
+        line.append(said.kind)
+    elif number is not None:
+        line.append("count")  # of collisions after the video
+    line += [token for token, state in STATES.items() if said.words == (state,)]
+    line += [said.attribute] * bool(said.attribute) + ["not"] * said.negated
+    line += ["modal"] if said.removed else ["whole"] if said.kind == "count" and events and not said.relation else []
+    return line + (at(said.frame, said.relation) if said.relation and said.frame is not None else [])

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
-__all__ = ["LAST_FRAME", "PAST_KINDS", "EventPhrase", "ObjectPhrase", "Statement"]
+__all__ = ["PAST_KINDS", "PLACES", "EventPhrase", "ObjectPhrase", "Statement"]
 
-LAST_FRAME = -1
-"""`Statement.frame` of "when the video ends"."""
 PAST_KINDS = {"in": "entrance", "out": "exit", "collision": "collision"}
 """Kind of the claim that an event of each kind happens in the video."""
+
+PLACES = {"first": 1, "second": 2, "last": -1}
+"""Places in a row of events, as in `Statement.number`."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import overload
 
 from nsdr.claims.judge import ClaimJudge, Verdict
 from nsdr.claims.reading import read_sentence
-from nsdr.claims.statements import LAST_FRAME, Statement
+from nsdr.claims.statements import Statement
 from nsdr.types import Event, Scene
 from nsdr.types.checks import check, check_whole
 
@@ -19,8 +19,9 @@ annotations and in the release's `processed_proposals`, 18 have the same frame i
 
 MAX_SENTENCE = 400
 """Longest sentence that is read (characters): more than twice the longest of `narrate`, and short enough to be read at once."""
-_MARKUP = re.compile(r"</?\w+>|[*_`#>|]+")
-_ANSWER = re.compile(r"<answer>.*?(?:</answer>|$)", re.DOTALL | re.IGNORECASE)
+OTHER_COURSES = ("future", "counterfactual")
+"""Kinds of claims that are not about the video."""
+_PASSED_OVER = re.compile(r"<answer>.*?(?:</answer>|\Z)|</?\w+>|[*_`#>|]+", re.DOTALL | re.IGNORECASE)
 _LIST_MARK = re.compile(r"\s*(?:[-•]\s+|\(?\d{1,2}[.)]\s+|step \d+ ?[:.)]\s*)?", re.IGNORECASE)
 _OPTION = re.compile(r"\s*(?:[-•]\s*)?\(?(?:(?:option|choice) )?\(?[A-Za-z][).:]\s", re.IGNORECASE)
 _SENTENCE = re.compile(r"[^\s].*?(?:(?<![.!?;])[.!?;]+(?=\s|$)|$)")
@@ -129,31 +130,46 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
     judge = ClaimJudge(scene, tolerance_frames)
     claims: list[Claim] = []
     skipped: list[tuple[int, int]] = []
+    said: list[Claim] = []  # by the sentence before
     doubtful = ""
-    last_line, just_claimed = -1, False
+    last_line = -1
     for sentence in _sentences(text):
         if sentence.line != last_line and (doubtful == "line" or sentence.after_gap):
             doubtful = ""
         last_line = sentence.line
         shown = text[sentence.start : sentence.end]
-        found = read_sentence(sentence.plain) if sentence.readable else ()
-        statements = [_with_frames(statement, scene.n_frames - 1) for statement in found]
+        statements = read_sentence(sentence.plain, scene.n_frames - 1) if sentence.readable else ()
+        if not statements and said and not sentence.after_gap and _DENIAL.match(shown):
+            taken_back = [replace(c, holds=None, reason="the next sentence takes it back", event=None) for c in said]
+            claims[-len(said) :] = taken_back
+        said = []
+        for statement in statements:
+            verdict = judge.judge(statement)
+            if doubtful and statement.kind not in OTHER_COURSES:
+                verdict = Verdict(None, "a sentence before it may open another course of events", verdict.objects)
+            frames = [statement.frame, *(e.frame for e in statement.events)]
+            said.append(
+                Claim(
+                    shown,
+                    sentence.start,
+                    sentence.end,
+                    statement.kind,
+                    verdict.objects,
+                    next((f for f in frames if f is not None), None),
+                    verdict.holds,
+                    verdict.reason,
+                    statement.negated or statement.number == 0 or statement.words == ("never moving",),
+                    verdict.event,
+                    verdict.vacuous,
+                    statement,
+                )
+            )
+        claims += said
         if not statements:
-            if just_claimed and not sentence.after_gap and _DENIAL.match(shown):
-                _take_back(claims)
-            just_claimed = False
             skipped.append((sentence.start, sentence.end))
             if sentence.readable and _OTHER_WORLD.search(sentence.plain):
                 doubtful = "paragraph"
-            continue
-        just_claimed = True
-        for statement in statements:
-            verdict = judge.judge(statement)
-            if doubtful and statement.kind not in ("future", "counterfactual"):
-                reason = "a sentence before it may open another course of events"
-                verdict = Verdict(None, reason, verdict.objects)
-            claims.append(_claim(statement, verdict, shown, sentence))
-        if not doubtful and any(s.kind in ("future", "counterfactual") for s in statements):
+        elif not doubtful and any(s.kind in OTHER_COURSES for s in statements):
             doubtful = "line"
     return Verification(tuple(claims), tuple(skipped))
 
@@ -172,13 +188,12 @@ class _Sentence:
 
 def _sentences(text: str) -> Iterator[_Sentence]:
     """The sentences of a text; one never goes over the end of a line."""
-    blank = _ANSWER.sub(_spaces, text)
-    blank = _MARKUP.sub(_spaces, blank)
+    blank = _PASSED_OVER.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     position, after_gap = 0, False
     for number, line in enumerate(blank.split("\n")):
         option = _OPTION.match(line) is not None
-        mark = 0 if option else _mark_end(line)
-        for found in _SENTENCE.finditer(line, mark):
+        mark = None if option else _LIST_MARK.match(line)
+        for found in _SENTENCE.finditer(line, mark.end() if mark else 0):
             plain = found[0].rstrip(" .!;")
             if not re.search(r"\w", plain):
                 continue
@@ -188,48 +203,3 @@ def _sentences(text: str) -> Iterator[_Sentence]:
             after_gap = False
         after_gap = after_gap or not line.strip()
         position += len(line) + 1
-
-
-def _mark_end(line: str) -> int:
-    match = _LIST_MARK.match(line)
-    return match.end() if match else 0
-
-
-def _spaces(match: re.Match[str]) -> str:
-    return re.sub(r"[^\n]", " ", match[0])
-
-
-def _take_back(claims: list[Claim]) -> None:
-    """The claims of the last sentence can't be checked, because the next one denies or doubts it."""
-    start = claims[-1].start
-    for i, claim in enumerate(claims):
-        if claim.start == start:
-            claims[i] = replace(claim, holds=None, reason="the next sentence takes it back", event=None)
-
-
-def _with_frames(statement: Statement, last: int) -> Statement:
-    """The statement with the video's last frame in place of `LAST_FRAME`."""
-
-    def frame(stated: int | None) -> int | None:
-        return last if stated == LAST_FRAME else stated
-
-    events = tuple(replace(e, frame=frame(e.frame)) for e in statement.events)
-    return replace(statement, frame=frame(statement.frame), events=events)
-
-
-def _claim(statement: Statement, verdict: Verdict, text: str, sentence: _Sentence) -> Claim:
-    frames = [statement.frame, *(e.frame for e in statement.events)]
-    return Claim(
-        text,
-        sentence.start,
-        sentence.end,
-        statement.kind,
-        verdict.objects,
-        next((f for f in frames if f is not None), None),
-        verdict.holds,
-        verdict.reason,
-        statement.negated or statement.number == 0 or statement.words == ("never moving",),
-        verdict.event,
-        verdict.vacuous,
-        statement,
-    )

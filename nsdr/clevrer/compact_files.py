@@ -24,6 +24,9 @@ __all__ = ["write_compact_files"]
 
 PROPOSALS_FILE, TRUTH_FILE = "proposals.npz", "truth.json.gz"
 
+VERSION = 1
+"""Of the files' content: raised when it changes."""
+
 
 def write_compact_files(
     root: str | Path,
@@ -62,7 +65,9 @@ def write_compact_files(
         generated = Path(root) / "truth" / split / f"truth_{index:05d}.json"
         if truth is None and generated.is_file():
             truth = Entry(generated)
-        value = fingerprint(inputs=[e.read() for e in (entry, truth) if e is not None], config=files.n_frames)
+        value = fingerprint(
+            inputs=[e.read() for e in (entry, truth) if e is not None], config=[VERSION, files.n_frames]
+        )
         jobs.append(Job(f"video {index}", (index, entry, truth), folder / "videos" / f"{index:05d}.npz", value))
     with locked(folder):
         summary = run_jobs(partial(_write_video, files.n_frames), jobs, folder, engine, workers)

@@ -72,10 +72,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     check_arguments(arguments)
-    try:
-        import nsdr.world.camera  # noqa: F401  # reads the camera's place from the environment
-    except ValueError as e:
-        raise DataError(str(e)) from e
     configured = {"train": train, "generate": _generate, "extract-features": _extract_features}.get(
         arguments[0] if arguments else ""
     )

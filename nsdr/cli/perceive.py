@@ -191,6 +191,6 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
     elif image == "strobe":
         write_image(path, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
-        figure = plan_figure(p.dynamics, removed) if image == "plan" else causal_figure(p.scene)
+        figure = plan_figure(p.dynamics, removed, p.camera) if image == "plan" else causal_figure(p.scene)
         with atomic_path(path) as temporary:
             temporary.write_bytes(figure_png(figure))

@@ -204,4 +204,4 @@ def _write_video(path: str, pipeline: Any, video: str, s: Simulation) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # perception has given them
         frames = list(pipeline.frames(video))
-    write_comparison(path, frames, s)
+    write_comparison(path, frames, s, camera=pipeline.camera)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, on_ground
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
@@ -37,7 +37,13 @@ MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
 """Objects whose centre is further outside the image, or nearer to the camera, are not in the image (world units)."""
 
 
-def frames_in_image(shape: str, location_world: FloatArray, detected: BoolArray, box_xyxy_px: FloatArray) -> BoolArray:
+def frames_in_image(
+    shape: str,
+    location_world: FloatArray,
+    detected: BoolArray,
+    box_xyxy_px: FloatArray,
+    camera: Camera = CLEVRER_CAMERA,
+) -> BoolArray:
     """Frames of a track, and those before and after it in which the fitted outline is in the image.
 
     Args:
@@ -45,6 +51,7 @@ def frames_in_image(shape: str, location_world: FloatArray, detected: BoolArray,
         location_world: (F, 2) fitted positions; NaN where nothing fits.
         detected: (F,) bool.
         box_xyxy_px: (F, 4) boxes of the detections.
+        camera: that took the video.
 
     Returns:
         (F,) bool.
@@ -58,7 +65,7 @@ def frames_in_image(shape: str, location_world: FloatArray, detected: BoolArray,
     shift = np.array([SIDE_SHIFT_PX[0], TOP_SHIFT_PX[shape], *SIDE_SHIFT_PX[1:]])
     for end, outside in ((first, np.arange(first)[::-1]), (last, np.arange(last + 1, len(detected)))):
         if len(outside):
-            depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px)
+            depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px, camera)
             inside = (depths + shift > 0).all(1)
             visible[outside[: len(inside) if inside.all() else int(inside.argmin())]] = True
     return visible
@@ -71,6 +78,7 @@ def border_depths(
     detected: BoolArray,
     end: int,
     box_xyxy_px: FloatArray,
+    camera: Camera = CLEVRER_CAMERA,
 ) -> FloatArray:
     """How far the outline's leading side is inside each border, before `SIDE_SHIFT_PX` and `TOP_SHIFT_PX` are added.
 
@@ -81,6 +89,7 @@ def border_depths(
         detected: (F,).
         end: first or last detected frame; the leading sides are measured in the detections next to it.
         box_xyxy_px: (F, 4).
+        camera: as in `frames_in_image`.
 
     Returns:
         (W, 4) for the left, top, right and bottom border (pixels); NaN where a position is not known or far from the image.
@@ -89,7 +98,7 @@ def border_depths(
     near = near[np.abs(near - end) <= MAX_SAMPLE_FRAMES]
     near = near[np.argsort(np.abs(near - end), kind="stable")][:TREND_SAMPLES]
     after = near - end
-    sides, seen = _outline_sides(shape, location_world[wanted]), _outline_sides(shape, location_world[near])
+    sides, seen = (_outline_sides(shape, location_world[frames], camera) for frames in (wanted, near))
     # Sides that another object may hide count, too: without them, fits of objects that are cut all the time go far astray.
     for side in (LEFT, TOP, RIGHT):  # the bottom side leads at the top border, where masks are worse than fits
         lack = box_xyxy_px[near, side] - seen[:, side]
@@ -107,23 +116,23 @@ def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: 
     return np.asarray(lack[:LEVEL_SAMPLES].mean() + trend * (wanted_after - after[:LEVEL_SAMPLES].mean()))
 
 
-def _outline_sides(shape: str, location_world: FloatArray) -> FloatArray:
+def _outline_sides(shape: str, location_world: FloatArray, camera: Camera) -> FloatArray:
     """Left, top, right and bottom (N, 4) of outlines in pixels; NaN where a position is not known or far from the image."""
     centre = on_ground(location_world)
     sides = np.full((len(centre), 4), np.nan)
     with np.errstate(invalid="ignore"):
-        depth, pixel = CLEVRER_CAMERA.depth(centre), CLEVRER_CAMERA.pixels(centre)
-        margin = CLEVRER_CAMERA.focal_px * MARGIN_WORLD / depth[:, None]
+        depth, pixel = camera.depth(centre), camera.pixels(centre)
+        margin = camera.focal_px * MARGIN_WORLD / depth[:, None]
         near = ((pixel > -margin) & (pixel < np.array([WIDTH_PX, HEIGHT_PX]) + margin)).all(1)
         known = np.flatnonzero(near & (depth > MARGIN_WORLD))
     if not len(known):
         return sides
     points = np.repeat(surface_points(shape, CUBE_YAW)[None], len(known) if shape == "cube" else 1, axis=0)
     if shape == "cube":
-        x, y = (centre[known, :2] - CLEVRER_CAMERA.eye_world[:2]).T
+        x, y = (centre[known, :2] - camera.eye_world[:2]).T
         cos, sin = x / np.hypot(x, y), y / np.hypot(x, y)
         turn = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
         points[..., :2] = points[..., :2] @ turn
-    outline = CLEVRER_CAMERA.pixels(points + centre[known, None])
+    outline = camera.pixels(points + centre[known, None])
     sides[known] = np.concatenate([outline.min(1), outline.max(1)], 1)
     return sides

@@ -60,6 +60,7 @@ def rollout_errors(
             cut = MotionStates(
                 tuple(replace(o, id=i) for i, o in enumerate(np.array(states.objects, object)[here])),
                 **shown,
+                camera=states.camera,
             )
             rollout = predictor.continue_motion(cut)
             for ahead, collected in distances.items():

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from nsdr.io.validation import COUNT, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
 from nsdr.types import SceneObject, VideoTracks
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
 
 __all__ = [
@@ -66,6 +67,7 @@ class MotionStates:
         box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
         patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.image_patches`); None
             for networks that read no images.
+        camera: that took the video.
     """
 
     objects: tuple[SceneObject, ...]
@@ -75,6 +77,7 @@ class MotionStates:
     present: BoolArray
     box_px: FloatArray
     patches: NDArray[np.uint8] | None = None
+    camera: Camera = CLEVRER_CAMERA
 
     @property
     def spacing_frames(self) -> float:
@@ -121,7 +124,8 @@ def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None =
         before, after = every < seen[0], every > seen[-1]
         location[i, before] = _line(seen[first], t.location_world[first], every[before])
         location[i, after] = _line(seen[last], t.location_world[last], every[after])
-    return MotionStates(tuple(t.object for t in video.tracks), location, detected, reliable, present, centred)
+    objects = tuple(t.object for t in video.tracks)
+    return MotionStates(objects, location, detected, reliable, present, centred, camera=video.camera)
 
 
 def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:

@@ -18,7 +18,7 @@ from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.io.validation import MANY, NOT_NEGATIVE, check_ranges
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
-from nsdr.world.camera import on_ground
+from nsdr.world.camera import Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS
 
 __all__ = ["SmoothedTracks", "SmoothingConfig", "rollout_in_image", "smooth_tracks", "with_smoothed_tracks"]
@@ -88,7 +88,7 @@ def smooth_tracks(
             fitted = _stretch(states, i, after_collision, end, c, before_first_collision=k == 0)
             if fitted is not None:
                 location[i, start:end], velocity[i, start:end] = fitted(start, end)
-        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i])
+        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
     return SmoothedTracks(location, velocity, visible)
 
 
@@ -101,13 +101,13 @@ def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
     return replace(rollout, visible=visible, speed_world_per_s=speed)
 
 
-def rollout_in_image(shapes: Sequence[str], location_world: FloatArray) -> BoolArray:
+def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: Camera) -> BoolArray:
     """(n, F) bool: in which frames objects at positions (n, F, 2) are in the image; NaN is not."""
     yaw = np.full(location_world.shape[1], UNKNOWN_CUBE_YAW)
     known = np.nan_to_num(location_world, nan=OUTSIDE_WORLD)
     if not len(shapes):
         return np.zeros(location_world.shape[:2], bool)
-    return np.stack([in_image(shape, on_ground(row), yaw) for shape, row in zip(shapes, known, strict=True)])
+    return np.stack([in_image(shape, on_ground(row), yaw, camera) for shape, row in zip(shapes, known, strict=True)])
 
 
 def _stretch(

@@ -13,7 +13,7 @@ from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
 from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_ranges
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
-from nsdr.world.camera import grid_from_pixels, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = ["VelocityConfig", "VelocityEvents", "velocity_collisions"]
@@ -90,16 +90,18 @@ class VelocityEvents:
         """Motion with collisions where it changes; see `DynamicsBackend`."""
         states = states_from_tracks(tracks)
         seen = Rollout(states.location_world, states.present, ())
-        before = velocity_collisions(seen, self.config) if observed is None else tuple(observed)
+        before = velocity_collisions(seen, self.config, tracks.camera) if observed is None else tuple(observed)
         if reads_images(self.backend):
             prediction = self.backend.predict(tracks, before, pixels)
         else:
             prediction = self.backend.predict(tracks, before)
         met = {e.objects for e in before}
-        ahead = velocity_collisions(_from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.config)
+        ahead = velocity_collisions(
+            _from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.config, tracks.camera
+        )
         later = [e for e in ahead if e.frame >= tracks.n_frames and e.objects not in met]
         counterfactual = {
-            k: replace(without, collisions=velocity_collisions(without, self.config), uncertain=None)
+            k: replace(without, collisions=velocity_collisions(without, self.config, tracks.camera), uncertain=None)
             for k, without in prediction.counterfactual.items()
         }
         rollout = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None, uncertain=None)
@@ -113,16 +115,16 @@ def _from(rollout: Rollout, frame: int) -> Rollout:
     return replace(rollout, location_world=location, visible=rollout.visible & known)
 
 
-def velocity_collisions(rollout: Rollout, config: VelocityConfig) -> tuple[Event, ...]:
+def velocity_collisions(rollout: Rollout, config: VelocityConfig, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:
     """Collisions of one rollout, each pair once, by frame."""
-    found = _in_image(rollout, config) if config.rule == "paper" else _on_ground(rollout, config)
+    found = _in_image(rollout, config, camera) if config.rule == "paper" else _on_ground(rollout, config)
     return tuple(sorted(found, key=lambda e: e.frame))
 
 
-def _in_image(rollout: Rollout, config: VelocityConfig) -> list[Event]:
+def _in_image(rollout: Rollout, config: VelocityConfig, camera: Camera) -> list[Event]:
     n, frames = rollout.visible.shape
     height = np.full((n, frames, 1), OBJECT_RADIUS_WORLD)
-    grid = grid_from_pixels(pixels_from_world(np.concatenate([rollout.location_world, height], -1)))
+    grid = grid_from_pixels(camera.pixels(np.concatenate([rollout.location_world, height], -1)))
     shown = rollout.visible & np.isfinite(grid).all(-1)
     samples = range(0, frames, config.stride_frames)
     paths = [{t: (grid[i, t, 0], grid[i, t, 1]) for t in samples if shown[i, t]} for i in range(n)]

@@ -130,7 +130,9 @@ def _jobs(
 ) -> Sequence[Job[Any]]:
     weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
     background = [Path(settings.video.background)] if settings.video.background else []
-    common = fingerprint(inputs=background, config=[form, asdict(settings)], weights=weights).encode()
+    common = fingerprint(
+        inputs=background, config=[form, asdict(settings), settings.versions()], weights=weights
+    ).encode()
     return [
         Job(name, item, output / f"{stem}_{number}.json", fingerprint(inputs=[item, common]))
         for number, (name, item) in found.items()

@@ -22,6 +22,8 @@ from nsdr.world.timeline import FPS
 
 __all__ = ["CONTROLS", "EXCHANGED", "exchange", "write_controls"]
 
+VERSION = 1
+"""Of the videos that are written: raised when they change."""
 CONTROLS = ("blind", "reversed", "shuffled")
 """Kinds of controls: grey frames; the frames in reverse order; each scene with the video of another one."""
 EXCHANGED = "exchanged.json"
@@ -106,7 +108,7 @@ def _write(
         low = index // FOLDER_SIZE * FOLDER_SIZE
         place = folder / "videos" / split.name / f"video_{low:05d}-{low + FOLDER_SIZE:05d}" / f"video_{index:05d}.mp4"
         video = split.video(source)
-        jobs.append(Job(str(index), video, place, fingerprint(inputs=[video], config=kind)))
+        jobs.append(Job(str(index), video, place, fingerprint(inputs=[video], config=[VERSION, kind])))
     summary = run_jobs(partial(_write_video, kind), jobs, folder, engine, workers)
     if kind == "shuffled":
         write_json(folder / EXCHANGED, {str(i): source for i, source in taken.items()}, indent=1)

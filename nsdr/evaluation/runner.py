@@ -13,6 +13,7 @@ from typing import Any, cast
 
 from tqdm import tqdm
 
+from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.parsed_programs import with_parsed_programs
@@ -45,6 +46,8 @@ __all__ = [
     "true_scene_of",
 ]
 
+VERSION = 1
+"""Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")
 PARSED = ("parsed", "network")
 """Values of `EvaluationConfig.programs` that parse the texts."""
@@ -269,7 +272,9 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
         values.pop(unneeded)
     settings = config.pipeline()
     weights = checkpoint_folders(find_checkpoint(config.checkpoint), settings.dynamics)
-    return fingerprint(inputs=inputs, config={**values, "pipeline": asdict(settings)}, weights=weights)
+    versions = [VERSION, question_parser.VERSION, symbolic.VERSION, settings.versions()]
+    resolved = {**values, "pipeline": asdict(settings), "versions": versions}
+    return fingerprint(inputs=inputs, config=resolved, weights=weights)
 
 
 def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
@@ -301,7 +306,8 @@ def _job(
 def _settings_fingerprint(checkpoint: str, settings: PipelineConfig, source: str, truth_source: str) -> str:
     weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
     background = [Path(settings.video.background)] if settings.video.background else []
-    return fingerprint(inputs=background, config=[source, truth_source, asdict(settings)], weights=weights)
+    config = [source, truth_source, asdict(settings), settings.versions()]
+    return fingerprint(inputs=background, config=config, weights=weights)
 
 
 def _perceive(

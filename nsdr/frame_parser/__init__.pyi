@@ -19,3 +19,5 @@ from .model import (
 )
 from .parser import FrameParser as FrameParser
 from .training_frames import frame_records as frame_records, write_frames as write_frames
+
+VERSION: int

@@ -21,6 +21,8 @@ from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 __all__ = ["frame_records", "write_frames"]
 
+VERSION = 1
+"""Of the frames that are written: raised when they change."""
 JPEG_QUALITY = 95
 """Quality of the written images (0-100)."""
 MIN_SCORE = 0.9
@@ -63,7 +65,7 @@ def write_frames(
     if not pairs:
         raise DataError(f"{videos}: holds no video_N.mp4 with a proposal_N.json or sim_N.json in {proposals}")
     folder = Path(output)
-    settings = fingerprint(config=[every, score]).encode()
+    settings = fingerprint(config=[VERSION, every, score]).encode()
     jobs = [
         Job(
             video.name,

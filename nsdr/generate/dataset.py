@@ -21,6 +21,7 @@ from nsdr.clevrer.files.questions import without_answers, write_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
+from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
@@ -37,7 +38,7 @@ from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
 from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
 from nsdr.io.video import write_video
-from nsdr.world.camera import Camera
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
 
@@ -255,7 +256,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
 
 def _fingerprint(config: DatasetConfig) -> str:
     """Of everything that a video depends on beside its index."""
-    return fingerprint(config=_manifest(config)["config"], code=__name__)
+    return fingerprint(config=[VERSION, _manifest(config)["config"]])
 
 
 def _as_json(value: Any) -> Any:
@@ -274,7 +275,7 @@ def make_video(config: DatasetConfig, split: str, index: int) -> None:
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)
     # Masks and visibility refer to the release's image size, whatever the video's size is.
-    camera = Camera(view.camera.eye_world)
+    camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
     if config.renderer != "none":
         preview = config.renderer == "preview"
         blender_frames = partial(_blender_frames, config.render, files.work / _fingerprint(config))

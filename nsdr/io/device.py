@@ -1,12 +1,10 @@
-"""Names of devices and number formats."""
+"""Where networks run: devices, number formats, and threads, of which idle ones sleep: a busy machine then costs a share."""
 
-import math
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from pathlib import Path
 from threading import Lock, local
 from types import ModuleType
 from typing import Any
@@ -16,7 +14,6 @@ from nsdr.errors import DataError
 __all__ = [
     "PRECISIONS",
     "available_cores",
-    "child_threads",
     "has_bfloat16",
     "limit_threads",
     "resolve_device",
@@ -95,7 +92,6 @@ PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
 """Idle threads of GNU's OpenMP (in torch's wheels for Linux) and of LLVM's or Intel's sleep at once."""
 WAITING = (*PASSIVE, "GOMP_SPINCOUNT")
 """Environment variables with which users decide how idle OpenMP threads wait."""
-CGROUPS = Path("/sys/fs/cgroup")
 
 
 def wait_passively() -> None:
@@ -109,33 +105,9 @@ def wait_passively() -> None:
 
 def available_cores() -> int:
     """CPU cores this process may use: those of its affinity, or the CPU quota of its control group where that is less."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(math.ceil(min(cores, _quota_cores())), 1)
+    from loky import cpu_count
 
-
-def _quota_cores(root: Path = CGROUPS, own: Path = Path("/proc/self/cgroup")) -> float:
-    """CPU quota of this process's control groups, versions 1 and 2, in cores; infinite without one."""
-    quotas = [math.inf]
-    for line in own.read_text().splitlines() if own.is_file() else ():
-        _, controllers, path = line.split(":", 2)
-        if controllers and "cpu" not in controllers.split(","):
-            continue
-        mount = root / "cpu" if controllers else root
-        group = mount / path.lstrip("/")
-        for folder in (group, *group.parents):  # the host's path of a container is not there, but its root is
-            if not folder.is_relative_to(mount):
-                break
-            if controllers:
-                values = _read(folder / "cpu.cfs_quota_us") + _read(folder / "cpu.cfs_period_us")
-            else:
-                values = _read(folder / "cpu.max")
-            if len(values) == 2 and values[0].isdigit():  # not "max" (version 2) or -1 (version 1)
-                quotas.append(int(values[0]) / int(values[1]))
-    return min(quotas)
-
-
-def _read(path: Path) -> list[str]:
-    return path.read_text().split() if path.is_file() else []
+    return int(cpu_count())
 
 
 class _Limits:
@@ -199,17 +171,3 @@ def _one_blas_thread() -> Iterator[None]:
             yield
     finally:
         _Limits.blas.release()
-
-
-@contextmanager
-def child_threads(n: int) -> Iterator[None]:
-    """Processes started within it use `n` threads at most in OpenMP and BLAS; a user's smaller `OMP_NUM_THREADS` stays."""
-    before = os.environ.get("OMP_NUM_THREADS")
-    os.environ["OMP_NUM_THREADS"] = str(min(n, int(before)) if before and before.isdigit() else n)
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["OMP_NUM_THREADS"]
-        else:
-            os.environ["OMP_NUM_THREADS"] = before

@@ -1,7 +1,6 @@
-"""Writing files atomically."""
+"""Outputs: written whole or not at all, by one process at a time, and checked before the work; and the files of a folder."""
 
 import errno
-import fcntl
 import importlib.util
 import json
 import logging
@@ -13,9 +12,10 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from nsdr.errors import DataError
 
@@ -34,32 +34,36 @@ __all__ = [
 
 PARTIAL = ".partial"
 """Part of the name of unfinished files, which begins with a dot."""
-UNWRITABLE = (
-    errno.EEXIST,
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EROFS,
-    errno.EACCES,
-    errno.EPERM,
-    errno.ENOTDIR,
-    errno.ENAMETOOLONG,
-    errno.EISDIR,
-    errno.ELOOP,
-    errno.EPIPE,
-    errno.EIO,
-)
-"""System errors that are the target's."""
-NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
-"""System errors of file systems that cannot lock files."""
+ABANDONED_S = 3600.0
+"""Time after which an unfinished file that nobody writes to is taken for what a kill left (s)."""
+LOCK = ".lock"
+"""End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
 FILE_MODE = 0o644
 """Permissions of written files."""
+PROBE_BYTES = 4096
+"""Bytes that are written for a test, and deleted."""
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
+NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM)
+NO_PLACE = (errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)
+"""System errors that are the target's."""
+NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
+"""System errors of file systems that cannot lock files."""
+log = logging.getLogger(__name__)
 
 
-def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
-    """Write `value` as JSON, atomically."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(value, indent=indent) + "\n")
+@contextmanager
+def writing(path: str | Path) -> Iterator[None]:
+    """The system's errors while `path` is written, in one line.
+
+    Raises:
+        DataError: `path` cannot be written: no permission, no space left.
+    """
+    try:
+        yield
+    except OSError as e:
+        if e.errno in (*NO_SPACE, *NOT_ALLOWED, *NO_PLACE):
+            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+        raise
 
 
 @contextmanager
@@ -67,7 +71,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error.
 
     What is no regular file, such as `/dev/null` or a pipe, is written to and never replaced; of a link, the file that it points
-    to is replaced. What a killed process left of the same file is written over.
+    to is replaced.
 
     Raises:
         DataError: `path` is a folder, or cannot be written: no permission, no space left.
@@ -85,113 +89,55 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
                     shutil.copyfileobj(source, target)
             return
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _partial_file(path) as temporary:
+        temporary = _partial_file(path)
+        try:
             yield temporary
             sync(temporary)
             temporary.chmod(FILE_MODE)
             os.replace(temporary, path)
-            sync(path.parent)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        sync(path.parent)
 
 
-@contextmanager
-def writing(path: str | Path) -> Iterator[None]:
-    """The system's errors while `path` is written, in one line.
-
-    Raises:
-        DataError: `path` cannot be written: no permission, no space left.
-    """
-    try:
-        yield
-    except OSError as e:
-        if e.errno in UNWRITABLE:
-            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
-        raise
-
-
-@contextmanager
-def _partial_file(path: Path) -> Iterator[Path]:
-    """An empty hidden file beside `path`, locked while it is written; deleted, unless it was renamed."""
+def _partial_file(path: Path) -> Path:
+    """An empty hidden file beside `path`, which nobody else writes to."""
     temporary = path.with_name(f".{path.stem}{PARTIAL}{path.suffix}")
-    handle = hold(temporary)
-    while handle is None:  # another process writes the same file
-        temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
-        handle = hold(temporary)
-    try:
-        os.ftruncate(handle, 0)
-        yield temporary
-    finally:
-        if _is_at(handle, temporary):
+    with suppress(FileNotFoundError):
+        if time.time() - temporary.stat().st_mtime > ABANDONED_S:
             temporary.unlink()
-        os.close(handle)
-
-
-def hold(path: Path, create: bool = True) -> int | None:
-    """Lock a file. The system releases the lock when the returned descriptor is closed, or its process ends.
-
-    Whoever renames or deletes the file does so while holding it. File systems without locks grant all.
-
-    Args:
-        path: the file.
-        create: create it if missing.
-
-    Returns:
-        The file's descriptor; None if it is held already, or missing and not to be created.
-    """
-    while True:
-        try:
-            handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | (os.O_CREAT if create else 0), FILE_MODE)
-        except FileNotFoundError:
-            if create:
-                raise
-            return None
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as e:
-            if e.errno not in NO_LOCKS:
-                os.close(handle)
-                if isinstance(e, BlockingIOError):
-                    return None
-                raise
-        if _is_at(handle, path):
-            return handle
-        os.close(handle)  # renamed or deleted meanwhile
-
-
-def _is_at(handle: int, path: Path) -> bool:
-    """Whether the open file is the one of that name."""
     try:
-        return os.path.samestat(os.fstat(handle), path.lstat())
-    except FileNotFoundError:
-        return False
+        temporary.touch(exist_ok=False)
+    except FileExistsError:  # another process writes the same file, or was killed just now
+        temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
+        temporary.touch(exist_ok=False)
+    return temporary
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Delete the unfinished files in a folder that killed processes left; those that a process writes stay."""
+    """Delete the unfinished files that killed processes left in a folder, of which this process has the lock."""
     for path in folder.rglob(f".*{PARTIAL}*"):
         with suppress(PermissionError):  # of another user
-            handle = hold(path, create=False) if path.is_file() else None
-            if handle is not None:
-                path.unlink()
-                os.close(handle)
+            path.unlink(missing_ok=True)
+
+
+def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
+    """Write `value` as JSON, atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(value, indent=indent) + "\n")
 
 
 def sync(*paths: Path) -> None:
-    """Flush files and folders to disk."""
+    """Flush files and folders to disk; Windows flushes folders by itself."""
     for path in paths:
-        handle = os.open(path, os.O_RDONLY)
+        if os.name == "nt" and path.is_dir():
+            continue
+        handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
         try:
             os.fsync(handle)
         finally:
             os.close(handle)
-
-
-LOCK = ".lock"
-"""End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
-POLL_S = 0.2
-"""Time between two looks at a lock that is waited for (s)."""
-_held: ContextVar[frozenset[Path]] = ContextVar("held", default=frozenset())
-"""Lock files that this thread holds."""
-log = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -210,35 +156,34 @@ def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[N
     with writing(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
         path = Path(folder).resolve() / f"{'.' if name else ''}{name}{LOCK}"
-        handle = None if path in _held.get() else _taken(path, target, wait)
-    if handle is None:
-        yield
-        return
-    token = _held.set(_held.get() | {path})
+        lock = FileLock(path, is_singleton=True)  # of each thread, which may take it several times
+        try:
+            _acquire(lock, path, target, wait)
+        except OSError as e:
+            if e.errno not in NO_LOCKS:
+                raise
     try:
-        owner = {"process": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
-        with suppress(OSError):  # the lock holds on a full disk, too
-            os.ftruncate(handle, 0)
-            os.write(handle, json.dumps(owner).encode())
+        if lock.lock_counter <= 1:
+            owner = {"process": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+            with suppress(OSError):  # the lock holds on a full disk, too
+                path.write_text(json.dumps(owner))
         yield
     finally:
-        _held.reset(token)
-        with suppress(OSError):
-            path.unlink()
-        os.close(handle)
+        if lock.lock_counter <= 1:
+            with suppress(OSError):
+                path.unlink()
+        lock.release()
 
 
-def _taken(path: Path, target: Path, wait: bool) -> int:
-    """The descriptor of the lock file, once it is ours."""
-    told = False
-    while (handle := hold(path)) is None:
+def _acquire(lock: FileLock, path: Path, target: Path, wait: bool) -> None:
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as e:
+        owner = _owner(path)
         if not wait:
-            raise DataError(f"{target}: {_owner(path)} writes to it; wait for it, or choose another place")
-        if not told:
-            log.warning("%s: %s writes to it; waiting for its end", target, _owner(path))
-            told = True
-        time.sleep(POLL_S)
-    return handle
+            raise DataError(f"{target}: {owner} writes to it; wait for it, or choose another place") from e
+        log.warning("%s: %s writes to it; waiting for its end", target, owner)
+        lock.acquire()
 
 
 def _owner(path: Path) -> str:
@@ -247,10 +192,6 @@ def _owner(path: Path) -> str:
         return f"process {owner['process']} on {owner['host']} (since {owner['since']})"
     except (OSError, ValueError, KeyError, TypeError):
         return "another process"
-
-
-PROBE_BYTES = 4096
-"""Bytes that are written for a test, and deleted."""
 
 
 def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequence[str | Path] = ()) -> str:
@@ -281,7 +222,9 @@ def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequenc
                 raise DataError(f"{path}: expected a name ending in {' or '.join(suffixes)}")
             suffix = suffixes[0]
         if is_special:
-            _probe_special(target)
+            if stat.S_ISCHR(target.stat().st_mode):  # what else there is, such as a pipe, might wait for its reader
+                with target.open("wb", buffering=0) as device:
+                    device.write(b"")
             return suffix
         if any(target == Path(os.path.realpath(other)) for other in inputs):
             raise DataError(f"{path}: is already another input or output; choose another name")
@@ -289,6 +232,17 @@ def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequenc
             raise DataError(f"{path}: is read-only; make it writable (chmod u+w), or choose another name")
         _probe_folder(target.parent, path)
     return suffix
+
+
+def check_output_folder(path: str | Path) -> None:
+    """Check that files can be written to a folder, which may be missing.
+
+    Raises:
+        DataError: it is a file, read-only, full or not to be written by this user; names the path.
+    """
+    _check_name(path)
+    with writing(path):
+        _probe_folder(Path(os.path.realpath(path)), path)
 
 
 def check_installed(module: str, purpose: str, extra: str) -> None:
@@ -304,17 +258,6 @@ def check_installed(module: str, purpose: str, extra: str) -> None:
     """
     if importlib.util.find_spec(module) is None:
         raise DataError(f"{purpose}: pip install 'nsdr[{extra}]'")
-
-
-def check_output_folder(path: str | Path) -> None:
-    """Check that files can be written to a folder, which may be missing.
-
-    Raises:
-        DataError: it is a file, read-only, full or not to be written by this user; names the path.
-    """
-    _check_name(path)
-    with writing(path):
-        _probe_folder(Path(os.path.realpath(path)), path)
 
 
 def _check_name(path: str | Path) -> None:
@@ -334,16 +277,6 @@ def _probe_folder(folder: Path, path: str | Path) -> None:
         file.write(b"\0" * PROBE_BYTES)
         file.flush()
         os.fsync(file.fileno())
-
-
-def _probe_special(target: Path) -> None:
-    """Write nothing to a device; what else is no regular file, such as a pipe, might wait for its reader."""
-    if stat.S_ISCHR(target.stat().st_mode):
-        handle = os.open(target, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
-        try:
-            os.write(handle, b"")
-        finally:
-            os.close(handle)
 
 
 def _is_read_only(path: Path) -> bool:

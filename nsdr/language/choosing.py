@@ -4,7 +4,7 @@ import random
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
-__all__ = ["AtRandom", "Chooser", "First", "Phrases", "Replay"]
+__all__ = ["AtRandom", "Chooser", "Phrases", "Replay"]
 
 T = TypeVar("T")
 
@@ -63,13 +63,3 @@ class Replay(AtRandom):
         index = self.path[self.depth][0]
         self.depth += 1
         return options[index]
-
-
-class First:
-    """Takes the first of everything."""
-
-    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
-        """The first one."""
-        return options[0]
-
-    vary = pick

@@ -3,7 +3,8 @@
 A line is `SYMBOL: pattern => program`. A pattern holds words, symbols in capitals (with a digit where one occurs twice),
 `(a|b c)` for alternatives and `[a]` for what may be left out. The program holds tokens and the symbols of the pattern, which
 stand for their own programs. The symbols N, NS and A are noun phrases and attribute words (`Slot`): N is singular, NS plural,
-OBJ and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both.
+OBJ and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both. A set of
+rules may have other slots.
 
 `SYMBOL*3` makes a rule three times as frequent in drawn texts; `N:moves:color` says to `Phrases` what a noun phrase is for, and
 which attribute it must not name. A line with `<attribute>` (or `<ATTRIBUTE>`) stands for three lines, one for each attribute.
@@ -16,8 +17,9 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
 
-from nsdr.language.choosing import AtRandom, Chooser, First, Phrases, Replay
-from nsdr.language.slots import CATEGORY, SLOT_FORMS, Slot, filled, in_order, text_of, with_filters
+from nsdr.language.choosing import AtRandom, Chooser, Phrases, Replay
+from nsdr.language.slots import SLOT_FORMS, Slot, filled, text_of, with_filters
+from nsdr.language.writing import Writer
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["Pair", "Rules", "load_rules"]
@@ -35,9 +37,10 @@ _HEAD = re.compile(r"([A-Z_]+)(?:\*(\d+))?: *(.*)")
 
 @dataclass(frozen=True)
 class _Part:
-    """A word, a symbol, or alternatives, each a sequence of parts."""
+    """A word (in normal form, and as it is written), a symbol, or alternatives, each a sequence of parts."""
 
     word: str = ""
+    written: str = ""
     symbol: str = ""
     use: str = ""
     without: str = ""
@@ -68,15 +71,20 @@ class Rules:
 
     Args:
         text: lines of the notation; empty lines and lines that start with # are skipped.
+        slots: symbols of slots, and the words that stand for them in a text that is read.
+        normal: normal forms of words. What a pattern writes "enters" is read in its normal form.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(
+        self, text: str, slots: Mapping[str, Sequence[str]] = SLOT_FORMS, normal: Mapping[str, str] | None = None
+    ) -> None:
+        self.slots = slots
         self._rules: dict[str, list[_Rule]] = {}
         for line in _lines(text):
             head = _HEAD.fullmatch(line)
             assert head is not None, f"no rule: {line}"
             pattern, program = head[3].split("=>")
-            parts = _sequence(_TOKEN.findall(pattern))
+            parts = _sequence(_TOKEN.findall(pattern), normal or {})
             in_pattern = {part.symbol: part for part in _all_parts(parts) if part.symbol}
             used = [name for token in program.split() for name in token.split("&") if name in in_pattern]
             symbols = {name: in_pattern[name] for name in used}
@@ -88,7 +96,7 @@ class Rules:
 
     def _readings(self, symbol: str, words: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """All programs of a text as a symbol; `#i` in a program stands for the slot at word i."""
-        found = _Reader(self._rules, words).symbol(symbol, 0)
+        found = _Reader(self._rules, self.slots, words).symbol(symbol, 0)
         return tuple(dict.fromkeys(program for end, program in found if end == len(words)))
 
     def read(self, symbol: str, words: Sequence[str | Slot]) -> list[list[str]]:
@@ -97,10 +105,21 @@ class Rules:
         found = (filled(program, words) for program in self.readings(symbol, forms))
         return [list(t) for t in dict.fromkeys(tuple(tokens) for tokens in found if tokens is not None)]
 
-    def write(self, symbol: str, tokens: Sequence[str]) -> str | None:
-        """The program in words, by the first rules and alternatives that give it; None where none do."""
-        found = _Writer(self, tokens).symbol(_Part(symbol=symbol), 0)
-        return next((text_of(words) for end, words in found if end == len(tokens)), None)
+    def write(
+        self, symbol: str, program: Sequence[str], forms: Sequence[Sequence[str]]
+    ) -> list[str | tuple[str, int]] | None:
+        """The words of the first text with a program, (symbol, i) for its slot i; None if there is none.
+
+        Rules are tried in their order. Of alternatives the first is written, and what may be left out is, unless it holds a
+        symbol of the program. Joined slots (`NS&A`) are not written.
+
+        Args:
+            symbol: of the text.
+            program: tokens, with `#i` for slot i.
+            forms: of each slot, the words that may stand for it when it is read, with "" if it may be left out.
+        """
+        found = Writer(self._rules, self.slots, program, forms).symbol(symbol, 0)
+        return next((list(words) for end, words in found if end == len(program)), None)
 
     def draw(self, symbol: str, rng: random.Random, phrases: Phrases) -> Pair:
         """A random text of a symbol with its program."""
@@ -132,8 +151,8 @@ class Rules:
 
     def _made(self, part: _Part, choose: Chooser, phrases: Phrases) -> tuple[_Words, _Words]:
         """Words of a symbol and its program, slots in both."""
-        if part.name in SLOT_FORMS:
-            form, bare = SLOT_FORMS[part.name][0], SLOT_FORMS[part.name][-1]
+        if part.name in self.slots:
+            form, bare = self.slots[part.name][0], self.slots[part.name][-1]
             words = () if part.name in ("OBJ", "OBJS") else phrases.words(choose, part.use, part.without)
             slot = Slot(form if words else bare, words)
             return [slot], [slot]
@@ -154,7 +173,7 @@ class Rules:
         words: _Words = []
         for part in parts:
             if part.word:
-                words.append(part.word)
+                words.append(part.written)
             elif part.options:
                 n = len(part.options)
                 weights = [OPTION_PROBABILITY / (n - 1)] * (n - 1) + [1 - OPTION_PROBABILITY]
@@ -162,8 +181,8 @@ class Rules:
                 words += self._said(option, bound, choose)
             elif part.symbol in bound:
                 words += bound[part.symbol]
-            elif part.name in SLOT_FORMS:
-                words.append(Slot(SLOT_FORMS[part.name][-1], ()))
+            elif part.name in self.slots:
+                words.append(Slot(self.slots[part.name][-1], ()))
             else:
                 words += self._said(choose.vary(self._rules[part.name]).parts, {}, choose)
         return words
@@ -176,14 +195,16 @@ def load_rules(package: str, *names: str) -> Rules:
 
 
 class _Reader:
-    def __init__(self, rules: Mapping[str, list[_Rule]], words: tuple[str, ...]) -> None:
-        self.rules, self.words = rules, words
+    def __init__(
+        self, rules: Mapping[str, list[_Rule]], slots: Mapping[str, Sequence[str]], words: tuple[str, ...]
+    ) -> None:
+        self.rules, self.slots, self.words = rules, slots, words
         self.known: dict[tuple[str, int], list[tuple[int, tuple[str, ...]]]] = {}
 
     def symbol(self, name: str, start: int) -> list[tuple[int, tuple[str, ...]]]:
         """Ends and programs of the texts from `start` on that a symbol stands for."""
-        if name in SLOT_FORMS:
-            fits = start < len(self.words) and self.words[start] in SLOT_FORMS[name]
+        if name in self.slots:
+            fits = start < len(self.words) and self.words[start] in self.slots[name]
             return [(start + 1, (f"#{start}",))] if fits else []
         found = self.known.get((name, start))
         if found is None:
@@ -213,47 +234,6 @@ class _Reader:
                 yield from self.sequence(rest, end, (*bound, (part.symbol, program)))
 
 
-class _Writer:
-    def __init__(self, rules: Rules, tokens: Sequence[str]) -> None:
-        self.rules, self.tokens = rules, list(tokens)
-
-    def symbol(self, part: _Part, start: int) -> Iterator[tuple[int, _Words]]:
-        """Ends of the programs from `start` on that a symbol stands for, and their words."""
-        if part.name in SLOT_FORMS:
-            yield from self.slot(SLOT_FORMS[part.name], start)
-            return
-        for rule in self.rules._rules[part.name]:
-            for end, bound in self.program(rule, 0, start, {}):
-                yield end, self.rules._said(rule.parts, {name: words for name, (words, _) in bound.items()}, First())
-
-    def slot(self, forms: tuple[str, ...], start: int) -> Iterator[tuple[int, _Words]]:
-        words: list[str] = []
-        at = start
-        while self.tokens[at : at + 1] and self.tokens[at + 1 : at + 2] == [f"filter_{CATEGORY.get(self.tokens[at])}"]:
-            words.append(self.tokens[at])
-            at += 2
-        form = forms[0 if words else -1]
-        if len({CATEGORY[w] for w in words}) == len(words) and (bool(words) != form.startswith("O")):
-            yield at, [Slot(form, in_order(words))]
-
-    def program(
-        self, rule: _Rule, token_index: int, start: int, bound: dict[str, tuple[_Words, list[str]]]
-    ) -> Iterator[tuple[int, dict[str, tuple[_Words, list[str]]]]]:
-        """Ends of the tokens from `start` on that fit the rest of a rule's program, and words and tokens of its symbols."""
-        if token_index == len(rule.program):
-            yield start, bound
-            return
-        token = rule.program[token_index]
-        if token in bound or token not in rule.symbols:
-            expected = bound[token][1] if token in bound else [token]
-            if self.tokens[start : start + len(expected)] == expected:
-                yield from self.program(rule, token_index + 1, start + len(expected), bound)
-            return
-        for end, words in self.symbol(rule.symbols[token], start):
-            more = {**bound, token: (words, self.tokens[start:end])}
-            yield from self.program(rule, token_index + 1, end, more)
-
-
 def _composed(program: tuple[str, ...], bound: _Bound) -> tuple[str, ...]:
     values = dict(bound)
     tokens: list[str] = []
@@ -261,7 +241,7 @@ def _composed(program: tuple[str, ...], bound: _Bound) -> tuple[str, ...]:
         if "&" in token:
             tokens.append("&".join(values[key][0] for key in token.split("&")))
         else:
-            tokens += values.get(token, (token,))
+            tokens += values.get(token, () if token.isupper() else (token,))
     return tuple(tokens)
 
 
@@ -274,7 +254,7 @@ def _lines(text: str) -> Iterator[str]:
             yield line
 
 
-def _sequence(tokens: list[str]) -> tuple[_Part, ...]:
+def _sequence(tokens: list[str], normal: Mapping[str, str]) -> tuple[_Part, ...]:
     """Parse a pattern; consumes the tokens up to a closing bracket."""
     options: list[tuple[_Part, ...]] = []
     parts: list[_Part] = []
@@ -282,7 +262,7 @@ def _sequence(tokens: list[str]) -> tuple[_Part, ...]:
         token = tokens.pop(0)
         name, *how = token.split(":")
         if token in ("(", "["):
-            inner = _sequence(tokens)
+            inner = _sequence(tokens, normal)
             choices = inner[0].options if len(inner) == 1 and inner[0].options and not inner[0].word else (inner,)
             parts.append(_Part(options=(*choices, ()) if token == "[" else choices))
         elif token in (")", "]"):
@@ -294,7 +274,7 @@ def _sequence(tokens: list[str]) -> tuple[_Part, ...]:
             use, without = [*how, "", ""][:2]
             parts.append(_Part(symbol=name, use=use or USES.get(name.rstrip("123456789"), ""), without=without))
         else:
-            parts.append(_Part(word=token))
+            parts.append(_Part(word=normal.get(token, token), written=token))
     if options:
         return (_Part(options=(*options, tuple(parts))),)
     return tuple(parts)

@@ -10,7 +10,7 @@ from nsdr.errors import ProgramError
 from nsdr.io.reading import parse_json
 from nsdr.language.choosing import Chooser
 from nsdr.language.rules import Pair, Rules, load_rules
-from nsdr.language.slots import Slot, with_filters
+from nsdr.language.slots import CATEGORY, Slot, in_order, text_of, with_filters
 from nsdr.symbolic.program import CHOICE_KINDS, Program, ProgramSource
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
 
@@ -122,13 +122,37 @@ def in_words(program: ProgramSource) -> str:
     """
     parsed = Program.parse(program)
     rules = load_rules("nsdr.language", "clevrer", "beyond", "written")
+    tokens, slots = _with_slots(parsed.tokens)
+    forms = [("N", "NS", "A") if words else ("O", "OS", "") for words in slots]
     try:
-        text = rules.write(START_SYMBOLS[kind_of(parsed)], parsed.tokens)
+        found = rules.write(START_SYMBOLS[kind_of(parsed)], tokens, forms)
     except RecursionError:  # hundreds of objects within each other
-        text = None
-    if text is None:
+        found = None
+    if found is None:
         raise ProgramError("no question or choice stands for the program")
+    text = text_of([w if isinstance(w, str) else Slot("NS" if w[0] == "NS" else "N", slots[w[1]]) for w in found])
     return text[:1].upper() + text[1:]
+
+
+def _with_slots(program: Sequence[str]) -> tuple[list[str], list[tuple[str, ...]]]:
+    """A program with `#i` after each `objects` for the filters that follow, and the attribute words of each slot."""
+    tokens: list[str] = []
+    slots: list[tuple[str, ...]] = []
+    rest = list(program)
+    while rest:
+        tokens.append(rest.pop(0))
+        if tokens[-1] != "objects":
+            continue
+        words: list[str] = []
+        while rest and rest[1:2] == [f"filter_{CATEGORY.get(rest[0])}"]:
+            words.append(rest[0])
+            del rest[:2]
+        if len({CATEGORY[w] for w in words}) < len(words):
+            raise ProgramError("no question or choice stands for the program")
+        found = in_order(words)
+        slots += [] if found in slots else [found]
+        tokens.append(f"#{slots.index(found)}")
+    return tokens, slots
 
 
 def read_paraphrases() -> list[dict[str, Any]]:

@@ -5,3 +5,5 @@ from .language_model import LanguageModelParser as LanguageModelParser
 from .model import ParserNetwork as ParserNetwork, QuestionParserConfig as QuestionParserConfig
 from .network import QuestionParser as QuestionParser, build_networks as build_networks, pad as pad
 from .tokenizer import PROGRAM_TOKENS as PROGRAM_TOKENS, Tokenizer as Tokenizer
+
+VERSION: int

@@ -20,3 +20,6 @@ __all__ = [
     "format_trace",
     "format_tree",
 ]
+
+VERSION = 1
+"""Of the answers of programs: raised when they change."""

@@ -7,3 +7,5 @@ from .visibility import (
     hidden_sides as hidden_sides,
     in_image as in_image,
 )
+
+VERSION: int

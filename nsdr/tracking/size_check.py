@@ -27,7 +27,7 @@ def size_ratio(tracks: VideoTracks) -> NDArray[np.float64] | None:
         whole = ~cut_sides(track.box_xyxy_px).any(1)
         if whole.sum() >= MIN_FRAMES:
             box = track.box_xyxy_px[whole].astype(float)
-            expected = expected_size(track.object.shape, track.location_world[whole])
+            expected = expected_size(track.object.shape, track.location_world[whole], tracks.camera)
             ratios.append(np.quantile((box[:, 2:] - box[:, :2]) / expected, QUANTILE, axis=0))
     return np.asarray(np.quantile(ratios, QUANTILE, axis=0)) if len(ratios) >= MIN_OBJECTS else None
 

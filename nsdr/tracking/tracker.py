@@ -14,6 +14,7 @@ from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import VisibilityConfig, cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import SHAPES, attributes_of
 
 __all__ = ["TrackerConfig", "track"]
@@ -111,7 +112,9 @@ class _Tracklet:
         self.frame, self.position = frame, position
 
 
-def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> VideoTracks:
+def track(
+    proposals: VideoProposals, config: TrackerConfig | None = None, camera: Camera = CLEVRER_CAMERA
+) -> VideoTracks:
     """Track the objects of a video.
 
     Proposals are linked from frame to frame by predicted position and attributes (optimal assignment). The linked tracklets
@@ -127,7 +130,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     spacing = _spacing_frames(proposals)
     c = _with_spacing(config or TrackerConfig(), spacing)
     kept = np.flatnonzero(proposals.score > c.score)
-    positions = _positions(proposals, kept, c)
+    positions = _positions(proposals, kept, c, camera)
     linked = [tracklet.rows for tracklet in _link(proposals, kept, positions, c)]
     by_identity = _identities(
         proposals, [part for rows in linked for part in _cut_at_switches(proposals, rows, c, spacing)]
@@ -143,7 +146,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
         Track(SceneObject(i, *_words(t)), t.frame_index, t.location_world, t.centroid_px, t.box_xyxy_px, t.score)
         for i, t in enumerate(tracks)
     ]
-    return VideoTracks(proposals.n_frames, tuple(renamed))
+    return VideoTracks(proposals.n_frames, tuple(renamed), camera)
 
 
 def _spacing_frames(proposals: VideoProposals) -> float:
@@ -205,7 +208,7 @@ def _words(t: Track) -> tuple[str, str, str]:
     return t.object.color, t.object.material, t.object.shape
 
 
-def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig) -> NDArray[Any]:
+def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig, camera: Camera) -> NDArray[Any]:
     """(N, 2) ground positions of all rows (world units); NaN for rows that are not in `kept`."""
     positions = np.full((len(proposals), 2), np.nan)
     if not len(kept):
@@ -218,10 +221,8 @@ def _positions(proposals: VideoProposals, kept: NDArray[Any], c: TrackerConfig) 
     shapes = np.array([SHAPES.index(attributes_of(int(a))[2]) for a in proposals.attribute[kept]])
     for index, shape in enumerate(SHAPES):
         rows = kept[shapes == index]
-        found = ground_location(
-            shape, proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[shapes == index]
-        )
-        positions[rows] = found
+        seen = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[shapes == index]
+        positions[rows] = ground_location(shape, *seen, camera)
     return positions
 
 

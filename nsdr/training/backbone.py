@@ -1,12 +1,16 @@
 """Train the baselines' backbone: `nsdr train backbone --config configs/baselines/backbone.yaml --root DATA`."""
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
@@ -18,17 +22,20 @@ from nsdr.baselines.features.backbone import (
     FrameClassifier,
     FrameScores,
     image_batch,
-    load_backbone,
 )
-from nsdr.baselines.features.extraction import spaced
+from nsdr.baselines.features.extraction import frames_of, spaced
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
+from nsdr.io.files import atomic_path
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.validation import COUNT, MANY, SHARE, SIZE, check_paths, check_ranges
-from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_videos
-from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["BackboneTask", "BackboneTraining", "frame_targets", "main"]
+__all__ = ["BackboneTask", "BackboneTraining", "DecodedVideo", "SeenObject", "decode_videos", "frame_targets", "main"]
 
 FOUND_PROBABILITY = 0.5
 """A centre is found in a cell with a higher probability (0-1)."""
@@ -45,7 +52,6 @@ class BackboneTraining:
             training split is used.
         run_dir: folder of the run, which also keeps the decoded frames; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
-        initial: weights to start from, "imagenet" or a checkpoint of this training; "" starts from random weights.
         image_size: height and width to which frames are scaled (pixels); multiples of 16.
         frames_per_video: evenly spaced frames of each video.
         videos: maximum number of videos; 0 for all.
@@ -59,7 +65,6 @@ class BackboneTraining:
     root: str
     run_dir: str
     output: str = ""
-    initial: str = ""
     image_size: tuple[int, int] = (160, 240)
     frames_per_video: int = 8
     videos: int = 0
@@ -78,6 +83,94 @@ class BackboneTraining:
             raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {stride}")
 
 
+class SeenObject(NamedTuple):
+    """An object whose centre is in a frame.
+
+    Attributes:
+        column: of its centre, as a share of the image's width (0-1).
+        row: of its centre, as a share of the image's height (0-1).
+        words: word index of each of `ATTRIBUTES`.
+    """
+
+    column: float
+    row: float
+    words: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class DecodedVideo:
+    """Some frames of a video.
+
+    Attributes:
+        index: of the video.
+        images: (F, H, W, 3) uint8 RGB, mapped from a file.
+        objects: those of each frame, the nearest to the camera last.
+    """
+
+    index: int
+    images: NDArray[np.uint8]
+    objects: tuple[tuple[SeenObject, ...], ...]
+
+
+def decode_videos(
+    root: str | Path, folder: str | Path, image_size: tuple[int, int], frames: int, limit: int = 0
+) -> list[DecodedVideo]:
+    """The training videos of a data set that have annotations, by index. What an earlier call decoded is kept.
+
+    Args:
+        root: the data set, in the official layout.
+        folder: where decoded frames are kept.
+        image_size: height and width to which frames are scaled (pixels).
+        frames: evenly spaced frames of each video.
+        limit: maximum number of videos; 0 for all.
+
+    Raises:
+        DataError: the data set has no such videos, or one cannot be read.
+    """
+    split = CLEVRER(root).split("train")
+    indices = sorted(set(split.entries("videos")) & set(split.entries("annotations")))[: limit or None]
+    if not indices:
+        raise DataError(f"{root}: has no training videos with annotations; make some with `nsdr generate dataset`")
+    folder = Path(folder)
+    jobs = []
+    for index in indices:
+        video = split.video(index)
+        key = fingerprint(inputs=[video], config=[image_size, frames])
+        jobs.append(Job(video.name, video, folder / f"{index:05d}.npy", key))
+    summary = run_jobs(partial(_decode, image_size, frames), jobs, folder, wait=True)
+    summary.succeeded(jobs, folder, keep_going=False)
+    decoded = []
+    for index, job in zip(indices, jobs, strict=True):
+        annotation = split.annotation(index)
+        picked = spaced(len(annotation["motion_trajectory"]), frames)
+        objects = tuple(seen_objects(annotation, int(frame)) for frame in picked)
+        decoded.append(DecodedVideo(index, np.load(job.output, mmap_mode="r"), objects))
+    return decoded
+
+
+def _decode(image_size: tuple[int, int], count: int, video: Path, output: Path) -> None:
+    height, width = image_size
+    frames = frames_of(video)
+    scaled = [cv2.resize(frames[i], (width, height), interpolation=cv2.INTER_AREA) for i in spaced(len(frames), count)]
+    with atomic_path(output) as temporary:
+        np.save(temporary, np.stack(scaled))
+
+
+def seen_objects(annotation: Mapping[str, Any], frame: int) -> tuple[SeenObject, ...]:
+    """The objects of an annotation whose centres are in a frame, the nearest to the camera last."""
+    words = {
+        row["object_id"]: tuple(known.index(row[name]) for name, known in ATTRIBUTES.items())
+        for row in annotation["object_property"]
+    }
+    found = []
+    for row in annotation["motion_trajectory"][frame]["objects"]:
+        column, line = CLEVRER_CAMERA.pixels(row["location"])
+        share = float(column) / CLEVRER_CAMERA.width, float(line) / CLEVRER_CAMERA.height
+        if row["inside_camera_view"] and 0 <= share[0] < 1 and 0 <= share[1] < 1:
+            found.append((float(CLEVRER_CAMERA.depth(row["location"])), SeenObject(*share, words[row["object_id"]])))
+    return tuple(seen for _, seen in sorted(found, key=lambda item: -item[0]))
+
+
 def frame_targets(objects: Sequence[SeenObject], cells: tuple[int, int]) -> dict[str, Tensor]:
     """What a frame shows.
 
@@ -93,8 +186,7 @@ def frame_targets(objects: Sequence[SeenObject], cells: tuple[int, int]) -> dict
     """
     centre = torch.zeros(cells, dtype=torch.bool)
     attributes = torch.zeros(len(ATTRIBUTES), *cells, dtype=torch.int64)
-    sizes = [len(words) for words in ATTRIBUTES.values()]
-    present = [torch.zeros(size, dtype=torch.bool) for size in sizes]
+    present = [torch.zeros(len(words), dtype=torch.bool) for words in ATTRIBUTES.values()]
     for seen in objects:
         row, column = int(seen.row * cells[0]), int(seen.column * cells[1])
         centre[row, column] = True
@@ -115,22 +207,16 @@ class BackboneTask(Task):
     def __init__(self, config: BackboneTraining) -> None:
         self.config = config
         torch.manual_seed(config.loop.seed)
-        model = FrameClassifier(config.model)
-        if config.initial:
-            model.backbone = load_backbone(config.model.name, config.initial)
-        self.model: nn.Module = model.to(memory_format=torch.channels_last)
+        self.model: nn.Module = FrameClassifier(config.model).to(memory_format=torch.channels_last)
         height, width = config.image_size
         self.cells = height // STRIDES[CELL_STAGE], width // STRIDES[CELL_STAGE]
         folder = Path(config.run_dir) / "frames"
         videos = decode_videos(config.root, folder, config.image_size, config.frames_per_video, config.videos)
-        self.training = [v for v in videos if v.index % config.held_out_every]
-        held_out = [v for v in videos if v.index % config.held_out_every == 0]
-        if not self.training or not held_out:
-            expected = f"training videos whose index {config.held_out_every} divides, to evaluate on, and others"
-            raise DataError(f"{config.root}: expected {expected}; got {len(held_out)} and {len(self.training)}")
-        every = [(video, frame) for video in held_out for frame in range(config.frames_per_video)]
-        picked = np.unique(spaced(len(every), config.evaluation_frames))
-        self.held_out = [every[i] for i in picked]
+        is_held_out = held_out(np.array([v.index for v in videos]), config.held_out_every, config.root)
+        self.training = [video for video, held in zip(videos, is_held_out, strict=True) if not held]
+        evaluated = [video for video, held in zip(videos, is_held_out, strict=True) if held]
+        every = [(video, frame) for video in evaluated for frame in range(config.frames_per_video)]
+        self.held_out = [every[i] for i in np.unique(spaced(len(every), config.evaluation_frames))]
 
     def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int, bool]]:
         """The position of each example's video in `training`, its frame, and whether it is flipped."""
@@ -141,11 +227,11 @@ class BackboneTask(Task):
 
     def collate(self, examples: Sequence[tuple[int, int, bool]]) -> dict[str, Tensor]:
         """B frames: `images` (B, 3, H, W), as of `image_batch`, and the targets of `frame_targets`, stacked."""
-        return self._batch([(self.training[video], frame) for video, frame, _ in examples], [e[2] for e in examples])
+        return self._batch([(self.training[video], frame, flip) for video, frame, flip in examples])
 
-    def _batch(self, frames: Sequence[tuple[DecodedVideo, int]], flipped: Sequence[bool]) -> dict[str, Tensor]:
+    def _batch(self, frames: Sequence[tuple[DecodedVideo, int, bool]]) -> dict[str, Tensor]:
         images, targets = [], []
-        for (video, frame), flip in zip(frames, flipped, strict=True):
+        for video, frame, flip in frames:
             image, objects = video.images[frame], video.objects[frame]
             if flip:
                 image = image[:, ::-1]
@@ -159,11 +245,10 @@ class BackboneTask(Task):
         """Means per frame of centres, words and number of objects, per object of attributes; `images` are (B, 3, H, W)."""
         scores: FrameScores = model(batch["images"])
         frames, centre = len(batch["images"]), batch["centre"]
-        objects = int(centre.sum())
         terms = {"centre": LossTerm(_binary(scores.centre, centre), frames)}
         for name, logits, target in _attributes(scores, batch):
             total = (cross_entropy(logits, target, reduction="none") * centre).sum()
-            terms[name] = LossTerm(total, objects)
+            terms[name] = LossTerm(total, centre.sum())
         terms["present"] = LossTerm(_binary(scores.present, batch["present"]), frames)
         terms["count"] = LossTerm(cross_entropy(scores.number, batch["number"], reduction="sum"), frames)
         return terms
@@ -181,29 +266,27 @@ class BackboneTask(Task):
         """
         model.eval()
         device = next(model.parameters()).device
-        totals: dict[str, float] = dict.fromkeys(("objects", "found", "right", "false", "words", "count"), 0.0)
+        totals: Counter[str] = Counter()
         for start in range(0, len(self.held_out), EVALUATION_BATCH):
-            frames = self.held_out[start : start + EVALUATION_BATCH]
-            batch = {k: v.to(device) for k, v in self._batch(frames, [False] * len(frames)).items()}
+            frames = [(*example, False) for example in self.held_out[start : start + EVALUATION_BATCH]]
+            batch = {k: v.to(device) for k, v in self._batch(frames).items()}
             scores: FrameScores = model(batch["images"])
             found, centre = scores.centre.sigmoid() > FOUND_PROBABILITY, batch["centre"]
             right = found & centre
-            totals["objects"] += int(centre.sum())
-            totals["found"] += int(right.sum())
-            totals["false"] += int((found & ~centre).sum())
             for _, logits, target in _attributes(scores, batch):
                 right = right & (logits.argmax(1) == target)
-            totals["right"] += int(right.sum())
-            totals["words"] += float(((scores.present > 0) == batch["present"]).float().mean(1).sum())
-            totals["count"] += int((scores.number.argmax(1) == batch["number"]).sum())
-        n, objects = len(self.held_out), max(totals["objects"], 1.0)
-        shares = {"found": totals["found"] / objects, "right": totals["right"] / objects}
-        return {
-            **shares,
-            "false_centres": totals["false"] / n,
-            "present": totals["words"] / n,
-            "count": totals["count"] / n,
-        }
+            counted = {
+                "objects": centre,
+                "found": found & centre,
+                "right": right,
+                "false_centres": found & ~centre,
+                "present": (scores.present > 0) == batch["present"],
+                "count": scores.number.argmax(1) == batch["number"],
+            }
+            totals.update({name: int(flags.sum()) for name, flags in counted.items()})
+        n, objects, words = len(self.held_out), max(totals["objects"], 1), sum(map(len, ATTRIBUTES.values()))
+        per = {"found": objects, "right": objects, "false_centres": n, "present": n * words, "count": n}
+        return {name: totals[name] / number for name, number in per.items()}
 
 
 def _binary(logits: Tensor, target: Tensor) -> Tensor:
@@ -224,6 +307,5 @@ def main(argv: Sequence[str] | None = None) -> str:
         DataError: no training videos with annotations.
     """
     config: Any = parse_training(BackboneTraining, argv, "backbone")
-    task = BackboneTask(config)
     details = {"image_size": list(config.image_size)}
-    return train_part("backbone", task, config, config.model, details)
+    return train_part("backbone", BackboneTask(config), config, config.model, details)

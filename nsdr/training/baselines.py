@@ -79,7 +79,7 @@ class BaselineTraining:
     def data_fingerprint(self) -> str:
         """Of the questions, and of the settings that the features were made with; features of other videos may be added."""
         manifest = [Path(self.features) / MANIFEST] if self.features else []
-        return fingerprint(inputs=[Path(self.questions), *manifest], code=False)
+        return fingerprint(inputs=[Path(self.questions), *manifest])
 
 
 class TrainingBatch(NamedTuple):
@@ -190,7 +190,7 @@ class BaselineTrainer:
         """Of the settings but for the device, the questions and the features' settings."""
         config = self._config(file)
         values = resolved(replace(config, loop=replace(config.loop, device="auto")))
-        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()], code=False)
+        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()])
 
     def features(self, file: str) -> str:
         """Folder of the features of the training; "" for a system that sees no video."""

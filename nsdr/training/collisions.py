@@ -19,9 +19,8 @@ from nsdr.dynamics.collisions.features import (
 from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.metrics import collision_scores
 from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
-from nsdr.errors import DataError
 from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, SHARE, check_paths, check_ranges
-from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
 
 __all__ = ["HELD_OUT_EVERY", "CollisionTask", "CollisionTraining", "main"]
@@ -90,12 +89,9 @@ class CollisionTask(Task):
         self.model: nn.Module = CollisionNetwork(config.model)
         cache = f"{config.run_dir}/motion.npz"
         data = read_motion_dataset(config.proposals, config.truth, cache, config.limit or None)
-        held_out = data.scene % HELD_OUT_EVERY == 0
-        if held_out.all() or not held_out.any():
-            message = f"expected scenes whose index {HELD_OUT_EVERY} divides, to evaluate on, and others to train on"
-            raise DataError(f"{config.proposals}: {message}; got {held_out.sum()} and {(~held_out).sum()}")
-        self.data: MotionDataset = data.subset(~held_out)
-        self.held_out: MotionDataset = data.subset(np.flatnonzero(held_out)[: config.evaluation_scenes])
+        is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.proposals)
+        self.data: MotionDataset = data.subset(~is_held_out)
+        self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
         self.arrays = [arrays_from_states(self.data.states(i)[0]) for i in range(len(self.data))]
 
     def draw(self, count: int, rng: np.random.Generator) -> list[_Example]:

@@ -1,4 +1,4 @@
-"""What the training tasks of both dynamics networks share: the configuration, the tracks and the collision loss."""
+"""What the training tasks of the dynamics networks share: the configuration, the tracks and the collision loss."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from torch.nn import functional as F
 
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.dynamics.propnet.data import SIMULATED_SCENE, MotionDataset, read_motion_dataset
+from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.dynamics.propnet.state_model import StateModelConfig
@@ -20,7 +20,7 @@ from nsdr.dynamics.propnet.state_predictor import StatePredictor
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint
 from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_paths, check_ranges
-from nsdr.training.loop import LoopConfig, LossTerm, Task
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
 from nsdr.types import Event
 from nsdr.world.timeline import VIDEO_FRAMES
 
@@ -96,8 +96,6 @@ class DynamicsTraining:
 class TrackTask(Task):
     """Base of the dynamics tasks: a network, the tracks to train it on, and held-out scenes.
 
-    The tracks are kept in the run's folder, so that a resumed run on the same files need not make them again.
-
     Args:
         config: the training.
         network: what is trained; starts from `config.initial` where that is given.
@@ -109,14 +107,9 @@ class TrackTask(Task):
             network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
         self.model: nn.Module = network
         data = self.read()
-        held_out = (data.scene % HELD_OUT_EVERY == 0) & (data.scene != SIMULATED_SCENE)
-        if held_out.all() or not held_out.any():
-            message = f"expected scenes whose index {HELD_OUT_EVERY} divides, to evaluate on, and others to train on"
-            raise DataError(
-                f"{config.data or config.proposals}: {message}; got {held_out.sum()} and {(~held_out).sum()}"
-            )
-        self.data: MotionDataset = data.subset(~held_out)
-        self.held_out: MotionDataset = data.subset(np.flatnonzero(held_out)[: config.evaluation_scenes])
+        is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.data or config.proposals)
+        self.data: MotionDataset = data.subset(~is_held_out)
+        self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
         self.object_count = self.data.exists.sum(1)
         n = self.data.collision_frame.shape[1]
         collisions = np.argwhere(self.data.collision_frame * np.triu(np.ones((n, n), int), 1) > 0)
@@ -126,12 +119,10 @@ class TrackTask(Task):
             self._pools[count] = np.flatnonzero(alike), collisions[alike[collisions[:, 0]]]
 
     def read(self) -> MotionDataset:
-        """The scenes to train and evaluate on."""
-        config = self.config
-        cache = f"{config.run_dir}/motion.npz"
-        return read_motion_dataset(
-            config.proposals, config.truth, cache, config.limit or None, config.simulated or None
-        )
+        """The scenes to train and evaluate on; kept in the run's folder, so that a resumed run need not make them again."""
+        c = self.config
+        cache = f"{c.run_dir}/motion.npz"
+        return read_motion_dataset(c.proposals, c.truth, cache, c.limit or None, c.simulated or None)
 
     def states(self, index: int) -> tuple[MotionStates, list[Event]]:
         """A held-out scene and its true collisions."""
@@ -172,9 +163,7 @@ def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> LossTerm:
         target: (B, N, N) bool.
         exists: (B, N) bool; pairs with an object that does not exist are left out.
     """
-    n = logits.shape[1]
-    upper = torch.triu(torch.ones(n, n, dtype=torch.bool, device=logits.device), 1)
-    valid = exists[:, :, None] & exists[:, None] & upper
+    valid = (exists[:, :, None] & exists[:, None]).triu(1)
     loss = F.binary_cross_entropy_with_logits(logits, target.float(), reduction="none")
     return LossTerm((loss * valid).sum(), len(logits))
 

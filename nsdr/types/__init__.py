@@ -14,11 +14,12 @@ from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelo
 from nsdr.types.object_physics import ObjectPhysics
 from nsdr.types.scenes import DynamicsPrediction, Event, Rollout, Scene, UncertainCollision
 from nsdr.types.simulations import EventChange, Simulation
-from nsdr.types.tracks import SceneObject, Track, VideoProposals, VideoTracks
+from nsdr.types.tracks import Camera, SceneObject, Track, VideoProposals, VideoTracks
 
 __all__ = [
     "Add",
     "Answer",
+    "Camera",
     "ChoiceAnswer",
     "DynamicsPrediction",
     "Event",

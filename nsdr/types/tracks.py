@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from nsdr.types.checks import ArrayHolder, FloatArray, IntArray, check, check_values, check_whole, store_array
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
 
-__all__ = ["SceneObject", "Track", "VideoProposals", "VideoTracks"]
+__all__ = ["Camera", "SceneObject", "Track", "VideoProposals", "VideoTracks"]
 
 
 @dataclass(frozen=True)
@@ -140,10 +141,12 @@ class VideoTracks:
     Attributes:
         n_frames: number of frames of the video.
         tracks: one per object, in the order of object ids.
+        camera: that took the video; the positions follow from it.
     """
 
     n_frames: int
     tracks: tuple[Track, ...]
+    camera: Camera = CLEVRER_CAMERA
 
     def __post_init__(self) -> None:
         check_whole("VideoTracks", "n_frames", self.n_frames, 1)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from nsdr.types import Simulation
 from nsdr.types.interventions import intervention_text
 from nsdr.visualize.plan_frames import draw_plan
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 
 __all__ = ["comparison_frames"]
 
@@ -24,7 +24,10 @@ GAP_PX = 2
 
 
 def comparison_frames(
-    simulation: Simulation, original: Iterable[NDArray[np.uint8]], changed: Iterable[NDArray[np.uint8]]
+    simulation: Simulation,
+    original: Iterable[NDArray[np.uint8]],
+    changed: Iterable[NDArray[np.uint8]],
+    camera: Camera = CLEVRER_CAMERA,
 ) -> Iterator[NDArray[np.uint8]]:
     """Frames with the original at the left and the changed world at the right: seen by the camera, and below from above.
 
@@ -34,6 +37,7 @@ def comparison_frames(
         simulation: what was simulated.
         original: (320, 480, 3) uint8 RGB: the video, and what follows it.
         changed: as many rendered frames of the changed world.
+        camera: that took the video.
 
     Yields:
         (688, 960, 3) uint8 RGB.
@@ -43,8 +47,8 @@ def comparison_frames(
     for frame, (left, right) in enumerate(zip(original, changed, strict=True)):
         image = np.full((HEADER_PX + 2 * HEIGHT_PX, 2 * WIDTH_PX, 3), PAPER, np.uint8)
         image[HEADER_PX:-HEIGHT_PX, :WIDTH_PX], image[HEADER_PX:-HEIGHT_PX, WIDTH_PX:] = left, right
-        image[-HEIGHT_PX:, :WIDTH_PX] = draw_plan(s.objects, *before, frame)
-        image[-HEIGHT_PX:, WIDTH_PX:] = draw_plan(s.objects, s.changed, s.changed_yaw, frame, before)
+        image[-HEIGHT_PX:, :WIDTH_PX] = draw_plan(s.objects, *before, frame, camera=camera)
+        image[-HEIGHT_PX:, WIDTH_PX:] = draw_plan(s.objects, s.changed, s.changed_yaw, frame, before, camera)
         image[HEADER_PX:, WIDTH_PX - GAP_PX // 2 : WIDTH_PX + GAP_PX // 2] = PAPER
         image[-HEIGHT_PX - GAP_PX // 2 : -HEIGHT_PX + GAP_PX // 2] = PAPER
         _write_header(image, s, frame)

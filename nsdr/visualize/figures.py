@@ -10,7 +10,7 @@ from nsdr.errors import DataError
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
 from nsdr.visualize.labels import place_labels
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -42,7 +42,7 @@ MISSING_DIFFERENCE_WORLD = 9.0
 """Distance assumed where one of two compared trajectories is missing (world units), so that it counts as different."""
 
 
-def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> Any:
+def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, camera: Camera = CLEVRER_CAMERA) -> Any:
     """The ground from above: observed trajectories solid, predicted ones dashed, collisions as stars.
 
     Stars of observed collisions are filled; the number beside a star is the collision's frame.
@@ -50,6 +50,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
     Args:
         prediction: from a dynamics backend.
         removed: id of the object whose removal is drawn; None draws the observed rollout.
+        camera: that sees the shaded part of the ground.
 
     Returns:
         A matplotlib figure.
@@ -63,7 +64,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
     height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
     figure, axes = plt.subplots(figsize=(PLAN_WIDTH_IN, height_in), constrained_layout=True)
     corners_px = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
-    corners = _on_plan(ground_from_pixels(np.array(corners_px), 0.0))
+    corners = _on_plan(camera.ground(np.array(corners_px), 0.0))
     axes.fill(corners[:, 0], corners[:, 1], color="0.96", zorder=0)
     labels = []
     for o in prediction.objects:

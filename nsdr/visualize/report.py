@@ -85,7 +85,7 @@ def write_report(
         body += _pictures(frames, perception)
     if dynamics is not None:
         caption = "From above: observed trajectories solid, predicted ones dashed."
-        body.append(figure_html(figure_png(plan_figure(dynamics)), caption))
+        body.append(figure_html(figure_png(plan_figure(dynamics, camera=perception.camera)), caption))
     body += [figure_html(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
     if dynamics is not None:
         body += ["<h2>Without each object</h2>", *_removals(perception, frames, answers)]
@@ -165,7 +165,7 @@ def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers:
     for i in chosen:
         name = dynamics.objects[i].name
         simulation = simulate_removal(dynamics, [Remove(i)], 0, "report")
-        plan = figure_html(figure_png(plan_figure(dynamics, i)), "From above; gray: with it.")
+        plan = figure_html(figure_png(plan_figure(dynamics, i, perception.camera)), "From above; gray: with it.")
         changes = _changes(simulation, perception, frames) or "<p>Nothing else changes.</p>"
         parts.append(f"<h3>Without the {name}</h3><div class=row>{plan}<div>{changes}</div></div>")
     return parts
@@ -180,7 +180,8 @@ def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.
             picture = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects)
         else:
             rollout = simulation.original if gone else simulation.changed
-            picture = data_uri(jpeg(draw_plan(simulation.objects, rollout, simulation.changed_yaw, event.frame)))
+            plan = draw_plan(simulation.objects, rollout, simulation.changed_yaw, event.frame, camera=perception.camera)
+            picture = data_uri(jpeg(plan))
         image = f"<img alt='frame {event.frame}' src='{picture}'>"
         cards.append(f"<div>{image}{html.escape(change_text(simulation, change))}</div>")
     return f"<div class=cards>{''.join(cards)}</div>" if cards else ""

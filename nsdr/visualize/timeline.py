@@ -157,7 +157,8 @@ def _picture(event: Event, perception: Perception, frames: NDArray[np.uint8] | N
         source = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects, CARD_WIDTH_PX)
     elif perception.dynamics is not None:
         rollout = perception.dynamics.observed
-        image = draw_plan(perception.dynamics.objects, rollout, np.zeros(rollout.visible.shape), event.frame)
+        yaw = np.zeros(rollout.visible.shape)
+        image = draw_plan(perception.dynamics.objects, rollout, yaw, event.frame, camera=perception.camera)
         source = data_uri(jpeg(image))
     else:
         return ""

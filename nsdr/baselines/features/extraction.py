@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d
 from torchvision.ops import roi_align
 
+from nsdr.baselines.features import VERSION
 from nsdr.baselines.features.backbone import image_batch, load_backbone
 from nsdr.baselines.features.files import (
     BOX_NUMBERS,
@@ -98,7 +99,7 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
     manifest = manifest_of(config)
     proposals = _proposal_files(extraction.proposals) if extraction.proposals else {}
     videos = find_videos(extraction.root)
-    common = fingerprint(config=manifest).encode()
+    common = fingerprint(config=[VERSION, manifest]).encode()
     jobs = []
     for index, video in videos.items():
         if extraction.proposals and index not in proposals:

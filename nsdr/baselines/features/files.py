@@ -120,7 +120,7 @@ def _content(weights: str, part: str) -> str:
     if weights == IMAGENET:
         return weights
     folder = find_checkpoint(weights)
-    return fingerprint(weights=[folder / f"{part}.{suffix}" for suffix in ("safetensors", "json")], code=False)
+    return fingerprint(weights=[folder / f"{part}.{suffix}" for suffix in ("safetensors", "json")])
 
 
 def feature_file(folder: Path, kind: str, scene_index: int) -> Path:

@@ -24,13 +24,12 @@ from nsdr.errors import DataError
 from nsdr.io.limits import Limits, check_limit, limits
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
 from nsdr.world.camera import (
+    CLEVRER_CAMERA,
     HEIGHT_PX,
     WIDTH_PX,
     grid_from_pixels,
-    ground_from_pixels,
     on_ground,
     pixels_from_grid,
-    pixels_from_world,
 )
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.timeline import VIDEO_FRAMES
@@ -265,7 +264,7 @@ def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES
 def _moving(grid: Any, seen: Any, times: Any) -> Any:
     """(n, S) bool, whether an object moves at a sample: the lower of its speeds from the previous and to the next sample,
     where it was seen in both, exceeds the threshold."""
-    world = ground_from_pixels(pixels_from_grid(grid))
+    world = CLEVRER_CAMERA.ground(pixels_from_grid(grid))
     speed = speed_world_per_s(world[:, 1:] - world[:, :-1], np.diff(times)[:, None])
     speed = np.where(seen[:, 1:] & seen[:, :-1], speed, np.inf)
     missing = np.full((len(grid), 1), np.inf)
@@ -307,7 +306,7 @@ def predictions_document(prediction: DynamicsPrediction) -> dict[str, Any]:
         held = np.minimum(frames, n_rollout - 1)
         last_step = rollout.location_world[:, -1:] - rollout.location_world[:, -2:][:, :1]
         world = rollout.location_world[:, held] + last_step * (frames - held)[:, None]
-        pixels = pixels_from_world(on_ground(world))
+        pixels = CLEVRER_CAMERA.pixels(on_ground(world))
         grid = grid_from_pixels(pixels)
         inside = ((pixels >= 0) & (pixels <= (WIDTH_PX, HEIGHT_PX))).all(-1) | (frames == held)
         shown = rollout.visible[:, held] & inside & np.isfinite(grid).all(-1)

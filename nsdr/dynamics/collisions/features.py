@@ -84,7 +84,7 @@ def arrays_from_states(states: MotionStates, visibility: VisibilityConfig | None
     hidden = hidden_sides(corners.transpose(1, 0, 2), visibility).transpose(1, 0, 2)
     expected = np.ones_like(location)
     for i, o in enumerate(states.objects):
-        expected[i] = expected_size(o.shape, location[i])
+        expected[i] = expected_size(o.shape, location[i], states.camera)
     with np.errstate(invalid="ignore"):
         size = np.nan_to_num(np.log(np.maximum(box[..., 2:], 1.0) / np.maximum(expected, 1.0)))
     static = object_features(states.objects)

@@ -15,3 +15,5 @@ from .trajectory_fit import (
     TrajectoryFitConfig as TrajectoryFitConfig,
     fit_trajectories as fit_trajectories,
 )
+
+VERSION: int

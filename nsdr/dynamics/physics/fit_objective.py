@@ -4,7 +4,7 @@ The curvature is that of Gauss and Newton. Both are gathered segment by segment:
 six numbers of the state at its start, so a segment's data are summed in six dimensions and carried to the parameters once.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from nsdr.dynamics.physics.sensitive_run import (
     state_at,
 )
 from nsdr.dynamics.physics.simulator import NO_CONTACT
-from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
 __all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "FitProblem", "cube_edges_px", "evaluate"]
@@ -32,8 +31,6 @@ MAX_FITTED_REBOUND = 0.8
 """Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
 EDGES_PX = (-0.3, -0.6)
 """Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
-_COLUMN_ROW, _DEPTH_ROW = CLEVRER_CAMERA.matrix[0].copy(), CLEVRER_CAMERA.matrix[2].copy()
-"""Rows of the projection as contiguous arrays, which Numba compiles in."""
 _OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
 _MIN_DEPTH_WORLD = 0.1
 """Nearest depth that is projected (world units)."""
@@ -56,6 +53,7 @@ class FitProblem(NamedTuple):
         prior: (P, 2) mean and standard deviation; infinite without a prior.
         rebound: of pairs without a parameter.
         position_noise_world, edge_noise_px: standard deviations of the data.
+        projection: (3, 4) `Camera.matrix`.
         robust_scale: residuals beyond this many standard deviations are weighted down (soft L1).
     """
 
@@ -76,6 +74,7 @@ class FitProblem(NamedTuple):
     rebound: float
     position_noise_world: float
     edge_noise_px: float
+    projection: NDArray[np.floating[Any]]
     robust_scale: float
 
 
@@ -102,21 +101,24 @@ class Sums(NamedTuple):
 
 
 @cached_njit
-def _column(x, y, c, s, k, z):  # type: ignore[no-untyped-def]
+def _column(projection, x, y, c, s, k, z):  # type: ignore[no-untyped-def]
     """Image column and depth of point k of a cube's outline at a height."""
     kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
     px, py = x + c * kx - s * ky, y + s * kx + c * ky
-    depth = max(_DEPTH_ROW[0] * px + _DEPTH_ROW[2] * z + _DEPTH_ROW[3], _MIN_DEPTH_WORLD)
-    return (_COLUMN_ROW[0] * px + _COLUMN_ROW[1] * py + _COLUMN_ROW[2] * z + _COLUMN_ROW[3]) / depth, depth
+    depth = projection[2, 0] * px + projection[2, 1] * py + projection[2, 2] * z + projection[2, 3]
+    depth = max(depth, _MIN_DEPTH_WORLD)
+    column = projection[0, 0] * px + projection[0, 1] * py + projection[0, 2] * z + projection[0, 3]
+    return column / depth, depth
 
 
 @cached_njit
-def cube_edges_px(x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
+def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
     """Left and right edges of a cube's image.
 
     The outline is convex, so its outermost points are found by climbing along it.
 
     Args:
+        projection: (3, 4) `Camera.matrix`.
         x, y, yaw: of the cube (world units, radians).
         start: (2, 2) int, points of the left and right edges, below and above, where the climb begins; changed to the result.
         derivatives: (2, 3), filled with those of the edges by x, y and yaw.
@@ -127,18 +129,19 @@ def cube_edges_px(x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def
         sign, best = (1.0 if side else -1.0), -np.inf
         for top in range(2):
             k, z = start[side, top], 2 * OBJECT_RADIUS_WORLD * top
-            column, depth = _column(x, y, c, s, k, z)
+            column, depth = _column(projection, x, y, c, s, k, z)
             for turn in (1, n - 1):
                 while True:
                     following = (k + turn) % n
-                    other, other_depth = _column(x, y, c, s, following, z)
+                    other, other_depth = _column(projection, x, y, c, s, following, z)
                     if sign * other <= sign * column:
                         break
                     k, column, depth = following, other, other_depth
             start[side, top] = k
             if sign * column > best:
                 best = sign * column
-                by_x, by_y = (_COLUMN_ROW[0] - column * _DEPTH_ROW[0]) / depth, _COLUMN_ROW[1] / depth
+                by_x = (projection[0, 0] - column * projection[2, 0]) / depth
+                by_y = (projection[0, 1] - column * projection[2, 1]) / depth
                 kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
                 derivatives[side, 0], derivatives[side, 1] = by_x, by_y
                 derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
@@ -155,12 +158,25 @@ def _soft_l1(residual, scale):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _add_datum(  # type: ignore[no-untyped-def]
-    is_cube, position, edges_px, root_weight, noise, state, derivatives, scratch, outermost, loss, force, curvature
+    is_cube,
+    projection,
+    position,
+    edges_px,
+    root_weight,
+    noise,
+    state,
+    derivatives,
+    scratch,
+    outermost,
+    loss,
+    force,
+    curvature,
 ):
     """Add the residuals of a datum to a segment's sums. They depend on place and yaw, so they are summed over these first.
 
     Args:
         is_cube: whether edges count.
+        projection: (3, 4).
         position, edges_px: (2,) measured.
         root_weight: of the datum.
         noise: standard deviations of positions and edges, and the robust scale.
@@ -182,7 +198,7 @@ def _add_datum(  # type: ignore[no-untyped-def]
     loss[1] += 2
     if is_cube:
         scale = root_weight / noise[1]
-        edges = cube_edges_px(state[0], state[1], state[4], outermost, by_place)
+        edges = cube_edges_px(projection, state[0], state[1], state[4], outermost, by_place)
         for side in range(2):
             value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale, noise[2])
             loss[0] += value
@@ -223,7 +239,7 @@ def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ign
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
     """Gather the data of body i's segment before a time, and move its start there."""
     # Fields are read once: each reading of a tuple's array is a counted reference.
-    frames, positions, edges_px, root_weight = p.frame, p.position, p.edges_px, p.root_weight
+    frames, positions, edges_px, root_weight, projection = p.frame, p.position, p.edges_px, p.root_weight, p.projection
     noise = (p.position_noise_world, p.edge_noise_px, p.robust_scale)
     motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
     shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
@@ -249,7 +265,9 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
         copy_state(after, motion[k])
         if d < last_datum and frames[d] == k:
             measured = (positions[d], edges_px[d], root_weight[d])
-            _add_datum(shape == CUBE, *measured, noise, after, here, scratch, outermost, loss, force, curvature)
+            _add_datum(
+                shape == CUBE, projection, *measured, noise, after, here, scratch, outermost, loss, force, curvature
+            )
             d += 1
     sums.next_frame[i], sums.next_datum[i] = end, d
 

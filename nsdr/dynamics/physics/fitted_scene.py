@@ -175,5 +175,5 @@ class FittedScene:
         observed[:, : self.frames] = self.smoothed.visible
         simulated = np.arange(self.total) > run.free_from[:, None]
         position = np.where((simulated & exists[:, None])[..., None], run.position, np.nan)
-        shown = rollout_in_image([o.shape for o in self.states.objects], position)
+        shown = rollout_in_image([o.shape for o in self.states.objects], position, self.states.camera)
         return np.where(simulated, shown, observed) & exists[:, None]

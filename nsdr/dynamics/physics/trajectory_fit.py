@@ -161,7 +161,7 @@ class _Problem:
     ) -> None:
         self.config, self.measurement = config, measurement
         self.rng = np.random.default_rng(0)
-        self.objects = states.objects
+        self.objects, self.projection = states.objects, states.camera.matrix
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.frames, self.spacing_frames = states.present.shape[1], states.spacing_frames
@@ -287,7 +287,9 @@ class _Problem:
             return DEFAULT_YAW
         guesses = np.pi / 2 * np.arange(self.config.yaw_guesses) / self.config.yaw_guesses
         assert d.edges_px is not None
-        errors = [np.abs(d.edges_px[near] - _edges_px(d.position[near], yaw)).mean() for yaw in guesses]
+        errors = [
+            np.abs(d.edges_px[near] - _edges_px(self.projection, d.position[near], yaw)).mean() for yaw in guesses
+        ]
         noise = 0.0 if rng is None else rng.exponential(self.config.restart_yaw_noise_px, len(errors))
         return float(guesses[int(np.argmin(np.array(errors) + noise))])
 
@@ -365,11 +367,12 @@ class _Problem:
             c.rebound,
             c.position_noise_world,
             c.edge_noise_px,
+            self.projection,
             c.robust_scale,
         )
 
 
-def _edges_px(position: FloatArray, yaw: float) -> FloatArray:
+def _edges_px(projection: FloatArray, position: FloatArray, yaw: float) -> FloatArray:
     """(T, 2) left and right edges of a cube's images at positions (T, 2)."""
     outermost, derivatives = np.zeros((2, 2), np.int64), np.empty((2, 3))
-    return np.array([cube_edges_px(x, y, yaw, outermost, derivatives) for x, y in position])
+    return np.array([cube_edges_px(projection, x, y, yaw, outermost, derivatives) for x, y in position])

@@ -202,7 +202,7 @@ def _visible(
     as_observed = _as_observed(scene, changed, run, from_frame)
     there = changed.exists[:, None] | (np.arange(scene.total) < from_frame)
     position = np.where((~as_observed & there)[..., None], run.position, np.nan)
-    shown = rollout_in_image([o.shape for o in changes.objects], position)
+    shown = rollout_in_image([o.shape for o in changes.objects], position, scene.states.camera)
     return np.where(as_observed, observed, shown) & there
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from nsdr import tracking
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.clevrer.files.truth_blocks import read_truth
@@ -25,6 +26,8 @@ from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 __all__ = ["SIMULATED_SCENE", "MotionDataset", "motion_row", "read_motion_dataset"]
 
+VERSION = 1
+"""Of the rows of a `MotionDataset`, which are kept: raised when they change."""
 MIN_OBJECTS = 2
 """Scenes with fewer tracked objects are skipped: they hold no pair."""
 MAX_OBJECTS = 7
@@ -115,7 +118,7 @@ def read_motion_dataset(
     files = find_files(simulated, "truth_*.json") if simulated else []
     if simulated and not files:
         raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
-    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=limit)
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=[VERSION, tracking.VERSION, limit])
     kept = _read_cache(Path(cache), made_from) if cache is not None else None
     if kept is not None:
         return kept

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from nsdr import tracking
 from nsdr.clevrer.dataset import CLEVRER, Split
 from nsdr.clevrer.files.scenes import scene_from_annotation
 from nsdr.clevrer.files.truth_blocks import truth_block
 from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.dynamics.propnet.data import MAX_OBJECTS, MIN_OBJECTS, MotionDataset, motion_row
+from nsdr.dynamics.propnet.data import MAX_OBJECTS, MIN_OBJECTS, VERSION, MotionDataset, motion_row
 from nsdr.dynamics.propnet.image_patches import object_patches
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.errors import DataError
@@ -75,7 +76,7 @@ def _kept(split: Split, index: int, cache: Path, config: PatchModelConfig) -> Ro
     video, path = Path(split.video(index)), cache / f"motion_{index:05d}.npz"
     annotation, masks = split.annotation(index), split.raw_proposals(index)
     sizes = [config.patch_cells, config.cell_px]
-    made_from = fingerprint(inputs=[video, masks], config=[sizes, annotation], code=__name__)
+    made_from = fingerprint(inputs=[video, masks], config=[VERSION, tracking.VERSION, sizes, annotation])
     try:
         arrays = read_npz(path)
         if str(arrays.pop("fingerprint", "")) == made_from:

@@ -50,7 +50,7 @@ def object_patches(
     if proposals.masks is None:
         raise DataError("patches of images need proposals with masks; give proposal_N.json files, or videos")
     n, n_frames = states.present.shape
-    box = patch_boxes(states.location_world, states.box_px, states.reliable, 0)
+    box = patch_boxes(states.location_world, states.box_px, states.reliable, 0, states.camera)
     centre = box[..., :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
     row_of = {_key(proposals, row): row for row in range(len(proposals))}
     whole = np.where(states.reliable.any(1, keepdims=True), states.reliable, states.detected)

@@ -16,7 +16,7 @@ from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smo
 from nsdr.io.checkpoint import PretrainedModel
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = ["PatchPredictor", "patch_boxes"]
@@ -27,7 +27,13 @@ FAR = 3.0
 """Boxes further out than this, in units of `BOX_SCALE`, stay there."""
 
 
-def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolArray, margin: int) -> FloatArray:
+def patch_boxes(
+    location_world: FloatArray,
+    box_px: FloatArray,
+    reliable: BoolArray,
+    margin: int,
+    camera: Camera = CLEVRER_CAMERA,
+) -> FloatArray:
     """Boxes as if nothing hid the objects, for patches: the centre's image, and the size that was last seen whole.
 
     Args:
@@ -35,12 +41,13 @@ def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolAr
         box_px: (..., F, 4) as in `MotionStates`.
         reliable: (..., F).
         margin: frames before the first one, continued in a straight line.
+        camera: that took the video.
 
     Returns:
         (..., margin + F, 4) in units of `BOX_SCALE`.
     """
     position = extrapolate(location_world, margin)[..., : margin + location_world.shape[-2], :]
-    pixels = pixels_from_world(np.concatenate([position, np.full_like(position[..., :1], OBJECT_RADIUS_WORLD)], -1))
+    pixels = camera.pixels(np.concatenate([position, np.full_like(position[..., :1], OBJECT_RADIUS_WORLD)], -1))
     every, size = np.arange(-margin, box_px.shape[-2]), np.zeros((*pixels.shape[:-1], 2))
     for index in np.ndindex(*reliable.shape[:-1]):
         seen = np.flatnonzero(reliable[index])
@@ -144,7 +151,7 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
         The first row is of the frame before the video to which the first window reaches.
         """
         margin = (self.config.window - 1) * self.config.stride_frames
-        return patch_boxes(states.location_world, states.box_px, states.reliable, margin)
+        return patch_boxes(states.location_world, states.box_px, states.reliable, margin, states.camera)
 
     def _window(self, known: FloatArray, t: int) -> FloatArray:
         """(n, window, K): the samples up to frame t."""
@@ -198,10 +205,10 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
             judgements.append(probability)
             window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
         pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
-        location = ground_from_pixels(np.nan_to_num(pixels, nan=-1.0))
+        location = states.camera.ground(np.nan_to_num(pixels, nan=-1.0))
         location[np.isnan(pixels).any(-1)] = np.nan
         shapes = [o.shape for o in states.objects]
-        inside = np.stack([rollout_in_image(shapes, location[k]) for k in range(n_rollouts)])
+        inside = np.stack([rollout_in_image(shapes, location[k], states.camera) for k in range(n_rollouts)])
         judged, ends = self._judged(np.stack(judgements)), start + stride * np.arange(len(judgements) + 1)
         rollouts = []
         for c in range(n_rollouts):

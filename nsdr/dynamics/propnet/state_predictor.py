@@ -182,7 +182,7 @@ class StatePredictor(PretrainedModel[StateModel]):
         shapes = np.array([o.shape for o in states.objects])
         for shape in np.unique(shapes):
             frames = free_frames & (exists & (shapes == shape))[..., None]
-            visible[frames] = rollout_in_image([shape], location[frames][None])[0]
+            visible[frames] = rollout_in_image([shape], location[frames][None], states.camera)[0]
         as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
         shown = states.location_world
         if smoothed is not None:

@@ -33,6 +33,8 @@ __all__ = [
     "write_json_lines",
 ]
 
+VERSION = 1
+"""Of the records of an export: raised when they change."""
 VIDEOS = ("copy", "link", "none")
 REASONING = ("", "short", "long")
 
@@ -167,7 +169,7 @@ class Export:
         for name in ("root", "output", "questions"):
             values.pop(name)
         files = [self._question_file(name) for name in self.splits]
-        inputs = fingerprint(inputs=files, config=[self._seed, self._bytes])
+        inputs = fingerprint(inputs=files, config=[VERSION, self._seed, self._bytes])
         return values | {"splits": list(self.splits), "inputs_and_code": inputs}
 
     def _summary(self, split: str) -> SplitSummary:

@@ -19,7 +19,7 @@ from nsdr.generate.physics.bullet import Body, BulletConfig, BulletMotion, Conta
 from nsdr.generate.physics.scene_config import SceneConfig, Triple, matches_any, of_participant
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD
 
 __all__ = ["SimulatedScene", "simulate_scene"]
@@ -271,7 +271,7 @@ class _Construction:
 
     def _in_image(self, contact: Contact) -> bool:
         """Whether CLEVRER's image shows a point of contact."""
-        u, v = pixels_from_world(contact.location_world)
+        u, v = CLEVRER_CAMERA.pixels(contact.location_world)
         return bool(0 < u < WIDTH_PX and 0 < v < HEIGHT_PX)
 
     def _in_area(self, x: float, y: float) -> bool:

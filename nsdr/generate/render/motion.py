@@ -19,7 +19,7 @@ FloatArray = NDArray[np.floating[Any]]
 
 
 def render_motion(
-    objects: Sequence[SceneObject], location_world: FloatArray, yaw: FloatArray, view: View | None = None
+    objects: Sequence[SceneObject], location_world: FloatArray, yaw: FloatArray, view: View
 ) -> Iterator[NDArray[np.uint8]]:
     """Frames of the preview renderer.
 
@@ -27,12 +27,11 @@ def render_motion(
         objects: shapes, colours and materials.
         location_world: (n, F, 2) positions on the ground; NaN where an object is absent.
         yaw: (n, F) rotations about the vertical axis (radians).
-        view: camera and lamps; None for CLEVRER's.
+        view: camera and lamps.
 
     Yields:
         (height, width, 3) uint8 RGB, F times.
     """
-    view = view or View()
     for frame in range(location_world.shape[1]):
         there = [o for o in objects if np.isfinite(location_world[o.id, frame]).all()]
         yield render_preview(there, [_solid(o, location_world[o.id, frame], yaw[o.id, frame]) for o in there], view)

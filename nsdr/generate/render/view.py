@@ -1,11 +1,11 @@
 """Rendering options, and the camera and lamps of each scene."""
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from nsdr.errors import DataError
 from nsdr.io.validation import NOT_NEGATIVE, SIZE, check_ranges
-from nsdr.world.camera import EYE_WORLD, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.timeline import FPS
 
 __all__ = ["N_LAMPS", "RenderConfig", "View", "view_of"]
@@ -27,6 +27,7 @@ class RenderConfig:
     Attributes:
         width: image width (pixels).
         height: image height (pixels).
+        camera: where the camera is, where it looks, and its lens. Its size is that of masks and annotations, 480x320.
         camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
         light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
         samples: Cycles samples per pixel, before denoising.
@@ -38,6 +39,7 @@ class RenderConfig:
 
     width: int = WIDTH_PX
     height: int = HEIGHT_PX
+    camera: Camera = field(default_factory=Camera)
     camera_jitter: float = 0.0
     light_jitter: float = 0.0
     samples: int = 6
@@ -48,6 +50,7 @@ class RenderConfig:
     def __post_init__(self) -> None:
         check_ranges(self, camera_jitter=NOT_NEGATIVE, light_jitter=NOT_NEGATIVE, samples=SIZE, fps=(1, MAX_FPS))
         check_ranges(self, crf=(0, MAX_CRF), width=(MIN_SIDE_PX, MAX_SIDE_PX), height=(MIN_SIDE_PX, MAX_SIDE_PX))
+        check_release_size(self.camera)
         if self.width % 2 or self.height % 2:
             raise DataError(
                 f"width and height: expected even numbers of at least {MIN_SIDE_PX}, got {self.width}x{self.height}"
@@ -79,6 +82,6 @@ def view_of(config: RenderConfig, seed: int) -> View:
         x, y, z = (p + by * rng.uniform(-1, 1) for p in position)
         return x, y, z
 
-    eye = shifted(EYE_WORLD, config.camera_jitter)
+    eye = shifted(config.camera.eye_world, config.camera_jitter)
     lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(N_LAMPS))
-    return View(Camera(eye, config.width, config.height), lamps)
+    return View(replace(config.camera, eye_world=eye, width=config.width, height=config.height), lamps)
