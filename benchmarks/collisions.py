@@ -22,7 +22,7 @@ from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.physics.collision_evidence import Evidence
 from nsdr.dynamics.physics.collision_search import CollisionSearch, search_collisions
 from nsdr.dynamics.registry import load_backend
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
 
 AROUND_FRAMES = 15

@@ -172,10 +172,8 @@ def compare(options: argparse.Namespace, folder: Path) -> None:
         return work
 
     rows = {
-        "single": each(lambda executor, listed: [executor.run(p) for p in listed]),
-        "batch": each(lambda executor, listed: executor.run_batch(listed)),
-        "answers, traces not read": each(lambda executor, listed: [executor.answer(p) for p in listed]),
-        "answers, traces read": each(lambda executor, listed: [executor.answer(p).trace for p in listed]),
+        "values": each(lambda executor, listed: [executor.run(p) for p in listed]),
+        "answers with traces": each(lambda executor, listed: [executor.answer(p) for p in listed]),
     }
     for name, work_of_row in rows.items():
         speed = rate(work_of_row, options.repeats)

@@ -25,7 +25,7 @@ from nsdr.clevrer.files.questions import Question
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import ExecutionError
-from nsdr.evaluation.intervals import accuracy_interval
+from nsdr.evaluation.measures import accuracy_interval
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.questions.extensions import EXTENSION_KINDS, ExtensionSelection
 from nsdr.generate.questions.selection import find_candidates
@@ -124,8 +124,8 @@ def errors(scene: Scene, truth: Scene) -> tuple[list[tuple[float, float, float]]
     for i, a in known:
         for frame in range(0, scene.n_frames, STRIDE):
             try:
-                found = executor.world.quantities.speed(1 << i, frame)
-                speeds.append(found - true_executor.world.quantities.speed(1 << a, frame))
+                found = executor.world.quantities.speed(i, frame)
+                speeds.append(found - true_executor.world.quantities.speed(a, frame))
             except ExecutionError:
                 continue
     return masses, speeds

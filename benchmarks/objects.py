@@ -24,7 +24,7 @@ from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.registry import load_backend
 from nsdr.dynamics.track_smoothing import SmoothedTracks, smooth_tracks
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Scene
 

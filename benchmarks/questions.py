@@ -18,7 +18,7 @@ from rewordings import drawn_rows
 
 from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.errors import DataError, NsdrError, QuestionError
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.reading import read_json
 from nsdr.language.texts import TEXT_KINDS
 from nsdr.question_parser.auto import AutoParser, Checked

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
@@ -21,7 +22,6 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
 from nsdr.io.video import check_is_video
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
@@ -30,6 +30,7 @@ from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
+from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
@@ -43,7 +44,7 @@ KEPT_VIDEOS = 16
 
 
 @dataclass(frozen=True)
-class PipelineConfig:
+class PipelineConfig(Settings):
     """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
 
     Attributes:
@@ -57,17 +58,16 @@ class PipelineConfig:
         dynamics: the dynamics backend and its settings.
     """
 
-    stride: int = 1
-    batch_size: int = 8
-    precision: str = "auto"
+    stride: PositiveCount = 1
+    batch_size: Annotated[int, Meta(ge=1, le=MAX_SIZE)] = 8
+    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
     camera: Camera = field(default_factory=Camera)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
     def __post_init__(self) -> None:
-        check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
-        check_choices(self, precision=PRECISIONS)
+        super().__post_init__()
         check_release_size(self.camera)
 
     def versions(self) -> dict[str, int]:
@@ -123,7 +123,7 @@ class Perception:
 
     @property
     def scene_with_dynamics(self) -> Scene:
-        """The scene with its trajectories, as `nsdr parse-video` saves it: exits without an object need them."""
+        """The scene with its trajectories, as `nsdr parse-video` saves it."""
         return replace(self.scene, dynamics=self.dynamics)
 
     @property
@@ -144,7 +144,6 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
-        responsible: meaning of "responsible", as of the executor: "chain" or "but_for".
         video: what is expected of videos; None for CLEVRER's.
         camera: that took the videos.
     """
@@ -156,7 +155,6 @@ class Pipeline:
         question_parser: Parser,
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
-        responsible: str = "chain",
         video: VideoConfig | None = None,
         camera: Camera = CLEVRER_CAMERA,
     ) -> None:
@@ -165,7 +163,6 @@ class Pipeline:
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.semantics = semantics
-        self.responsible = responsible
         self.video = video or VideoConfig()
         self.camera = camera
         self.progress = False
@@ -375,9 +372,9 @@ class Pipeline:
             raise QuestionError("the question is empty")
         given = video_or_scene if isinstance(video_or_scene, Scene) else None
         parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
-        scene = self.perceive(video_or_scene).scene_with_dynamics if given is None else given  # type: ignore[arg-type]
+        scene = self.perceive(video_or_scene).scene if given is None else given  # type: ignore[arg-type]
         simulate = None if isinstance(video_or_scene, Scene) else partial(self._collisions_with, video_or_scene)
-        executor = Executor(scene, self.semantics, responsible=self.responsible, simulate=simulate)
+        executor = Executor(scene, self.semantics, simulate=simulate)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]

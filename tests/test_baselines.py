@@ -305,12 +305,12 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"system": "cnn"}, "system is 'cnn'; expected lstm or"),
+        ({"system": "cnn"}, "system: expected one of lstm,.*, got 'cnn'"),
         ({"model": {"hiden": 3}}, "model: .*hiden"),
-        ({"model": {"hidden": 0}}, "model: hidden is 0"),
+        ({"model": {"hidden": 0}}, "model: hidden: expected a whole number from 2 to 65536, got 0"),
         ({"features": "somewhere"}, "would do nothing"),
         ({"system": "cnn_mlp"}, "needs pooled"),
-        ({"held_out": 1}, "held_out is 1"),
+        ({"held_out": 1}, "held_out: expected a whole number from 2 on, got 1"),
     ],
 )
 def test_trainings_without_effect_or_sense_are_refused(changes, message: str) -> None:

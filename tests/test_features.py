@@ -262,12 +262,12 @@ def test_frames_are_evenly_spaced() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"backbone": "vgg"}, "backbone is 'vgg'; expected resnet18"),
+        ({"backbone": "vgg"}, "backbone: expected one of resnet18,.*, got 'vgg'"),
         ({"kinds": ("maps", "maps")}, "each once"),
         ({"kinds": ()}, "one or more of pooled, maps, objects"),
-        ({"regions": "guessed"}, "regions is 'guessed'; expected frame_parser or proposals"),
-        ({"min_score": 2.0}, "min_score is 2.0; expected 0 to 1"),
-        ({"frames": 0}, "frames is 0"),
+        ({"regions": "guessed"}, "regions: expected one of frame_parser, .*proposals.*, got 'guessed'"),
+        ({"min_score": 2.0}, r"min_score: expected .* from 0 to 1.* got 2.0"),
+        ({"frames": 0}, "frames: expected a whole number from 1 to 65536, got 0"),
     ],
 )
 def test_settings_out_of_range_are_refused(values, message) -> None:

@@ -44,7 +44,7 @@ def test_widths_that_crash_the_backend_are_rejected() -> None:
         FrameParserConfig(widths=(8, 16, 16, 16))
 
 
-@pytest.mark.parametrize("backbone", ["resnet18", "resnet50", "mobilenet_v3"])
+@pytest.mark.parametrize("backbone", ["resnet18", "resnet50"])
 def test_torchvision_backbones_have_the_levels_of_the_slim_one(backbone: str) -> None:
     network = TorchvisionBackbone(backbone, 16)
     levels = network(torch.rand(1, 3, 64, 96))
@@ -56,9 +56,9 @@ def test_torchvision_backbones_have_the_levels_of_the_slim_one(backbone: str) ->
 
 
 def test_unknown_backbones_and_heads_are_rejected() -> None:
-    with pytest.raises(DataError, match="backbone is 'vgg'; expected slim or resnet18"):
+    with pytest.raises(DataError, match=r"backbone: expected one of slim, resnet18.*, got"):
         FrameParserConfig(backbone="vgg")
-    with pytest.raises(DataError, match="attributes is 'two'; expected three or joint"):
+    with pytest.raises(DataError, match="attributes: expected one of joint, three, got 'two'"):
         FrameParserConfig(attributes="two")
 
 
@@ -314,7 +314,7 @@ def test_public_names_load_from_the_packages() -> None:
     for package in (nsdr.frame_parser, nsdr.tracking):
         assert all(getattr(package, name) is not None for name in package.__all__)
         assert dir(package) == sorted(package.__all__)
-        with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        with pytest.raises(AttributeError, match="nothing"):
             _ = package.nothing
     assert nsdr.frame_parser.FrameParser is FrameParser
     assert nsdr.tracking.track is track

@@ -327,7 +327,7 @@ def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:
         DynamicsTraining("p.npz", "", str(tmp_path), data="d", network="paper_images")
     with pytest.raises(DataError, match="data: does nothing with network 'state'"):
         DynamicsTraining("p.npz", "t.json.gz", str(tmp_path), data="d")
-    with pytest.raises(DataError, match="data is ''; expected a path"):
+    with pytest.raises(DataError, match="data: expected a path, got ''"):
         DynamicsTraining(run_dir=str(tmp_path), network="paper_images")
     with pytest.raises(DataError, match="weights: does nothing with dynamics 'physics'"):
         backend_settings(BackendConfig(weights="somewhere"))

@@ -141,12 +141,8 @@ def test_failures_are_the_answer_error(document: dict[str, Any]) -> None:
     assert executor.run("objects unique") == "error"
     assert executor.run("count") == "error"
     assert executor.run("Count(Objects") == "error"
-    assert executor.run_batch(["objects count", "", "objects objects unique", "objects exist"]) == [
-        3,
-        "error",
-        "error",
-        True,
-    ]
+    programs = ["objects count", "", "objects objects unique", "objects exist"]
+    assert [executor.run(program) for program in programs] == [3, "error", "error", True]
     assert executor.answer("Count(Objects").answer == "error"
     question = "<START> unseen_events belong_to <END>"
     choices = [("text", choice) for choice in ("Count(", "", "objects boggle", f"<START> {GREEN} <NULL>", RED)]
@@ -199,7 +195,7 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
         Executor(small_scene, collisions="velocity")
     with pytest.raises(DataError, match="file: missing key 'predictions'"):
         executor_of({"objects": []})
-    with pytest.raises(DataError, match="expected predicted or velocity"):
+    with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, got"):
         executor_of(document, "guessed")
 
 

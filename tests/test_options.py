@@ -1,6 +1,5 @@
 """Options and configurations are refused before work starts, in one line; exit statuses; limits."""
 
-import os
 from dataclasses import fields
 from pathlib import Path
 
@@ -8,8 +7,8 @@ import pytest
 
 from nsdr import DataError
 from nsdr.clevrer.example import TRUTH, VIDEO
-from nsdr.cli.main import main
-from nsdr.cli.status import failures_line, outcome_of
+from nsdr.cli.common import failures_line
+from nsdr.cli.main import main, outcome_of
 from nsdr.dynamics.physics.predictor import PhysicsConfig
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFitConfig
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
@@ -27,7 +26,7 @@ from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import parse_config
-from nsdr.io.limits import VARIABLE, limits
+from nsdr.io.limits import VARIABLE
 from nsdr.pipeline import PipelineConfig
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.tracking.tracker import TrackerConfig
@@ -132,7 +131,7 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir"
         ([*EVALUATE, "--engine", "zebra"], "engine"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--stride", "0"], "stride"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),
-        ([*PARSE, "--set", "tracker.score=2"], "score is 2"),
+        ([*PARSE, "--set", "tracker.score=2"], "score: expected a number from 0 to 1, got 2"),
         ([*PARSE, "--set", "tracker.score=abc"], "tracker.score"),
         ([*PARSE, "--set", "zebra=1"], "zebra"),
         ([*PARSE, "--set", "help=1"], "--set help=1"),
@@ -148,10 +147,7 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir"
         (["generate", "dataset", "-o", "OUT/new", "--scene.held_out", "[qube]"], "qube"),
         (["generate", "dataset", "-o", "OUT/new", "--config", "OUT"], "a folder"),
         (["data", "frames", "OUT", "--proposals", "OUT", "-o", "OUT/new", "--every", "0"], "every"),
-        (["data", "verify", "OUT", "--keep-going"], "--keep-going does nothing here"),
-        (["--limits", "zebra=1", *PARSE], "zebra=1"),
-        (["--limits", "frames=-1", *PARSE], "frames=-1"),
-        ([*PARSE, "--limits"], "--limits"),
+        (["data", "verify", "OUT", "--keep-going"], "--keep-going"),
     ],
 )
 def test_options_are_refused_in_one_line_and_nothing_is_written(capsys, tmp_path, arguments, message) -> None:
@@ -197,15 +193,18 @@ def test_experiments_are_checked_before_any_row_is_measured(tmp_path, row, messa
         read_experiment(path)
 
 
-def test_limits_hold_for_one_command(capsys, monkeypatch) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
+def test_limits_hold_for_commands(capsys, monkeypatch) -> None:
     arguments = ["execute", "--scene", str(TRUTH), "--program", "objects red filter_color count"]
     assert main(arguments) == 0
-    assert main(["--limits", "program_tokens=3", *arguments]) == 2
+    monkeypatch.setenv(VARIABLE, "program_tokens=3")
+    assert main(arguments) == 2
     assert "more than 3 tokens" in capsys.readouterr().err
-    assert main([*arguments, "--limits=program_tokens=4"]) == 0
-    assert VARIABLE not in os.environ
-    assert limits().program_tokens == 1000
+    monkeypatch.setenv(VARIABLE, "program_tokens=4")
+    assert main(arguments) == 0
+    for value in ("zebra=1", "frames=-1"):
+        monkeypatch.setenv(VARIABLE, value)
+        assert main(arguments) == 2
+        assert value in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

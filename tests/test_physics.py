@@ -420,9 +420,9 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     assert (physics.horizon_frame, physics.shortcut, physics.config.runs) == (150, False, 7)
     with pytest.raises(DataError, match="'magic': expected physics, state, paper"):
         load_backend(folder, "magic")
-    with pytest.raises(DataError, match="expected predicted or velocity"):
+    with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, got"):
         load_backend(folder, BackendConfig(collisions="none"))
-    with pytest.raises(DataError, match="expected paper or tuned"):
+    with pytest.raises(DataError, match="rule: expected one of paper, tuned, got"):
         VelocityEvents(load_backend(folder, "state"), VelocityConfig("mine"))
 
 
@@ -476,5 +476,5 @@ def test_checkpoints_of_another_network_are_named(observer: StatePredictor, pape
 
 def test_too_short_a_past_is_refused() -> None:
     assert StateModel(StateModelConfig(hidden=4, past_steps=4)).config.past_steps == 4
-    with pytest.raises(DataError, match="past_steps is 3; expected 4 to"):
+    with pytest.raises(DataError, match=r"past_steps: expected .* from 4 to .* got 3"):
         StateModelConfig(past_steps=3)

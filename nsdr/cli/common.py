@@ -1,21 +1,81 @@
-"""What several commands share."""
+"""What several commands share: options, the pipeline they ask for, saved scenes, and the line about failures."""
 
 import sys
 from pathlib import Path
 from typing import Any
 
+from jsonargparse.typing import NonNegativeInt
+
 from nsdr.errors import DataError
+from nsdr.io.jobs import ENGINES, FAILURES
+from nsdr.io.reading import read_json
 from nsdr.types import Scene
 
-__all__ = ["check_port", "is_scene", "load_scene", "make_pipeline", "question_parser", "settings_of"]
+__all__ = [
+    "SPLITS",
+    "checkpoint_options",
+    "failures_line",
+    "is_scene",
+    "keep_going_option",
+    "left_out",
+    "load_scene",
+    "make_pipeline",
+    "parser_options",
+    "pipeline_options",
+    "question_parser",
+    "refuse_for_scene",
+    "settings_of",
+    "video_options",
+    "work_options",
+]
 
-MAX_PORT = 65535
+SPLITS = ["train", "validation", "test"]
+PARTLY = 1
+"""Exit status: a part of the work failed."""
 
 
-def check_port(port: int) -> None:
-    """Refuse a TCP port that there is not."""
-    if not 1 <= port <= MAX_PORT:
-        raise DataError(f"--port {port}: expected 1 to {MAX_PORT}")
+def checkpoint_options(parser: Any) -> None:
+    """Add `--checkpoint` and `--device`."""
+    where = "folder, name or hub address (hf://USER/NAME@COMMIT) of the weights"
+    parser.add_argument("--checkpoint", default="default", help=where)
+    parser.add_argument("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
+
+
+def pipeline_options(parser: Any) -> None:
+    """Add the settings of a pipeline."""
+    checkpoint_options(parser)
+    backends = "backend (physics, state, paper, paper_images, or an installed one) or YAML file"
+    parser.add_argument("--dynamics", default="", help=backends)
+    parser.add_argument("--config", default="", help="YAML file with the settings of all stages (configs/pipeline)")
+    parser.add_argument("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
+
+
+def video_options(parser: Any) -> None:
+    """Add the settings of a pipeline on videos."""
+    pipeline_options(parser)
+    parser.add_argument("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
+    background = "image of the scene without objects, for another camera or other lamps"
+    parser.add_argument("--background", default="", help=background)
+
+
+def parser_options(parser: Any) -> None:
+    """Add the language model that parses texts."""
+    server = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
+    parser.add_argument("--parser", default="", help=server)
+    parser.add_argument("--parser-model", default="", help="its model's name; may be left out if it has only one")
+
+
+def work_options(parser: Any) -> None:
+    """Add the options of work on many files."""
+    workers = "number of processes; 0 for one per CPU core"
+    parser.add_argument("--workers", type=NonNegativeInt, default=0, help=workers)
+    parser.add_argument("--engine", default="processes", choices=ENGINES, help="where to work")
+    keep_going_option(parser)
+
+
+def keep_going_option(parser: Any) -> None:
+    """Add `--keep-going`."""
+    parser.add_argument("--keep-going", action="store_true", help="accept failures of a part of the work: status 0")
 
 
 def settings_of(options: Any) -> Any:
@@ -23,9 +83,9 @@ def settings_of(options: Any) -> Any:
     from nsdr.pipeline import pipeline_settings
 
     overrides = list(options.set)
-    if options.force:
+    if getattr(options, "force", False):
         overrides.append("video.check=warn")
-    if options.background:
+    if getattr(options, "background", ""):
         overrides.append(f"video.background={options.background}")
     return pipeline_settings(options.config, options.dynamics, overrides, getattr(options, "stride", 1))
 
@@ -34,10 +94,13 @@ def make_pipeline(options: Any) -> Any:
     """The pipeline of the command's options; it shows progress on a terminal.
 
     Raises:
-        VideoError: the command's video is not one to be processed; mostly before the networks' libraries are loaded.
+        VideoError: the command's video is not one to be processed; mostly before the networks' libraries are loaded, which
+            settings that say what is expected of a video need.
     """
-    if not is_scene(options.video):
-        _check_early(options)
+    if not is_scene(options.video) and not options.config and not any(v.startswith("video") for v in options.set):
+        from nsdr.frame_parser.check.video import VideoConfig, check_video
+
+        check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
     from nsdr.pipeline import Pipeline
 
     settings = settings_of(options)
@@ -46,27 +109,31 @@ def make_pipeline(options: Any) -> Any:
     return pipeline
 
 
-def _check_early(options: Any) -> None:
-    """Check the video within a second or two, unless what is expected of it stands in the settings of the pipeline.
-
-    The settings take the networks' libraries, which take seconds; `Pipeline.perceive` checks in any case.
-    """
-    from nsdr.frame_parser.check.video import VideoConfig, check_video
-
-    if not options.config and not any(value.startswith("video") for value in options.set):
-        check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
-
-
 def is_scene(path: str) -> bool:
     """Whether a file is a saved scene by its name, and not a video."""
     return Path(path).suffix in (".json", ".npz")
+
+
+def load_scene(path: str) -> Scene:
+    """A scene saved by `nsdr parse-video`."""
+    from nsdr.io import storage
+
+    return storage.load(Scene, path)
+
+
+def refuse_for_scene(options: Any) -> None:
+    """Refuse what is set about videos and dynamics where a saved scene is given."""
+    given = [f"--{name}" for name in ("dynamics", "config", "force", "background") if getattr(options, name)]
+    given += [f"--set {value}" for value in options.set]
+    if given:
+        raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
 
 
 def question_parser(options: Any) -> Any:
     """The question parser of `--checkpoint`, or with the model of `--parser` in place of the networks.
 
     Raises:
-        DataError: `--parser-model` without `--parser`, or `--checkpoint` of a command that needs nothing else with it.
+        DataError: `--parser-model` without `--parser`.
     """
     from nsdr.question_parser.auto import AutoParser
 
@@ -79,8 +146,29 @@ def question_parser(options: Any) -> Any:
     return AutoParser.from_pretrained(options.checkpoint, options.device, options.extensions)
 
 
-def load_scene(path: str) -> Scene:
-    """A scene saved by `nsdr parse-video`."""
-    from nsdr.io import storage
+def failures_line(failed: int, total: int, what: str, example: str, keep_going: bool) -> int:
+    """Print how much failed, if anything, as the last line; returns the exit status.
 
-    return storage.load(Scene, path)
+    Args:
+        failed, total: numbers of things.
+        what: what they are, in the plural.
+        example: one of them, with what went wrong.
+        keep_going: failures are no reason for a status other than 0.
+    """
+    if not failed:
+        return 0
+    line = f"{failed} of {total} {what} failed, such as {' '.join(example.split())}"
+    if keep_going:
+        print(line)
+        return 0
+    sys.stdout.flush()
+    print(f"error: {line}; --keep-going accepts that", file=sys.stderr)
+    return PARTLY
+
+
+def left_out(folder: str | Path) -> int:
+    """Print how many jobs failed, if any, in a folder where `run_jobs` worked; returns 0, the exit status of `--keep-going`."""
+    path = Path(folder) / FAILURES
+    if path.is_file():
+        print(f"{len(read_json(path))} failed and are left out; see {path}")
+    return 0

@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import settings_of
+from nsdr.cli.common import settings_of, video_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
@@ -20,6 +20,19 @@ METRICS = "metrics.jsonl"
 """File of a run folder with a line of numbers for each of some steps."""
 COLUMNS = ("programs", "question_type", "program_accuracy", "answer_accuracy")
 """Columns of an ablation's CSV file that the curve shows."""
+
+
+def figures_options(parser: Any) -> None:
+    """Add the options of `nsdr figures`."""
+    add = parser.add_argument
+    add("--questions", default="", help="question file whose distribution is drawn beside the release's")
+    add("--ablation", default="", help="CSV file of `nsdr train question-parser --ablation`, for the curve")
+    add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
+    add("--videos", default="", help="samples: folder of their videos")
+    add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
+    add("--runs", nargs="+", default=[], help="run folders of trainings, whose losses are drawn")
+    add("-o", "--output", required=True, help="folder for the pictures")
+    video_options(parser)
 
 
 def figures(options: Any) -> int:

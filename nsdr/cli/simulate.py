@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
-from nsdr.cli.common import is_scene, make_pipeline
+from nsdr.cli.common import is_scene, make_pipeline, video_options
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed, check_output
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
@@ -14,7 +14,7 @@ from nsdr.types.interventions import Intervention
 from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["add_options", "simulate"]
+__all__ = ["simulate"]
 
 PLACE, PLACE_AND_VELOCITY = 2, 4
 """Numbers after an object of `--add`."""
@@ -26,8 +26,8 @@ WORDS = 3
 """Words of an added object: color, material and shape."""
 
 
-def add_options(parser: Any) -> None:
-    """Add the options of `nsdr simulate` to its parser."""
+def simulate_options(parser: Any) -> None:
+    """Add the options of `nsdr simulate`."""
     add = parser.add_argument
     add("video", help="video file")
     add(
@@ -49,6 +49,7 @@ def add_options(parser: Any) -> None:
     )
     add("-o", "--output", default=None, help="video to write, .mp4: original and changed world side by side")
     add("--json", default=None, help="also write events, probabilities and positions, .json")
+    video_options(parser)
 
 
 def simulate(options: Any) -> int:

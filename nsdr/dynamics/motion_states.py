@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
 from nsdr.types import SceneObject, VideoTracks
+from nsdr.validation import Count, NotNegative, Settings, Share
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
 
@@ -32,7 +32,7 @@ MIN_LINE_FRAMES = 3
 
 
 @dataclass(frozen=True)
-class MeasurementConfig:
+class MeasurementConfig(Settings):
     """How far measured positions are trusted; shared by the smoothing of tracks and the fit of the simulator.
 
     The values were chosen on `dev` scenes: `python benchmarks/visibility.py` compares them.
@@ -45,13 +45,10 @@ class MeasurementConfig:
         collision_margin_frames: positions within this many frames of a collision are ambiguous and ignored (frames).
     """
 
-    unreliable_weight: float = 0.03
-    rest_speed_world_per_s: float = 0.4
-    collision_margin_frames: int = 1
+    unreliable_weight: Share = 0.03
+    rest_speed_world_per_s: NotNegative = 0.4
+    collision_margin_frames: Count = 1
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, unreliable_weight=SHARE, rest_speed_world_per_s=NOT_NEGATIVE, collision_margin_frames=COUNT)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, Protocol
 
 from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.physics.predictor import CollisionDetector, PhysicsConfig, PhysicsPredictor
@@ -11,9 +11,9 @@ from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.limits import limits
+from nsdr.io.limits import check_limit
 from nsdr.io.registry import Registry
-from nsdr.io.validation import check_choices, check_ranges
+from nsdr.validation import Count, Settings, one_of
 
 __all__ = [
     "BACKENDS",
@@ -33,7 +33,7 @@ COLLISIONS = ("predicted", "velocity")
 
 
 @dataclass(frozen=True)
-class BackendConfig:
+class BackendConfig(Settings):
     """Which dynamics backend, and how it works.
 
     Attributes:
@@ -51,16 +51,16 @@ class BackendConfig:
     backend: str = "physics"
     weights: str = ""
     shortcut: bool = True
-    horizon_frame: int | None = None
-    collisions: str = "predicted"
+    horizon_frame: Count | None = None
+    collisions: Annotated[str, one_of(COLLISIONS)] = "predicted"
     smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     velocity: VelocityConfig = field(default_factory=VelocityConfig)
 
     def __post_init__(self) -> None:
-        check_choices(self, collisions=COLLISIONS)
+        super().__post_init__()
         if self.horizon_frame is not None:
-            check_ranges(self, horizon_frame=(0, limits().frames))
+            check_limit(self.horizon_frame, "frames", "horizon_frame")
 
 
 class BackendFactory(Protocol):

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.io.validation import MANY, NOT_NEGATIVE, check_ranges
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
+from nsdr.validation import NotNegative, PositiveCount, Settings
 from nsdr.world.camera import Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS
 
@@ -34,7 +34,7 @@ OUTSIDE_WORLD = -99.0
 
 
 @dataclass(frozen=True)
-class SmoothingConfig:
+class SmoothingConfig(Settings):
     """How stretches of tracks are fitted. Set on left-out scenes of `train`.
 
     Attributes:
@@ -43,12 +43,9 @@ class SmoothingConfig:
         measurement: how far measured positions are trusted.
     """
 
-    min_frames: int = 4
-    max_residual_world: float = 0.04
+    min_frames: PositiveCount = 4
+    max_residual_world: NotNegative = 0.04
     measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, min_frames=MANY, max_residual_world=NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)

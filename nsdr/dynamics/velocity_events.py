@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from nsdr.clevrer.files.velocity_rule import velocity_collisions as grid_collisi
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_ranges
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.validation import Count, NotNegative, PositiveCount, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
@@ -29,7 +29,7 @@ CHANGED_WORLD = 0.1
 
 
 @dataclass(frozen=True)
-class VelocityConfig:
+class VelocityConfig(Settings):
     """How collisions are detected from motion. The tuned rule was set on tracks of left-out scenes of `train`.
 
     Attributes:
@@ -42,18 +42,13 @@ class VelocityConfig:
         pause_frames: "tuned": changes of one object closer in time than this are one change (frames).
     """
 
-    rule: str = "tuned"
-    stride_frames: int = 5
-    span_frames: int = 5
-    min_change: float = 0.012
-    partner_share: float = 0.5
-    reach_world: float = 0.18
-    pause_frames: int = 6
-
-    def __post_init__(self) -> None:
-        check_choices(self, rule=RULES)
-        check_ranges(self, stride_frames=MANY, span_frames=MANY, pause_frames=COUNT)
-        check_ranges(self, min_change=NOT_NEGATIVE, partner_share=NOT_NEGATIVE, reach_world=NOT_NEGATIVE)
+    rule: Annotated[str, one_of(RULES)] = "tuned"
+    stride_frames: PositiveCount = 5
+    span_frames: PositiveCount = 5
+    min_change: NotNegative = 0.012
+    partner_share: NotNegative = 0.5
+    reach_world: NotNegative = 0.18
+    pause_frames: Count = 6
 
 
 class VelocityEvents:

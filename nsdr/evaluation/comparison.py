@@ -5,7 +5,7 @@ from typing import Any
 
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
 from nsdr.errors import DataError
-from nsdr.evaluation.intervals import difference_interval
+from nsdr.evaluation.measures import difference_interval
 
 __all__ = ["compare_reports", "format_comparison"]
 

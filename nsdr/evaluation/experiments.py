@@ -20,8 +20,7 @@ from nsdr.baselines.q_type import q_type_answers
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
-from nsdr.evaluation.calibration import calibration_text
-from nsdr.evaluation.halves import blind_text
+from nsdr.evaluation.measures import blind_text, calibration_text
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
 from nsdr.evaluation.score import first_failure, score_answers
 from nsdr.io.configuration import config_of

@@ -9,13 +9,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, Literal, cast
 
 from tqdm import tqdm
 
 from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.dataset import CLEVRER, SPLITS
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
@@ -30,12 +30,12 @@ from nsdr.io.device import resolve_device
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
-from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
 from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
+from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
 __all__ = [
     "EvaluationConfig",
@@ -54,7 +54,7 @@ PARSED = ("parsed", "network")
 
 
 @dataclass(frozen=True)
-class EvaluationConfig:
+class EvaluationConfig(Settings):
     """What is evaluated, and how.
 
     Attributes:
@@ -81,6 +81,7 @@ class EvaluationConfig:
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
         counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
+        data_set_rules: whether rules of CLEVRER's questions count, as of `nsdr.Executor`; with the paper's semantics.
         truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
         truth: folder or file that `truth_source` reads.
         cache: folder that keeps scenes for the next run.
@@ -92,41 +93,40 @@ class EvaluationConfig:
     questions: str = ""
     data: str = ""
     root: str = ""
-    split: str = "validation"
+    split: Literal["train", "validation", "test"] = "validation"
     source: str = "proposals"
     videos: str = ""
     programs: str = "parsed"
     parser: str = ""
     parser_model: str = ""
     types: Sequence[str] = QUESTION_TYPES
-    exclude: Sequence[int] = ()
-    every: int = 1
-    limit: int = 0
+    exclude: Sequence[Count] = ()
+    every: PositiveCount = 1
+    limit: Count = 0
     checkpoint: str = "default"
     dynamics: str = ""
     config: str = ""
     set: Sequence[str] = ()
-    stride: int = 1
-    semantics: str = "paper"
-    collisions: str = "predicted"
-    counterfactuals: str = "simulated"
+    stride: PositiveCount = 1
+    semantics: Literal["paper", "official"] = "paper"
+    collisions: Literal["predicted", "velocity"] = "predicted"
+    counterfactuals: Annotated[str, one_of(COUNTERFACTUALS)] = "simulated"
+    data_set_rules: bool = True
     truth_source: str = ""
     truth: str = ""
     cache: str = "runs/scenes"
-    engine: str = "processes"
-    workers: int = 0
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
     device: str = "auto"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         unknown = sorted(set(self.types) - set(QUESTION_TYPES)) if self.types else ["nothing"]
         if unknown:
             raise DataError(f"types: unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
-        check_choices(self, semantics=("paper", "official"), collisions=("predicted", "velocity"))
-        check_choices(self, counterfactuals=COUNTERFACTUALS)
-        check_choices(self, split=SPLITS, engine=ENGINES, source=SOURCES.names())
-        if self.truth_source:
-            check_choices(self, truth_source=SOURCES.names())
-        check_ranges(self, every=MANY, stride=MANY, limit=COUNT, workers=COUNT, exclude=COUNT)
+        sources = SOURCES.names()
+        expect(self.source in sources, "source", f"one of {', '.join(sources)}", self.source)
+        expect(self.truth_source in ("", *sources), "truth_source", f"one of {', '.join(sources)}", self.truth_source)
         if self.programs not in (*PARSED, "gold") and not all(".json" in f for f in self.programs.split(",")):
             raise DataError(
                 f"programs is {self.programs!r}; expected parsed, network, gold, or JSON files separated by commas"
@@ -220,8 +220,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
     parse = parse_all(parser, questions, config.types) if parser else None
-    keeps_recording = config.counterfactuals == "recording"
-    made = ((s, _executor(scenes[s.scene_index], keeps_recording)) for s in questions)
+    made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
     return evaluate(made, parse, config.types)
 
 
@@ -334,11 +333,12 @@ def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
     return scene
 
 
-def _executor(scene: Scene | Path | NsdrError, keeps_recording: bool) -> Executor | NsdrError:
+def _executor(scene: Scene | Path | NsdrError, config: EvaluationConfig) -> Executor | NsdrError:
     if isinstance(scene, NsdrError):
         return scene
     loaded = storage.load(Scene, scene) if isinstance(scene, Path) else scene
-    return Executor(keep_recording(loaded) if keeps_recording else loaded)
+    asked = keep_recording(loaded) if config.counterfactuals == "recording" else loaded
+    return Executor(asked, data_set_rules=config.data_set_rules)
 
 
 def _official(

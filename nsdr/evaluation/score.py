@@ -10,9 +10,7 @@ from typing import Any
 from nsdr.baselines.recording import keep_recording, option_tags
 from nsdr.clevrer.files.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
-from nsdr.evaluation.calibration import calibration, calibration_text
-from nsdr.evaluation.halves import by_halves, tags_of
-from nsdr.evaluation.intervals import accuracy_interval
+from nsdr.evaluation.measures import accuracy_interval, by_halves, calibration, calibration_text, tags_of
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
@@ -38,8 +36,8 @@ def evaluate(
 
     Returns:
         The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; also for the
-        halves of `nsdr.evaluation.halves`; and where answers have probabilities, `calibration` as of
-        `nsdr.evaluation.calibration`. Tags are those of the question file, which are of the true scene; counterfactual options
+        halves of `nsdr.evaluation.measures`; and where answers have probabilities, `calibration` as of
+        `nsdr.evaluation.measures`. Tags are those of the question file, which are of the true scene; counterfactual options
         without one are tagged by the scene that is evaluated. Under `results` every question with its answers. What fails
         carries its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the
         number of questions with either. Questions without answers in their file are answered, not scored: their results have
@@ -234,7 +232,7 @@ def _table(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _calibration(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """How well the probabilities fit the truth, by `nsdr.evaluation.calibration`; nothing where rows have none.
+    """How well the probabilities fit the truth, by `nsdr.evaluation.measures`; nothing where rows have none.
 
     That of an answer is to be right; that of an option, to be correct.
     """

@@ -1,7 +1,7 @@
 """Proposals of videos by a trained network."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from itertools import count, islice
 from typing import Any
 
@@ -78,22 +78,17 @@ class FrameParser(PretrainedModel[nn.Module]):
         rows: list[tuple[int, int, float, str]] = []
         processed: list[int] = []
         detect = self._detector()
-        pasted: Future[list[tuple[int, int, float, str]]] | None = None
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
-        # One thread decodes the next batch of frames and another pastes the masks of the last one, while the network
-        # processes the present one.
-        with ThreadPoolExecutor(1) as decoding, ThreadPoolExecutor(1) as pasting:
+        with ThreadPoolExecutor(1) as decoding:  # decodes the next batch while the network processes the present one
             batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride)
             upcoming = decoding.submit(next, batches, None)
             while (batch := upcoming.result()) is not None:
                 upcoming = decoding.submit(next, batches, None)
                 detections = detect([frame for _, frame in batch])
-                indices = [index for index, _ in batch]
-                rows += pasted.result() if pasted else []
-                pasted = pasting.submit(_rows, indices, detections)
-                processed += indices
-                bar.update(indices[-1] + 1 - bar.n)
-            rows += pasted.result() if pasted else []
+                for (index, _), detection in zip(batch, detections, strict=True):
+                    rows += [(index, *found) for found in _found(detection)]
+                processed += [index for index, _ in batch]
+                bar.update(processed[-1] + 1 - bar.n)
         bar.close()
         n_frames = next(counter)
         if not n_frames:
@@ -133,11 +128,6 @@ def _check_frame(frame: Any, index: int) -> None:
     if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.shape != shape:
         got = f"{frame.shape} {frame.dtype}" if isinstance(frame, np.ndarray) else type(frame).__name__
         raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
-
-
-def _rows(indices: list[int], detections: list[dict[str, Any]]) -> list[tuple[int, int, float, str]]:
-    """(frame index, attribute index, score, mask) of all objects in a batch of frames."""
-    return [(i, *found) for i, detection in zip(indices, detections, strict=True) for found in _found(detection)]
 
 
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:

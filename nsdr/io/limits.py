@@ -1,7 +1,7 @@
 """Limits on what is read, so that a damaged or hostile file ends in an error and not in exhausted memory.
 
 The limits are far above everything in CLEVRER. The environment variable `NSDR_LIMITS`, such as `frames=20000,json_bytes=4e9`,
-or the option `--limits` of the command line changes them, also for worker processes.
+changes them, also for worker processes.
 """
 
 import os

@@ -1,15 +1,17 @@
 """Sequence-to-sequence network from words to program tokens (paper, section 4.3)."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.tokenizer import END, PAD, START
+from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 __all__ = ["ParserNetwork", "QuestionParserConfig"]
 
@@ -18,7 +20,7 @@ MAX_LAYERS = 100
 
 
 @dataclass(frozen=True)
-class QuestionParserConfig:
+class QuestionParserConfig(Settings):
     """Architecture of each of the three networks.
 
     Attributes:
@@ -29,14 +31,11 @@ class QuestionParserConfig:
         max_tokens: length of the longest program that is decoded (tokens).
     """
 
-    embedding: int = 64
-    hidden: int = 192
-    layers: int = 2
-    dropout: float = 0.0
-    max_tokens: int = 40
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), layers=(1, MAX_LAYERS), dropout=SHARE, max_tokens=SIZE)
+    embedding: Size = 64
+    hidden: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 192
+    layers: Annotated[int, Meta(ge=1, le=MAX_LAYERS)] = 2
+    dropout: Share = 0.0
+    max_tokens: Size = 40
 
 
 class ParserNetwork(nn.Module):

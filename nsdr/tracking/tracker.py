@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, SHARE, check_ranges
 from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import VisibilityConfig, cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
+from nsdr.validation import Count, NotNegative, PositiveCount, Settings, Share
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import SHAPES, attributes_of
 
@@ -33,7 +33,7 @@ dropped afterwards."""
 
 
 @dataclass(frozen=True)
-class TrackerConfig:
+class TrackerConfig(Settings):
     """How proposals become tracks.
 
     Frames are those of a video of 25 frames per second, all of them processed; where only some were processed, `track` counts
@@ -63,29 +63,21 @@ class TrackerConfig:
         visibility: when a side of a box is cut or hidden.
     """
 
-    score: float = 0.9
-    min_frames: int = 12
-    min_late_frames: int = 1
-    late_share: float = 0.6
-    late_end_frames: int = 2
-    max_gap_frames: int = 8
-    gate_world: float = 0.25
-    gate_world_per_frame: float = 0.1
-    mismatch_world: float = 0.12
-    switch_frames: int = 6
-    switch_share: float = 0.8
-    velocity_memory: float = 0.6
-    duplicate_iou: float = 0.5
-    duplicate_share: float = 0.9
+    score: Share = 0.9
+    min_frames: Count = 12
+    min_late_frames: Count = 1
+    late_share: Share = 0.6
+    late_end_frames: Count = 2
+    max_gap_frames: PositiveCount = 8
+    gate_world: NotNegative = 0.25
+    gate_world_per_frame: NotNegative = 0.1
+    mismatch_world: NotNegative = 0.12
+    switch_frames: PositiveCount = 6
+    switch_share: Share = 0.8
+    velocity_memory: Share = 0.6
+    duplicate_iou: Share = 0.5
+    duplicate_share: Share = 0.9
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(
-            self, score=SHARE, late_share=SHARE, velocity_memory=SHARE, duplicate_iou=SHARE, duplicate_share=SHARE
-        )
-        check_ranges(self, switch_frames=MANY, switch_share=SHARE)
-        check_ranges(self, min_frames=COUNT, min_late_frames=COUNT, late_end_frames=COUNT, max_gap_frames=MANY)
-        check_ranges(self, gate_world=NOT_NEGATIVE, gate_world_per_frame=NOT_NEGATIVE, mismatch_world=NOT_NEGATIVE)
 
 
 @dataclass

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.io.validation import NOT_NEGATIVE, check_ranges
+from nsdr.validation import NotNegative, Settings
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
@@ -27,7 +27,7 @@ DEPTH_FLOOR_WORLD = 0.01
 
 
 @dataclass(frozen=True)
-class VisibilityConfig:
+class VisibilityConfig(Settings):
     """When a side of a box is not a side of the object.
 
     The values were chosen on `dev` scenes; `python benchmarks/visibility.py` compares others.
@@ -37,11 +37,8 @@ class VisibilityConfig:
         touch_px: boxes closer than this touch each other (pixels).
     """
 
-    cut_margin_px: float = 2.0
-    touch_px: float = 2.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self, cut_margin_px=NOT_NEGATIVE, touch_px=NOT_NEGATIVE)
+    cut_margin_px: NotNegative = 2.0
+    touch_px: NotNegative = 2.0
 
 
 def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Camera = CLEVRER_CAMERA) -> BoolArray:

@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -20,15 +21,15 @@ from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, resolved
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training, training_time
+from nsdr.validation import PathName, PositiveCount, Settings, expect
 
 __all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
 
 
 @dataclass(frozen=True)
-class BaselineTraining:
+class BaselineTraining(Settings):
     """Training of a baseline on a question file and the features of its videos.
 
     Attributes:
@@ -44,20 +45,19 @@ class BaselineTraining:
         loop: the optimisation.
     """
 
-    run_dir: str
+    run_dir: PathName
     system: str
-    questions: str
+    questions: PathName
     output: str = ""
     features: str = ""
-    held_out: int = 20
-    texts_per_video: int = 8
+    held_out: Annotated[int, Meta(ge=2)] = 20
+    texts_per_video: PositiveCount = 8
     model: dict[str, Any] = field(default_factory=dict)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_paths(self, "run_dir", "questions")
-        check_choices(self, system=BASELINES.names())
-        check_ranges(self, held_out=(2, MANY[1]), texts_per_video=MANY)
+        super().__post_init__()
+        expect(self.system in BASELINES.names(), "system", f"one of {', '.join(BASELINES.names())}", self.system)
         self.model_config()
         wanted = ", ".join(sorted(video_needs(BASELINES[self.system].needs)))
         if wanted and not self.features:

@@ -14,7 +14,6 @@ from torch.nn import functional as F
 from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
-from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
 from nsdr.language.normal import normal_form
 from nsdr.language.rules import Pair
 from nsdr.language.texts import (
@@ -30,6 +29,7 @@ from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.validation import Count, PathName, PositiveCount, Settings, Share
 
 __all__ = ["QuestionParserTask", "QuestionParserTraining", "exact_share", "read_pairs", "train_question_parser"]
 
@@ -43,7 +43,7 @@ _TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
 @dataclass(frozen=True)
-class QuestionParserTraining:
+class QuestionParserTraining(Settings):
     """Training of the question parser on pairs drawn from the grammar, or on a question file.
 
     Attributes:
@@ -63,23 +63,19 @@ class QuestionParserTraining:
         loop: the optimisation.
     """
 
-    run_dir: str
+    run_dir: PathName
     output: str = ""
     questions: str = ""
-    samples: int = 0
+    samples: Count = 0
     initial: str = ""
-    paraphrase: float = 0.0
-    other: float = 0.08
-    evaluation_texts: int = 1000
+    paraphrase: Share = 0.0
+    other: Share = 0.08
+    evaluation_texts: PositiveCount = 1000
     ablation: str = ""
     evaluation_questions: str = ""
     evaluation_scenes: str = ""
     model: QuestionParserConfig = field(default_factory=QuestionParserConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
-
-    def __post_init__(self) -> None:
-        check_paths(self, "run_dir")
-        check_ranges(self, samples=COUNT, paraphrase=SHARE, other=SHARE, evaluation_texts=MANY)
 
 
 class QuestionParserTask(Task):

@@ -11,7 +11,6 @@ from tests.robustness.good import (
     ANSWER,
     CONTROLS,
     COUNT,
-    DUMMY,
     EVALUATE_TRUTH,
     EXPORT,
     GENERATE,
@@ -34,15 +33,14 @@ __all__ = ["option_cases"]
 OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", "hf://a/b", "hf://../x@main", "hf://a/b@main", ""),
                         "--device": ("zebra", "cuda:99", "cuda:x", ""), "--zebra": ("1",), "--set": ("tracker.score",),
-                        "--dynamics": ("zebra",), "--responsible": ("zebra", ""), "--extensions": ("zebra",)}),
+                        "--dynamics": ("zebra",), "--extensions": ("zebra",)}),
     "evaluate": (EVALUATE_TRUTH, {
         "--types": ("zebra", ""), "--limit": ("-1", "x", "1.5", ""), "--every": ("0", "-1", "x"),
         "--stride": ("0", "-1", "x", "2"), "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
         "--source": ("zebra", ""), "--split": ("zebra", "train"), "--exclude": ("x", "[x]", "[1.5]"),
         "--semantics": ("zebra", "official"), "--collisions": ("zebra", "velocity"), "--engine": ("zebra",),
         "--device": ("zebra",), "--checkpoint": ("nowhere",), "--data": ("nowhere",), "--questions": ("nowhere.json",),
-        "--root": ("nowhere",), "--truth_source": ("zebra", "truth"), "--truth": ("nowhere",), "--limits": (
-            "zebra=5", "frames", "frames=0", "frames=-1", "frames=x", "frames=nan", "frames=inf")}),
+        "--root": ("nowhere",), "--truth_source": ("zebra", "truth"), "--truth": ("nowhere",)}),
     "predict-dynamics": (PREDICT, {
         "--workers": ("-1", "x"), "--form": ("zebra",), "--dynamics": ("zebra", "nowhere.yaml"), "--engine": ("zebra",),
         "--config": ("nowhere.yaml",), "--set": (
@@ -89,8 +87,6 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--paraphrase": ("-1", "1.5", "nan"), "--other": ("-1", "1.5"), "--samples": ("-1",),
         "--evaluation_texts": ("0", "-1"), "--ablation": ("zebra", "-1", "0", ",")}),
     "score": (SCORE, {"--questions": ("nowhere.json", "/dev/null", ".", ""), "--allow-missing": ("zebra",), "--zebra": ("1",)}),
-    "dummy": (DUMMY, {"--source": ("zebra", "videos", "proposals", "tracks", ""), "--data": ("nowhere", "/dev/null", ".", ""),
-                      "--questions": ("nowhere.json", "")}),
     "controls": (CONTROLS, {"--split": ("zebra", "train", "test"), "--kinds": ("zebra", "", "shuffled"), "--seed": ("-1", "x"),
                             "--limit": ("-1", "x", "1.5"), "--workers": ("-1", "x"), "--engine": ("zebra",)}),
     "tag": (TAG, {"--truth": ("nowhere", "/dev/null", ".", ""), "--train": ("nowhere.json",), "--seed": ("-1", "x", "1.5")}),
@@ -126,9 +122,6 @@ COMMANDS_WRONG = {
     "missing scenes": ("generate", "questions", "--scenes", "nowhere", "-o", "out.json"),
     "missing answers": ("score", "nowhere.jsonl", *QUESTIONS_OF),
     "answers without questions": ("score", "{good}/answers.jsonl"),
-    "unknown dummy": ("dummy", "zebra", *QUESTIONS_OF, "-o", "out.jsonl"),
-    "dummy without scenes": ("dummy", "keep-recording", *QUESTIONS_OF, "-o", "out.jsonl"),
-    "dummy with scenes too much": ("dummy", "always-yes", *DUMMY[2:]),
     "controls of no data set": ("controls", "nowhere", "-o", "out"), "controls of no videos": ("controls", ".", "-o", "out"),
     "controls in the data set": ("controls", "{good}/dataset", "-o", "{good}/dataset"),
     "controls below the videos": ("controls", "{good}/dataset", "--kinds", "blind", "-o", "{good}/dataset/videos/validation"),
@@ -188,7 +181,6 @@ WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "demo": (("demo",), "-o", "demo.png"),
     "generate scene": (("generate", "scene"), "--output", "out.json"),
     "score": (SCORE[:-2], "-o", "out.json"),
-    "dummy": (DUMMY[:-2], "-o", "out.jsonl"),
     "tag": (TAG[:-2], "-o", "out.json"),
     "simulate": (SIMULATE[:4], "-o", "out.mp4"),
     "simulate document": (SIMULATE[:4], "--json", "out.json"),

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -34,9 +34,9 @@ from nsdr.io.device import limit_threads, resolve_device, resolve_precision
 from nsdr.io.files import atomic_path, find_files, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
-from nsdr.io.validation import COUNT, check_choices, check_paths, check_ranges
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
+from nsdr.validation import Count, PathName, Settings, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["FeatureExtraction", "FeatureExtractor", "extract_features", "find_videos", "frames_of", "spaced"]
@@ -49,7 +49,7 @@ _PROPOSAL_FILE = re.compile(r"(?:proposal|sim)_0*(\d+)\.json(?:\.gz)?$")
 
 
 @dataclass(frozen=True)
-class FeatureExtraction:
+class FeatureExtraction(Settings):
     """Features of all videos of a data set.
 
     Attributes:
@@ -62,18 +62,16 @@ class FeatureExtraction:
         device: where the networks of every process run: auto, cpu, cuda or cuda:N.
     """
 
-    root: str
-    output: str
+    root: PathName
+    output: PathName
     proposals: str = ""
     features: FeatureConfig = field(default_factory=FeatureConfig)
-    engine: str = "processes"
-    workers: int = 0
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
     device: str = "auto"
 
     def __post_init__(self) -> None:
-        check_paths(self, "root", "output")
-        check_choices(self, engine=ENGINES)
-        check_ranges(self, workers=COUNT)
+        super().__post_init__()
         needs = self.features.regions == "proposals" and "objects" in self.features.kinds
         if needs != bool(self.proposals):
             expected = "a folder of proposals" if needs else "none unless regions is proposals and kinds has objects"

@@ -5,9 +5,10 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDES
@@ -17,7 +18,7 @@ from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import LEDGER
 from nsdr.io.reading import read_json
-from nsdr.io.validation import SHARE, SIZE, check_choices, check_ranges
+from nsdr.validation import MAX_SIZE, Settings, Share, Size, one_of
 
 __all__ = ["BOX_NUMBERS", "KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
 
@@ -27,10 +28,12 @@ MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
+Side = Annotated[int, Meta(ge=min(STRIDES.values()), le=MAX_SIZE)]
+"""Height or width of an image (pixels)."""
 
 
 @dataclass(frozen=True)
-class FeatureConfig:
+class FeatureConfig(Settings):
     """How features are made of a video. The defaults are the paper's settings.
 
     Attributes:
@@ -51,27 +54,24 @@ class FeatureConfig:
         DataError: a value out of its range; names it.
     """
 
-    backbone: str = "resnet50"
+    backbone: Annotated[str, one_of(CHANNELS)] = "resnet50"
     weights: str = IMAGENET
-    frames: int = 25
-    image_size: tuple[int, int] = (224, 224)
-    stage: str = "layer3"
-    grid: tuple[int, int] | None = None
+    frames: Size = 25
+    image_size: tuple[Side, Side] = (224, 224)
+    stage: Annotated[str, one_of(STRIDES)] = "layer3"
+    grid: tuple[Size, Size] | None = None
     kinds: tuple[str, ...] = KINDS
-    regions: str = "frame_parser"
+    regions: Literal["frame_parser", "proposals"] = "frame_parser"
     detector: str = "default"
-    max_objects: int = 10
-    min_score: float = 0.9
-    precision: str = "auto"
+    max_objects: Size = 10
+    min_score: Share = 0.9
+    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
 
     def __post_init__(self) -> None:
-        check_choices(self, backbone=CHANNELS, stage=STRIDES, regions=("frame_parser", "proposals"))
-        check_choices(self, precision=PRECISIONS)
-        check_ranges(self, frames=SIZE, image_size=(min(STRIDES.values()), SIZE[1]), max_objects=SIZE, min_score=SHARE)
+        super().__post_init__()
         if not self.kinds or len(set(self.kinds)) < len(self.kinds) or not set(self.kinds) <= set(KINDS):
             raise DataError(f"kinds is {list(self.kinds)}; expected one or more of {', '.join(KINDS)}, each once")
         if self.grid is not None:
-            check_ranges(self, grid=SIZE)
             height, width = self.map_size
             if self.grid[0] > height or self.grid[1] > width:
                 raise DataError(f"grid is {list(self.grid)}; expected at most the maps' {height} and {width}")

@@ -12,14 +12,14 @@ from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead
 from nsdr.baselines.systems.program_graph import ProgramGraph, execute, program_graph
 from nsdr.errors import DataError
-from nsdr.io.validation import SIZE, check_ranges
 from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
+from nsdr.validation import Settings, Size
 
 __all__ = ["Assembled", "AssembledConfig", "SpaceConv", "TimeConv"]
 
 
 @dataclass(frozen=True)
-class AssembledConfig:
+class AssembledConfig(Settings):
     """Settings; the defaults are those of both papers.
 
     Attributes:
@@ -29,13 +29,10 @@ class AssembledConfig:
         hidden: units of the classifier's hidden layer.
     """
 
-    width: int = 128
-    frames: int = 25
-    projection: int = 512
-    hidden: int = 1024
-
-    def __post_init__(self) -> None:
-        check_ranges(self, width=SIZE, frames=SIZE, projection=SIZE, hidden=SIZE)
+    width: Size = 128
+    frames: Size = 25
+    projection: Size = 512
+    hidden: Size = 1024
 
 
 class SpaceConv(nn.Module):

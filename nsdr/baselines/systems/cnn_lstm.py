@@ -8,19 +8,21 @@ Differs from the paper:
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 __all__ = ["CnnLstm", "CnnLstmConfig"]
 
 
 @dataclass(frozen=True)
-class CnnLstmConfig:
+class CnnLstmConfig(Settings):
     """Settings of `CnnLstm`.
 
     Attributes:
@@ -32,15 +34,12 @@ class CnnLstmConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    hidden: int = 512
-    video: int = 512
-    layers: int = 1
-    head: int = 512
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), video=SIZE, layers=(1, 100), head=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    hidden: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 512
+    video: Size = 512
+    layers: Annotated[int, Meta(ge=1, le=100)] = 1
+    head: Size = 512
+    dropout: Share = 0.2
 
 
 class CnnLstm(Baseline):

@@ -14,14 +14,14 @@ from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead, masked_mean
-from nsdr.io.validation import SHARE, SIZE, check_ranges
 from nsdr.question_parser.tokenizer import PAD
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["CnnMlp", "CnnMlpConfig"]
 
 
 @dataclass(frozen=True)
-class CnnMlpConfig:
+class CnnMlpConfig(Settings):
     """Settings of `CnnMlp`.
 
     Attributes:
@@ -30,12 +30,9 @@ class CnnMlpConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    head: int = 512
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, head=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    head: Size = 512
+    dropout: Share = 0.2
 
 
 class CnnMlp(Baseline):

@@ -18,22 +18,23 @@ Differs from the paper:
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.attention import masked_softmax, time_encoding
 from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 __all__ = ["Mac", "MacConfig", "MacObjects"]
 
 
 @dataclass(frozen=True)
-class MacConfig:
+class MacConfig(Settings):
     """Settings of `Mac` and `MacObjects`.
 
     Attributes:
@@ -45,15 +46,12 @@ class MacConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    width: int = 512
-    steps: int = 12
+    embedding: Size = 300
+    width: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 512
+    steps: Size = 12
     self_attention: bool = False
     memory_gate: bool = False
-    dropout: float = 0.15
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, width=(2, MAX_SIZE), steps=SIZE, dropout=SHARE)
+    dropout: Share = 0.15
 
 
 class Mac(Baseline):

@@ -15,20 +15,22 @@ Differs from the paper:
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.attention import masked_softmax
 from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 __all__ = ["HeterogeneousMemory", "MemoryConfig"]
 
 
 @dataclass(frozen=True)
-class MemoryConfig:
+class MemoryConfig(Settings):
     """Settings of `HeterogeneousMemory`.
 
     Attributes:
@@ -39,14 +41,11 @@ class MemoryConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    hidden: int = 512
-    slots: int = 20
-    steps: int = 3
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), slots=SIZE, steps=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    hidden: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 512
+    slots: Size = 20
+    steps: Size = 3
+    dropout: Share = 0.2
 
 
 class HeterogeneousMemory(Baseline):

@@ -18,7 +18,7 @@ from nsdr.baselines.vocabulary import PAD, PROGRAM_SEPARATOR
 from nsdr.errors import ProgramError
 from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.symbolic.modules import MODULES, WORDS, Kind
-from nsdr.symbolic.program import Program
+from nsdr.symbolic.program import ANSWER_KINDS, Program
 
 __all__ = ["INSTRUCTIONS", "MALFORMED", "Node", "ProgramGraph", "execute", "program_graph"]
 
@@ -154,6 +154,6 @@ def _program(tokens: tuple[int, ...]) -> Program:
     if not (MODULES.keys() | WORDS.keys()).issuperset(question + choice):
         raise ProgramError("a token is neither a module nor a word")
     program = Program.parse(question) if cut == end else Program.parse(choice).then(Program.parse(question))
-    if program.needs_choice or not program.answers:
+    if program.needs_choice or program.result not in ANSWER_KINDS:
         raise ProgramError("the program gives no answer")
     return program

@@ -35,7 +35,7 @@ from nsdr.baselines.base import Batch, Sizes
 from nsdr.baselines.systems.assembled import Assembled, AssembledConfig, SpaceConv, TimeConv
 from nsdr.baselines.systems.layers import initialise
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED
-from nsdr.io.validation import SIZE, check_ranges
+from nsdr.validation import Size
 
 __all__ = ["Mask", "TbdConfig", "TbdNet"]
 
@@ -53,11 +53,7 @@ class TbdConfig(AssembledConfig):
         dilations: dilations of the convolutions of `relate`, in their order.
     """
 
-    dilations: tuple[int, ...] = (1, 2, 4, 8, 1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, dilations=SIZE)
+    dilations: tuple[Size, ...] = (1, 2, 4, 8, 1)
 
 
 class Mask(NamedTuple):

@@ -15,20 +15,22 @@ Differs from the paper:
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.attention import masked_softmax, time_encoding
 from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 __all__ = ["TvqaConfig", "TvqaPlus"]
 
 
 @dataclass(frozen=True)
-class TvqaConfig:
+class TvqaConfig(Settings):
     """Settings of `TvqaPlus`.
 
     Attributes:
@@ -38,13 +40,10 @@ class TvqaConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    hidden: int = 300
-    head: int = 500
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), head=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    hidden: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 300
+    head: Size = 500
+    dropout: Share = 0.2
 
 
 class TvqaPlus(Baseline):

@@ -8,7 +8,7 @@ import numpy as np
 from nsdr.dynamics.physics.contact_geometry import outline_gap
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit
-from nsdr.io.validation import NOT_NEGATIVE, NUMBER, check_ranges
+from nsdr.validation import Finite, NotNegative, Settings
 
 __all__ = ["MAX_GAP_WORLD", "MAX_LOG_ODDS", "Evidence", "EvidenceWeights", "closest_gap", "log_odds"]
 
@@ -62,7 +62,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class EvidenceWeights:
+class EvidenceWeights(Settings):
     """Weights of a logistic regression on `Evidence`, fitted on held-out scenes of `train`: `python benchmarks/collisions.py
     --proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them.
 
@@ -73,13 +73,10 @@ class EvidenceWeights:
         fit: weight of the logarithm of the costs' ratio.
     """
 
-    bias: float = 0.396
-    network: float = 0.719
-    gap: float = 31.1
-    fit: float = 1.968
-
-    def __post_init__(self) -> None:
-        check_ranges(self, bias=NUMBER, network=NOT_NEGATIVE, gap=NOT_NEGATIVE, fit=NOT_NEGATIVE)
+    bias: Finite = 0.396
+    network: NotNegative = 0.719
+    gap: NotNegative = 31.1
+    fit: NotNegative = 1.968
 
     def log_odds(self, evidence: Evidence) -> float:
         """Of the collision, by all evidence."""

@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from msgspec import Meta
 
 from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
 from nsdr.dynamics.physics.collision_evidence import Evidence, EvidenceWeights
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitConfig, fit_trajectories
-from nsdr.io.validation import COUNT, check_ranges
 from nsdr.types import Event
+from nsdr.validation import Count, Settings
 
 __all__ = ["CollisionSearch", "CollisionSearchConfig", "FoundCollisions", "search_collisions"]
 
@@ -17,7 +19,7 @@ Pair = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class CollisionSearchConfig:
+class CollisionSearchConfig(Settings):
     """How collisions are found by fitting.
 
     Attributes:
@@ -28,13 +30,10 @@ class CollisionSearchConfig:
         fit: of the simulator.
     """
 
-    min_probability: float = 0.01
-    trials: int = 8
+    min_probability: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.01
+    trials: Count = 8
     weights: EvidenceWeights = field(default_factory=EvidenceWeights)
     fit: TrajectoryFitConfig = field(default_factory=TrajectoryFitConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, min_probability=(0.0, 0.5), trials=COUNT)
 
 
 class FoundCollisions(NamedTuple):

@@ -1,9 +1,12 @@
 """Settings of the simulation of a fitted scene."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from msgspec import Meta
 
 from nsdr.dynamics.physics.collision_search import CollisionSearchConfig
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
+from nsdr.validation import Count, NotNegative, Positive, Settings, Share
 from nsdr.world.physics_constants import LOG_MASS_STD
 
 __all__ = ["PhysicsConfig"]
@@ -13,7 +16,7 @@ MAX_RUNS = 10_000
 
 
 @dataclass(frozen=True)
-class PhysicsConfig:
+class PhysicsConfig(Settings):
     """How the fitted scene is simulated on.
 
     Noise levels were set on left-out scenes of `train`; `python benchmarks/continued.py` compares them. Perturbations drawn
@@ -36,20 +39,14 @@ class PhysicsConfig:
         search: how the observed collisions and the fit are found.
     """
 
-    runs: int = 30
-    position_noise_world: float = 0.004
-    velocity_noise_world_per_s: float = 0.015
-    yaw_noise: float = 0.1
-    mass_noise: float = 0.08
-    unmet_mass_noise: float = LOG_MASS_STD
-    collision_threshold: float = 0.5
-    seed: int = 0
-    closeness_world: float = 0.4
-    velocity_error_world_per_s: float = 0.02
+    runs: Annotated[int, Meta(ge=1, le=MAX_RUNS)] = 30
+    position_noise_world: NotNegative = 0.004
+    velocity_noise_world_per_s: NotNegative = 0.015
+    yaw_noise: NotNegative = 0.1
+    mass_noise: NotNegative = 0.08
+    unmet_mass_noise: NotNegative = LOG_MASS_STD
+    collision_threshold: Share = 0.5
+    seed: Count = 0
+    closeness_world: Positive = 0.4
+    velocity_error_world_per_s: NotNegative = 0.02
     search: CollisionSearchConfig = field(default_factory=CollisionSearchConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, runs=(1, MAX_RUNS), collision_threshold=SHARE, seed=COUNT, closeness_world=POSITIVE)
-        check_ranges(self, velocity_error_world_per_s=NOT_NEGATIVE)
-        noise = ("position_noise_world", "velocity_noise_world_per_s", "yaw_noise", "mass_noise", "unmet_mass_noise")
-        check_ranges(self, **dict.fromkeys(noise, NOT_NEGATIVE))

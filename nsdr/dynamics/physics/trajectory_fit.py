@@ -5,7 +5,7 @@ motion a smooth function of the initial state (see `simulator`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from nsdr.dynamics.physics.mass_uncertainty import log_mass_covariance
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
 from nsdr.dynamics.physics.trust_region import minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.io.validation import MANY, NOT_NEGATIVE, POSITIVE, check_ranges
 from nsdr.types import Event
+from nsdr.validation import Count, NotNegative, Positive, PositiveCount, Settings
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
 from nsdr.world.vocabulary import SHAPES
 
@@ -51,7 +51,7 @@ _NEVER = 10**6
 
 
 @dataclass(frozen=True)
-class TrajectoryFitConfig:
+class TrajectoryFitConfig(Settings):
     """Noise, priors and effort of the fit. Set on left-out scenes of `train`.
 
     Attributes:
@@ -70,24 +70,19 @@ class TrajectoryFitConfig:
         restart_log_mass_scale: standard deviation of restarts' log masses, in `UNITS`; other parameters have 1.
     """
 
-    position_noise_world: float = 0.01
-    edge_noise_px: float = 2.0
-    mass_deviation: float = LOG_MASS_STD
-    rebound: float = 0.4
-    rebound_deviation: float = 0.2
-    robust_scale: float = 2.0
-    min_speed_world_per_s: float = 0.2
-    evaluations: int = 25
-    yaw_guesses: int = 12
-    good_cost: float = 0.4
-    restarts: int = 6
-    restart_yaw_noise_px: float = 0.7
-    restart_log_mass_scale: float = 0.7
-
-    def __post_init__(self) -> None:
-        check_ranges(self, **dict.fromkeys([f.name for f in fields(self)], NOT_NEGATIVE))
-        check_ranges(self, position_noise_world=POSITIVE, edge_noise_px=POSITIVE, mass_deviation=POSITIVE)
-        check_ranges(self, rebound_deviation=POSITIVE, robust_scale=POSITIVE, evaluations=MANY, yaw_guesses=MANY)
+    position_noise_world: Positive = 0.01
+    edge_noise_px: Positive = 2.0
+    mass_deviation: Positive = LOG_MASS_STD
+    rebound: NotNegative = 0.4
+    rebound_deviation: Positive = 0.2
+    robust_scale: Positive = 2.0
+    min_speed_world_per_s: NotNegative = 0.2
+    evaluations: PositiveCount = 25
+    yaw_guesses: PositiveCount = 12
+    good_cost: NotNegative = 0.4
+    restarts: Count = 6
+    restart_yaw_noise_px: NotNegative = 0.7
+    restart_log_mass_scale: NotNegative = 0.7
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.layers import PropNet
-from nsdr.io.validation import POSITIVE, SHARE, SIZE, check_ranges
+from nsdr.validation import Positive, Settings, Share, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["BOX_SCALE", "PatchModel", "PatchModelConfig", "PatchNetwork"]
@@ -24,7 +24,7 @@ MAX_REACH = 5.0
 
 
 @dataclass(frozen=True)
-class PatchModelConfig:
+class PatchModelConfig(Settings):
     """Sizes and time steps; the defaults are the paper's.
 
     Attributes:
@@ -38,18 +38,14 @@ class PatchModelConfig:
         collision_threshold: probability above which a pair collides; 0.3 was set on left-out scenes of `train`.
     """
 
-    hidden: int = 512
-    propagation_steps: int = 2
-    stride_frames: int = 5
-    window: int = 3
-    patch_cells: int = 24
-    cell_px: float = 4.0
-    channels: tuple[int, int, int] = (16, 32, 64)
-    collision_threshold: float = 0.3
-
-    def __post_init__(self) -> None:
-        sizes = ("hidden", "propagation_steps", "stride_frames", "window", "patch_cells", "channels")
-        check_ranges(self, collision_threshold=SHARE, cell_px=POSITIVE, **dict.fromkeys(sizes, SIZE))
+    hidden: Size = 512
+    propagation_steps: Size = 2
+    stride_frames: Size = 5
+    window: Size = 3
+    patch_cells: Size = 24
+    cell_px: Positive = 4.0
+    channels: tuple[Size, Size, Size] = (16, 32, 64)
+    collision_threshold: Share = 0.3
 
 
 class PatchEncoder(nn.Module):

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.dynamics.propnet.folded import FoldedPropNet, Pairs
 from nsdr.dynamics.propnet.layers import PropNet, mlp
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 __all__ = ["FoldedStateModel", "StateModel", "StateModelConfig"]
 
@@ -24,7 +26,7 @@ INERTIA_STEPS = 3
 
 
 @dataclass(frozen=True)
-class StateModelConfig:
+class StateModelConfig(Settings):
     """Sizes and time steps; a `DataError` names a value that is too small.
 
     Attributes:
@@ -37,16 +39,12 @@ class StateModelConfig:
         collision_threshold: probability above which a pair collides.
     """
 
-    hidden: int = 128
-    propagation_steps: int = 2
-    stride_frames: int = 2
-    past_steps: int = 6
-    side_steps: int = 6
-    collision_threshold: float = 0.5
-
-    def __post_init__(self) -> None:
-        sizes = dict.fromkeys(("hidden", "propagation_steps", "stride_frames", "side_steps"), SIZE)
-        check_ranges(self, past_steps=(INERTIA_STEPS + 1, MAX_SIZE), collision_threshold=SHARE, **sizes)
+    hidden: Size = 128
+    propagation_steps: Size = 2
+    stride_frames: Size = 2
+    past_steps: Annotated[int, Meta(ge=INERTIA_STEPS + 1, le=MAX_SIZE)] = 6
+    side_steps: Size = 6
+    collision_threshold: Share = 0.5
 
 
 class StateModel(nn.Module):

@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.check.camera_motion import camera_motion
-from nsdr.frame_parser.check.exposure import corrected_levels
-from nsdr.frame_parser.check.ground import FloatArray, GroundFit
-from nsdr.frame_parser.check.marks import marked_px
+from nsdr.frame_parser.check.ground import FloatArray, GroundFit, corrected_levels
+from nsdr.frame_parser.check.image_faults import camera_motion, marked_px
 from nsdr.frame_parser.check.shots import change
 
 __all__ = ["Look", "Reason", "reasons"]

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError, VideoError
-from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, fit_ground, read_background, references, turned
-from nsdr.frame_parser.check.padding import ASPECT, ASPECT_TOLERANCE, Box, content_box, middle_of
+from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
+from nsdr.frame_parser.check.layout import find_layout, part_of
 from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
 from nsdr.frame_parser.check.shots import change, first_shot, is_cut
-from nsdr.io.validation import MANY, check_ranges
 from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
+from nsdr.validation import PositiveCount, Settings
 from nsdr.world.timeline import FPS
 
 __all__ = ["CHECKS", "VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
@@ -37,7 +37,7 @@ DARK, WHITE = 25.0, 230.0
 
 
 @dataclass(frozen=True)
-class VideoConfig:
+class VideoConfig(Settings):
     """What is expected of videos.
 
     Attributes:
@@ -49,12 +49,12 @@ class VideoConfig:
 
     check: str = "refuse"
     background: str = ""
-    max_frames: int = 512
+    max_frames: PositiveCount = 512
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.check not in CHECKS:
             raise DataError(f"check is {self.check!r}; expected one of {', '.join(CHECKS)}")
-        check_ranges(self, max_frames=MANY)
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,9 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         return VideoCheck((f"the background is {_flat_color(sample.frames[0])}",))
     frames = _until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
-    box, layout, expected, doubts = _layout(median, sample.size_px, known)
-    image, frames = _part(median, box), _part(frames, box)
-    ground, reference = _best_fit(image, expected)
+    box, layout, expected, doubts = find_layout(median, sample.size_px, known)
+    image, frames = part_of(median, box), part_of(frames, box)
+    ground, reference = best_fit(image, expected)
     refusals: list[str] = []
     if ground.distance > MAX_GROUND_DISTANCE:
         turn, after, fitting = _turn(image, known)
@@ -185,46 +185,8 @@ def _flat_color(frame: NDArray[np.uint8]) -> str:
     return "black" if brightness < DARK else "white" if brightness > WHITE else "one flat colour"
 
 
-def _best_fit(image: FloatArray, expected: Sequence[FloatArray]) -> tuple[GroundFit, FloatArray]:
-    """The fit to the reference that fits best, and this reference."""
-    return min(((fit_ground(image, reference), reference) for reference in expected), key=lambda f: f[0].distance)
-
-
 def _turn(image: FloatArray, expected: Sequence[FloatArray]) -> tuple[str, GroundFit, FloatArray]:
     """How the image is turned most likely, its fit when it is turned back, and the reference that it fits."""
-    fits = {turn: _best_fit(turned(image, turn), expected) for turn in TURNS}
+    fits = {turn: best_fit(turned(image, turn), expected) for turn in TURNS}
     turn = min(fits, key=lambda t: fits[t][0].distance)
     return turn, *fits[turn]
-
-
-def _part(images: NDArray[Any], box: Box) -> NDArray[Any]:
-    """What is within a box of an image (height, width, 3) or of several (F, height, width, 3)."""
-    left, top, right, bottom = box
-    return images[..., top:bottom, left:right, :]
-
-
-def _layout(
-    median: FloatArray, size_px: tuple[int, int], known: Sequence[FloatArray]
-) -> tuple[Box, Layout, Sequence[FloatArray], list[str]]:
-    """Where the image is in the median and in the video, what it is to be compared with, and what is doubtful about it."""
-    inner = content_box(median)
-    left, top, right, bottom = inner
-    image = _part(median, inner)
-    doubts, box = [], None
-    if image.shape != median.shape:
-        scale = np.array(size_px)[[0, 1, 0, 1]] / np.array(median.shape)[[1, 0, 1, 0]]
-        x0, y0, x1, y1 = (int(v) for v in np.round(scale * inner))
-        box = (x0, y0, x1, y1)
-        doubts.append(
-            f"bars around the image are cut off: {x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
-        )
-    aspect = (right - left) / (bottom - top) * (size_px[0] / median.shape[1]) / (size_px[1] / median.shape[0])
-    if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
-        return inner, Layout(box, stretched=True), known, doubts
-    middle = [middle_of(reference, aspect) for reference in known]
-    shape = f"an image of {aspect:.2f}:1, not {ASPECT:g}:1"
-    if _best_fit(image, known)[0].distance <= _best_fit(image, middle)[0].distance:
-        doubts.append(f"{shape}: taken as stretched, and stretched back")
-        return inner, Layout(box, stretched=True), known, doubts
-    doubts.append(f"{shape}: taken as the middle of one; what was cut off is not seen")
-    return inner, Layout(box), middle, doubts

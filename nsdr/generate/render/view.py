@@ -2,9 +2,12 @@
 
 import random
 from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+from msgspec import Meta
 
 from nsdr.errors import DataError
-from nsdr.io.validation import NOT_NEGATIVE, SIZE, check_ranges
+from nsdr.validation import NotNegative, Settings, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.timeline import FPS
 
@@ -21,7 +24,7 @@ MAX_FPS, MAX_CRF = 1000, 51
 
 
 @dataclass(frozen=True)
-class RenderConfig:
+class RenderConfig(Settings):
     """How scenes are rendered.
 
     Attributes:
@@ -37,19 +40,18 @@ class RenderConfig:
         crf: H.264 constant rate factor; lower is better quality.
     """
 
-    width: int = WIDTH_PX
-    height: int = HEIGHT_PX
+    width: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = WIDTH_PX
+    height: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = HEIGHT_PX
     camera: Camera = field(default_factory=Camera)
-    camera_jitter: float = 0.0
-    light_jitter: float = 0.0
-    samples: int = 6
+    camera_jitter: NotNegative = 0.0
+    light_jitter: NotNegative = 0.0
+    samples: Size = 6
     assets: str = ""
-    fps: int = FPS
-    crf: int = 20
+    fps: Annotated[int, Meta(ge=1, le=MAX_FPS)] = FPS
+    crf: Annotated[int, Meta(ge=0, le=MAX_CRF)] = 20
 
     def __post_init__(self) -> None:
-        check_ranges(self, camera_jitter=NOT_NEGATIVE, light_jitter=NOT_NEGATIVE, samples=SIZE, fps=(1, MAX_FPS))
-        check_ranges(self, crf=(0, MAX_CRF), width=(MIN_SIDE_PX, MAX_SIDE_PX), height=(MIN_SIDE_PX, MAX_SIDE_PX))
+        super().__post_init__()
         check_release_size(self.camera)
         if self.width % 2 or self.height % 2:
             raise DataError(

@@ -1,28 +1,11 @@
-"""Token lists that run without a `Program`: the same values, errors and traces as step by step."""
+"""Programs as token lists, and the benchmark of the executor."""
 
-import pickle
 from pathlib import Path
 
 import pytest
 
 from benchmarks import executor as benchmark
 from nsdr import Executor, ProgramError, Scene
-from nsdr.symbolic import postfix
-from nsdr.symbolic.executor import PHRASES
-from nsdr.symbolic.program import Program
-from tests.test_executor import ROWS
-
-PROGRAMS = [program for _, program, _ in ROWS]
-
-
-@pytest.mark.parametrize("program", PROGRAMS)
-def test_values_are_those_of_the_steps(small_scene: Scene, program: str) -> None:
-    executor = Executor(small_scene)
-    steps = executor._values(Program.parse(program))[-1]
-    for source in (program, program.split(), tuple(program.split()), Program.parse(program)):
-        assert executor._runner.run(source)[0] == steps
-        assert Executor(small_scene)._runner.run(source)[0] == steps
-    assert executor.run_batch([program.split()] * 2) == [executor.run(program)] * 2
 
 
 @pytest.mark.parametrize(
@@ -64,26 +47,6 @@ def test_the_limit_on_tokens_holds(small_scene: Scene, monkeypatch) -> None:
     for program in ("objects null filter_moving count", ["objects", "null", "filter_moving", "count"]):
         with pytest.raises(ProgramError, match="more than 2 tokens"):
             executor.run(program)
-
-
-def test_a_full_table_and_many_results_change_nothing(small_scene: Scene, monkeypatch) -> None:
-    expected = [Executor(small_scene).run(p) for p in PROGRAMS]
-    monkeypatch.setattr(postfix, "MOST_RESULTS", 1)
-    assert [Executor(small_scene).run(p) for p in PROGRAMS] == expected
-    monkeypatch.setattr(postfix, "MOST_PHRASES", 0)
-    monkeypatch.setattr("nsdr.symbolic.executor.PHRASES", postfix.PhraseTable(PHRASES._function))
-    assert [Executor(small_scene).run(p) for p in PROGRAMS] == expected
-
-
-def test_traces_are_made_when_they_are_read(small_scene: Scene) -> None:
-    answer = Executor(small_scene).answer("objects count")
-    assert "trace" not in vars(answer)
-    copy = pickle.loads(pickle.dumps(answer))
-    assert [step.text for step in copy.trace][-1] == "4"
-    assert copy == answer
-    assert not any(isinstance(value, Executor) for value in vars(copy).values())
-    with pytest.raises(AttributeError, match="'Answer' object has no attribute 'steps'"):
-        answer.steps  # noqa: B018
 
 
 STUB = """

@@ -1,21 +1,29 @@
-"""Does the camera stand still? Measured on the ground's pattern of light, which moves with the camera."""
+"""Does the camera stand still, and are there captions, logos or other marks on the image?"""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.check.ground import COLUMNS, KEPT, ROWS, FloatArray, cells
-from nsdr.world.camera import WIDTH_PX
+from nsdr.frame_parser.check.ground import COLUMNS, KEPT, ROWS, FloatArray, GroundFit, cells
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["camera_motion"]
+__all__ = ["camera_motion", "marked_px"]
 
 CELL_PX = WIDTH_PX / COLUMNS
 """Width and height of a cell (pixels of a 480x320 image)."""
 ROUNDS = 8
-"""Rounds of fitting and choosing the cells that fit best, as of `empty_scene.fit_ground`."""
+"""Rounds of fitting and choosing the cells that fit best, as of `ground.fit_ground`."""
 SPACING = 2
 """Every second frame is looked at, which saves time."""
 RIDGE = 1e-9
 """Added to squares (levels squared), for frames that are all the same."""
+STROKE = np.ones((9, 9), np.uint8)
+"""Marks are thinner than this square, objects are not (pixels of 480x320)."""
+CONTRAST, TOUCHED = 25.0, 12.0
+"""Difference of brightness from the ground of a mark, and of anything that is not ground (levels of 255 at the reference's
+contrast)."""
+BORDER_PX = 6
+"""Objects that leave the image are thin at its border, which is not looked at (pixels)."""
 
 
 def camera_motion(frames: NDArray[np.uint8]) -> float:
@@ -57,3 +65,25 @@ def _fitted(difference: FloatArray, motion: FloatArray, exposure: FloatArray) ->
 
 def _least_squares(ways: FloatArray, difference: FloatArray) -> FloatArray:
     return np.linalg.solve(ways.T @ ways + RIDGE * np.eye(ways.shape[1]), ways.T @ difference)
+
+
+def marked_px(image: FloatArray, reference: FloatArray, fit: GroundFit) -> int:
+    """Number of pixels, of 480x320, that are parts of thin marks on the ground.
+
+    Args:
+        image: (height, width, 3) median frame.
+        reference: (32, 48, 3) scene without objects.
+        fit: how they compare.
+    """
+    size = (WIDTH_PX, HEIGHT_PX)
+    ground = cv2.resize(reference.mean(2), size, interpolation=cv2.INTER_LINEAR)
+    found = cv2.resize(image.mean(2), size, interpolation=cv2.INTER_AREA)
+    difference = (found - fit.level) / fit.gain + fit.level - fit.brightness - ground
+    objects = cv2.dilate(_thick(np.abs(difference) > TOUCHED).astype(np.uint8), STROKE) > 0
+    bright, dark = difference > CONTRAST, difference < -CONTRAST
+    marks = (bright & ~_thick(bright) | dark & ~_thick(dark)) & ~objects
+    return int(marks[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX].sum())
+
+
+def _thick(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, STROKE)) > 0

@@ -1,14 +1,16 @@
-"""Bars around a video's image, and images of another shape than CLEVRER's 3:2."""
+"""Where in a video's frames the image is: bars around a video's image, and images of another shape than CLEVRER's 3:2."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.check.ground import COLUMNS, ROWS, FloatArray, cells
+from nsdr.frame_parser.check.ground import COLUMNS, ROWS, FloatArray, best_fit, cells
+from nsdr.io.video import Layout
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["ASPECT", "ASPECT_TOLERANCE", "Box", "content_box", "middle_of"]
+__all__ = ["content_box", "find_layout", "part_of"]
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom (pixels)."""
@@ -67,10 +69,49 @@ def _first(condition: NDArray[np.bool_]) -> int:
     return int(np.argmax(condition))
 
 
-def middle_of(reference: FloatArray, aspect: float) -> FloatArray:
+def _middle_of(reference: FloatArray, aspect: float) -> FloatArray:
     """The largest part of a reference (32, 48, 3) with this aspect around its middle, as (32, 48, 3)."""
     share = aspect / ASPECT
     columns, rows = COLUMNS * min(share, 1.0), ROWS * min(1 / share, 1.0)
     fine = np.repeat(np.repeat(reference, FINE, 0), FINE, 1)
     left, top = round(FINE * (COLUMNS - columns) / 2), round(FINE * (ROWS - rows) / 2)
     return cells(fine[top : FINE * ROWS - top, left : FINE * COLUMNS - left])
+
+
+def part_of(images: NDArray[Any], box: Box) -> NDArray[Any]:
+    """What is within a box of an image (height, width, 3) or of several (F, height, width, 3)."""
+    left, top, right, bottom = box
+    return images[..., top:bottom, left:right, :]
+
+
+def find_layout(
+    median: FloatArray, size_px: tuple[int, int], known: Sequence[FloatArray]
+) -> tuple[Box, Layout, Sequence[FloatArray], list[str]]:
+    """Where the image is in the median and in the video, what it is to be compared with, and what is unusual about it.
+
+    Args:
+        median: (height, width, 3) median frame of the sample.
+        size_px: width and height of the video.
+        known: (32, 48, 3) images of the scene without objects.
+    """
+    inner = content_box(median)
+    left, top, right, bottom = inner
+    image = part_of(median, inner)
+    doubts, box = [], None
+    if image.shape != median.shape:
+        scale = np.array(size_px)[[0, 1, 0, 1]] / np.array(median.shape)[[1, 0, 1, 0]]
+        x0, y0, x1, y1 = (int(v) for v in np.round(scale * inner))
+        box = (x0, y0, x1, y1)
+        doubts.append(
+            f"bars around the image are cut off: {x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
+        )
+    aspect = (right - left) / (bottom - top) * (size_px[0] / median.shape[1]) / (size_px[1] / median.shape[0])
+    if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
+        return inner, Layout(box, stretched=True), known, doubts
+    middle = [_middle_of(reference, aspect) for reference in known]
+    shape = f"an image of {aspect:.2f}:1, not {ASPECT:g}:1"
+    if best_fit(image, known)[0].distance <= best_fit(image, middle)[0].distance:
+        doubts.append(f"{shape}: taken as stretched, and stretched back")
+        return inner, Layout(box, stretched=True), known, doubts
+    doubts.append(f"{shape}: taken as the middle of one; what was cut off is not seen")
+    return inner, Layout(box), middle, doubts
