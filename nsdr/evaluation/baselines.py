@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from nsdr.baselines.data import video_needs
 from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.recording import keep_recording
 from nsdr.baselines.trained import TrainedBaseline
@@ -121,8 +120,8 @@ def evaluate_baseline(
     if unused and "program" not in needs:
         raise DataError(f"{', '.join(unused)} would do nothing: {baseline.system} reads no programs; leave them out")
     where = row.features_folder(trainer)
-    features = FeatureCache(where, video_needs(needs) or None) if where else None
-    baseline.check_features(features, where)
+    features = FeatureCache(where, needs) if where else None
+    baseline.check_features(features)
     scenes, _ = selected_questions(config)
     parsed, failed = scenes, dict[int, dict[int, NsdrError]]()
     if "program" in needs and (parser := parser_of(config)) is not None:
