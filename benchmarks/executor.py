@@ -22,7 +22,7 @@ from nsdr.clevrer.files.predictions import (
     scene_from_predictions,
 )
 from nsdr.errors import ExecutionError
-from nsdr.language.templates import sample
+from nsdr.language.texts import sample
 from nsdr.symbolic import Executor, Program
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
