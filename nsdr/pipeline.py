@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
@@ -21,19 +22,19 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
 from nsdr.io.video import check_is_video
-from nsdr.question_parser.reading import read_programs
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
+from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
-    from nsdr.question_parser.parser import QuestionParser
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
@@ -43,7 +44,7 @@ KEPT_VIDEOS = 16
 
 
 @dataclass(frozen=True)
-class PipelineConfig:
+class PipelineConfig(Settings):
     """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
 
     Attributes:
@@ -57,17 +58,16 @@ class PipelineConfig:
         dynamics: the dynamics backend and its settings.
     """
 
-    stride: int = 1
-    batch_size: int = 8
-    precision: str = "auto"
+    stride: PositiveCount = 1
+    batch_size: Annotated[int, Meta(ge=1, le=MAX_SIZE)] = 8
+    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
     camera: Camera = field(default_factory=Camera)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
     def __post_init__(self) -> None:
-        check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
-        check_choices(self, precision=PRECISIONS)
+        super().__post_init__()
         check_release_size(self.camera)
 
     def versions(self) -> dict[str, int]:
@@ -152,7 +152,7 @@ class Pipeline:
         self,
         frame_parser: "FrameParser",
         dynamics: DynamicsBackend,
-        question_parser: "QuestionParser",
+        question_parser: Parser,
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
         video: VideoConfig | None = None,
@@ -186,7 +186,7 @@ class Pipeline:
                 "" for that of `config`.
             config: settings of all stages, or their YAML file.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
-            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.QuestionParser`).
+            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.AutoParser`).
             options: further arguments of the constructor.
 
         Raises:
@@ -204,8 +204,6 @@ class Pipeline:
 
         with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
-        from nsdr.question_parser.parser import QuestionParser
-
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
         options.setdefault("camera", config.camera)
@@ -214,7 +212,7 @@ class Pipeline:
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
             ),
             load_backend(folder, config.dynamics),
-            QuestionParser.from_checkpoint(folder, extensions=extensions),
+            AutoParser.from_checkpoint(folder, extensions),
             **options,
         )
         return pipeline.to(device)

@@ -20,7 +20,7 @@ from nsdr.errors import DataError
 from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.training import loop
 from nsdr.training.dynamics import StateModelTask
@@ -152,14 +152,14 @@ def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, t
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ({"steps": 0}, "steps is 0; expected 1 or more"),
-        ({"batch_size": -1}, "batch_size is -1"),
-        ({"save_every": 0}, "save_every is 0"),
-        ({"learning_rate": float("nan")}, "learning_rate is nan"),
-        ({"ema": 1.0}, "ema is 1.0"),
-        ({"optimizer": "odd"}, "optimizer is 'odd'; expected adam or sgd"),
-        ({"schedule": "odd"}, "schedule is 'odd'"),
-        ({"precision": "int3"}, "precision is 'int3'"),
+        ({"steps": 0}, "steps: expected .* from 1 on, got 0"),
+        ({"batch_size": -1}, "batch_size: expected .* from 1 on, got -1"),
+        ({"save_every": 0}, "save_every: expected .* from 1 on, got 0"),
+        ({"learning_rate": float("nan")}, "learning_rate: expected a number above 0, got nan"),
+        ({"ema": 1.0}, "ema: expected a number from 0, below 1, got 1.0"),
+        ({"optimizer": "odd"}, "optimizer: expected one of adam, .*sgd.*, got 'odd'"),
+        ({"schedule": "odd"}, "schedule: expected one of constant, cosine, step, got 'odd'"),
+        ({"precision": "int3"}, "precision: expected one of .*, got 'int3'"),
     ],
 )
 def test_settings_of_the_loop_are_checked(option, message) -> None:

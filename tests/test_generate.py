@@ -24,8 +24,8 @@ from nsdr.generate.physics.resimulate import resimulate
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.records import truth_document
+from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
-from nsdr.generate.render.raycast import Solid, instance_ids
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, released_statistics
 from nsdr.io.files import write_json
@@ -156,7 +156,7 @@ def test_scenes_obey_the_configuration() -> None:
         ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 to 32 objects"),
         ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 combinations for scenes of 6 objects"),
         ({"only": ("red",), "colors": ("blue",)}, "only: .* leave no combination that matches red"),
-        ({"n_frames": 5}, "n_frames is 5; expected 10 to 10000"),
+        ({"n_frames": 5}, r"n_frames: expected .* from 10 to 10000.* got 5"),
     ],
 )
 def test_impossible_configurations_are_rejected(values, message) -> None:
@@ -278,8 +278,8 @@ def test_metal_mirrors_and_rubber_does_not() -> None:
         spread[material] = images[0][inside].astype(float).std()
         mirrored[material] = np.abs(images[0][inside].astype(int) - images[1][inside]).max()
     assert spread["metal"] > 2 * spread["rubber"]
-    assert mirrored["metal"] > 25
-    assert mirrored["rubber"] < 10
+    assert mirrored["metal"] > 20
+    assert mirrored["rubber"] < 5
 
 
 def test_previews_are_reproducible_wherever_objects_are() -> None:
@@ -497,10 +497,10 @@ def test_a_missing_simulator_is_named_before_the_work(monkeypatch, tmp_path) -> 
 
 def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     for values, message in (
-        ({"renderer": "oil"}, "renderer is 'oil'; expected preview or"),
+        ({"renderer": "oil"}, "renderer: expected one of preview,.*, got 'oil'"),
         ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
-        ({"videos": 0}, "videos is 0; expected 1 to"),
-        ({"seed": -1}, "seed is -1; expected 0 or more"),
+        ({"videos": 0}, r"videos: expected .* from 1 to .* got 0"),
+        ({"seed": -1}, "seed: expected .* from 0 on, got -1"),
         ({"first_scene": 990000}, "first_scene: expected 0 to 980000, got 990000"),
     ):
         with pytest.raises(DataError, match=message):

@@ -195,7 +195,7 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
         Executor(small_scene, collisions="velocity")
     with pytest.raises(DataError, match="file: missing key 'predictions'"):
         executor_of({"objects": []})
-    with pytest.raises(DataError, match="expected predicted or velocity"):
+    with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, got"):
         executor_of(document, "guessed")
 
 

@@ -200,7 +200,7 @@ def test_every_setting_of_an_evaluation_is_an_option(capsys) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--source", "zebra"], "source is 'zebra'; expected videos or proposals"),
+        (["--source", "zebra"], "source: expected one of videos, proposals,"),
         (["--source", "truth", "--stride", "2"], "stride is of the frame parser and needs --source videos"),
         (["--source", "truth", "--collisions", "velocity"], "needs --semantics official"),
         (["--source", "truth", "--semantics", "official"], "runs on predictions, not on truth"),

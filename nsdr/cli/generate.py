@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tqdm import tqdm
 
@@ -23,7 +23,7 @@ from nsdr.generate.records import truth_document
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
 from nsdr.io.jobs import ENGINES, run_in_order
-from nsdr.io.validation import COUNT, check_choices, check_ranges
+from nsdr.validation import Count, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA
 
 __all__ = ["COMMANDS", "SceneOptions", "generate"]
@@ -33,7 +33,7 @@ KEEP_GOING = "--keep-going"
 
 
 @dataclass(frozen=True)
-class SceneOptions:
+class SceneOptions(Settings):
     """One scene's truth file, by seed.
 
     Attributes:
@@ -44,11 +44,8 @@ class SceneOptions:
     """
 
     output: str
-    seed: int = 0
+    seed: Count = 0
     scene: SceneConfig = field(default_factory=SceneConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, seed=COUNT)
 
 
 def _dataset(argv: Sequence[str]) -> str:
@@ -67,7 +64,7 @@ def _scene(argv: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class QuestionOptions:
+class QuestionOptions(Settings):
     """Balanced questions for scenes.
 
     Attributes:
@@ -82,12 +79,8 @@ class QuestionOptions:
     scenes: str | list[str]
     output: str
     questions: QuestionConfig = field(default_factory=QuestionConfig)
-    engine: str = "processes"
-    workers: int = 0
-
-    def __post_init__(self) -> None:
-        check_choices(self, engine=ENGINES)
-        check_ranges(self, workers=COUNT)
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
 
 
 def _questions(argv: Sequence[str]) -> str:

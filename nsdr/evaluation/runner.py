@@ -9,20 +9,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, Literal, cast
 
 from tqdm import tqdm
 
 from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.dataset import CLEVRER, SPLITS
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
-from nsdr.evaluation.parsing import endpoint_parse, parse_all
-from nsdr.evaluation.score import Parse, evaluate
+from nsdr.evaluation.parsing import parse_all
+from nsdr.evaluation.score import evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
@@ -30,15 +30,17 @@ from nsdr.io.device import resolve_device
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
-from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
 from nsdr.pipeline import PipelineConfig, pipeline_settings
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.base import Parser
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
+from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
 __all__ = [
     "EvaluationConfig",
     "evaluation_fingerprint",
-    "programs_of",
+    "parser_of",
     "run_evaluation",
     "selected_questions",
     "true_scene_of",
@@ -47,10 +49,12 @@ __all__ = [
 VERSION = 1
 """Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")
+PARSED = ("parsed", "network")
+"""Values of `EvaluationConfig.programs` that parse the texts."""
 
 
 @dataclass(frozen=True)
-class EvaluationConfig:
+class EvaluationConfig(Settings):
     """What is evaluated, and how.
 
     Attributes:
@@ -60,10 +64,10 @@ class EvaluationConfig:
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
-        programs: "parsed", "gold" for those of the question file, or the released parser's files (`parsed_programs/*.json`),
-            separated by commas.
-        parser: address of an OpenAI-compatible server that parses the texts (`nsdr.question_parser.endpoint`), in place of the
-            checkpoint's question parser; "" for none.
+        programs: "parsed", "network" for those of the paper's networks alone, "gold" for those of the question file, or the
+            released parser's files (`parsed_programs/*.json`), separated by commas.
+        parser: address of an OpenAI-compatible server with a language model, which parses in place of the checkpoint's
+            networks; "" for none.
         parser_model: the server's model; "" if it has only one.
         types: question types to answer.
         exclude: scene indices to leave out.
@@ -89,44 +93,44 @@ class EvaluationConfig:
     questions: str = ""
     data: str = ""
     root: str = ""
-    split: str = "validation"
+    split: Literal["train", "validation", "test"] = "validation"
     source: str = "proposals"
     videos: str = ""
     programs: str = "parsed"
     parser: str = ""
     parser_model: str = ""
     types: Sequence[str] = QUESTION_TYPES
-    exclude: Sequence[int] = ()
-    every: int = 1
-    limit: int = 0
+    exclude: Sequence[Count] = ()
+    every: PositiveCount = 1
+    limit: Count = 0
     checkpoint: str = "default"
     dynamics: str = ""
     config: str = ""
     set: Sequence[str] = ()
-    stride: int = 1
-    semantics: str = "paper"
-    collisions: str = "predicted"
-    counterfactuals: str = "simulated"
+    stride: PositiveCount = 1
+    semantics: Literal["paper", "official"] = "paper"
+    collisions: Literal["predicted", "velocity"] = "predicted"
+    counterfactuals: Annotated[str, one_of(COUNTERFACTUALS)] = "simulated"
     data_set_rules: bool = True
     truth_source: str = ""
     truth: str = ""
     cache: str = "runs/scenes"
-    engine: str = "processes"
-    workers: int = 0
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
     device: str = "auto"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         unknown = sorted(set(self.types) - set(QUESTION_TYPES)) if self.types else ["nothing"]
         if unknown:
             raise DataError(f"types: unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
-        check_choices(self, semantics=("paper", "official"), collisions=("predicted", "velocity"))
-        check_choices(self, counterfactuals=COUNTERFACTUALS)
-        check_choices(self, split=SPLITS, engine=ENGINES, source=SOURCES.names())
-        if self.truth_source:
-            check_choices(self, truth_source=SOURCES.names())
-        check_ranges(self, every=MANY, stride=MANY, limit=COUNT, workers=COUNT, exclude=COUNT)
-        if self.programs not in ("parsed", "gold") and not all(".json" in f for f in self.programs.split(",")):
-            raise DataError(f"programs is {self.programs!r}; expected parsed, gold, or JSON files separated by commas")
+        sources = SOURCES.names()
+        expect(self.source in sources, "source", f"one of {', '.join(sources)}", self.source)
+        expect(self.truth_source in ("", *sources), "truth_source", f"one of {', '.join(sources)}", self.truth_source)
+        if self.programs not in (*PARSED, "gold") and not all(".json" in f for f in self.programs.split(",")):
+            raise DataError(
+                f"programs is {self.programs!r}; expected parsed, network, gold, or JSON files separated by commas"
+            )
         if self.parser and self.programs != "parsed":
             raise DataError(f"parser would do nothing with programs {self.programs}; leave one out")
         if self.parser_model and not self.parser:
@@ -156,7 +160,7 @@ class EvaluationConfig:
 
     def program_files(self) -> list[str]:
         """Files of parsed programs that `programs` names."""
-        return [] if self.programs in ("parsed", "gold") else self.programs.split(",")
+        return [] if self.programs in (*PARSED, "gold") else self.programs.split(",")
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of perception."""
@@ -171,15 +175,14 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
 
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
-        EndpointError: the server of `parser` is not there.
-        ConnectionError: it fails in the midst of the questions, after the scenes were kept.
+        EndpointError: the server of `parser` is not there; or it fails, after the scenes were kept.
     """
-    parse = programs_of(config, ()) if config.parser else None  # a server that is not there is found before the work
+    parser = parser_of(config)  # a server that is not there is found before the work
     settings, device = config.pipeline(), str(resolve_device(config.device))
     questions, data = selected_questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        parse = parse or programs_of(config, questions)
+        parse = parse_all(parser, questions, config.types) if parser else None
         return evaluate(_official(questions, Path(config.data), config.collisions), parse, config.types)
     wanted = {s.scene_index for s in questions}
     if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
@@ -216,26 +219,35 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         folder = jobs[0].output.parent
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
-    parse = parse or programs_of(config, questions)
+    parse = parse_all(parser, questions, config.types) if parser else None
     made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
     return evaluate(made, parse, config.types)
 
 
-def programs_of(config: EvaluationConfig, questions: Sequence[SceneQuestions]) -> Parse | None:
-    """The programs of all texts by the server or the checkpoint's question parser; None where the questions have them.
+def parser_of(config: EvaluationConfig) -> Parser | None:
+    """The parser of the settings; None where the questions have programs.
 
     Raises:
+        CheckpointError: missing or corrupt weights.
         EndpointError: the server of `parser` is not there.
     """
+    if config.programs not in PARSED:
+        return None
+    if config.programs == "network":
+        from nsdr.question_parser.network import QuestionParser
+
+        return QuestionParser.from_pretrained(config.checkpoint, config.device)
     if config.parser:
-        return endpoint_parse(config.parser, config.parser_model)
-    return parse_all(config.checkpoint, config.device, questions, config.types) if config.programs == "parsed" else None
+        from nsdr.question_parser.language_model import LanguageModelParser
+
+        return AutoParser(LanguageModelParser(config.parser, config.parser_model))
+    return AutoParser.from_pretrained(config.checkpoint, config.device)
 
 
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
     """Sources that give scenes leave nothing to do for a pipeline and its options."""
     given = [f"--{name}" for name in ("dynamics", "config", "set", "truth_source") if getattr(config, name)]
-    if config.programs != "parsed" and config.checkpoint != "default":
+    if config.programs not in PARSED and config.checkpoint != "default":
         given.append("--checkpoint")
     if given:
         raise DataError(f"source {config.source} needs no pipeline: {', '.join(given)} would do nothing; leave it out")

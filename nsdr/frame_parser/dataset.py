@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 import torch
+from msgspec import Meta
 from numpy.typing import NDArray
 from PIL import Image
 from pycocotools import mask as rle
@@ -17,7 +18,7 @@ from torch.utils.data import Dataset
 from nsdr.errors import DataError
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import check_limit
-from nsdr.io.validation import SHARE, check_ranges
+from nsdr.validation import Settings, Share
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["AugmentConfig", "FrameDataset", "augment", "collate", "image_tensor"]
@@ -38,7 +39,7 @@ JPEG_QUALITY = (30, 90)
 
 
 @dataclass(frozen=True)
-class AugmentConfig:
+class AugmentConfig(Settings):
     """Random changes that make clean renders look like H.264 video; drawn independently for every image.
 
     Attributes:
@@ -49,14 +50,11 @@ class AugmentConfig:
         jpeg: probability of JPEG compression at a quality of 30-90 (0-1).
     """
 
-    flip: float = 0.5
-    brightness: float = 0.12
-    noise: float = 4.0
-    blur: float = 0.3
-    jpeg: float = 0.5
-
-    def __post_init__(self) -> None:
-        check_ranges(self, flip=SHARE, brightness=SHARE, noise=(0.0, 255.0), blur=SHARE, jpeg=SHARE)
+    flip: Share = 0.5
+    brightness: Share = 0.12
+    noise: Annotated[float, Meta(ge=0.0, le=255.0)] = 4.0
+    blur: Share = 0.3
+    jpeg: Share = 0.5
 
 
 def augment(

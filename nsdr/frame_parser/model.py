@@ -1,10 +1,10 @@
 """The frame parser's network: torchvision's `MaskRCNN` with attribute heads and a choice of backbones (paper, section 4.1)."""
 
-import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from msgspec import Meta
 from torch import Tensor, nn
 from torchvision import models
 from torchvision.models.detection import MaskRCNN
@@ -19,7 +19,7 @@ from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
 
 from nsdr.errors import DataError
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
-from nsdr.io.validation import SHARE, SIZE, check_choices, check_ranges
+from nsdr.validation import Settings, Share, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["FrameParserConfig", "FrameParserNetwork", "SlimBackbone", "TorchvisionBackbone", "build_frame_parser"]
@@ -53,10 +53,16 @@ NMS_IOU = 0.5
 """Of two detections with a larger intersection over union, the one with the lower score is dropped (0-1)."""
 MAX_DETECTIONS = 20
 """Largest number of detections in an image."""
+_BACKBONES: dict[str, tuple[dict[str, str], list[int]]] = {
+    "resnet18": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [64, 128, 256, 512]),
+    "resnet50": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [256, 512, 1024, 2048]),
+}
+"""torchvision's backbones: names of the layers of stride 4, 8, 16 and 32 px, and their channels."""
+PositiveShare = Annotated[float, Meta(gt=0, le=1)]
 
 
 @dataclass(frozen=True)
-class FrameParserConfig:
+class FrameParserConfig(Settings):
     """Architecture of the frame parser.
 
     Attributes:
@@ -75,25 +81,22 @@ class FrameParserConfig:
         image_std: standard deviation of each RGB channel (0-1), measured on the rendered training frames.
     """
 
-    backbone: str = "slim"
-    attributes: str = "three"
-    widths: tuple[int, int, int, int] = (32, 64, 128, 192)
-    blocks: int = 2
-    fpn_channels: int = 64
-    anchor_sizes_px: tuple[int, int, int] = (24, 48, 88)
-    box_features: int = 256
-    mask_channels: int = 64
-    mask_layers: int = 3
-    proposals: int = 60
-    train_proposals: int = 200
-    image_mean: tuple[float, float, float] = (0.510, 0.508, 0.506)
-    image_std: tuple[float, float, float] = (0.056, 0.056, 0.059)
+    backbone: Annotated[str, one_of(("slim", *_BACKBONES))] = "slim"
+    attributes: Literal["three", "joint"] = "three"
+    widths: tuple[Size, Size, Size, Size] = (32, 64, 128, 192)
+    blocks: Size = 2
+    fpn_channels: Size = 64
+    anchor_sizes_px: tuple[Size, Size, Size] = (24, 48, 88)
+    box_features: Size = 256
+    mask_channels: Size = 64
+    mask_layers: Size = 3
+    proposals: Size = 60
+    train_proposals: Size = 200
+    image_mean: tuple[Share, Share, Share] = (0.510, 0.508, 0.506)
+    image_std: tuple[PositiveShare, PositiveShare, PositiveShare] = (0.056, 0.056, 0.059)
 
     def __post_init__(self) -> None:
-        check_choices(self, backbone=("slim", *_BACKBONES), attributes=("three", "joint"))
-        sizes = ("widths", "blocks", "fpn_channels", "anchor_sizes_px", "box_features", "mask_channels", "mask_layers")
-        check_ranges(self, proposals=SIZE, train_proposals=SIZE, **dict.fromkeys(sizes, SIZE))
-        check_ranges(self, image_mean=SHARE, image_std=(math.ulp(0.0), 1.0))
+        super().__post_init__()
         for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
             if any(v % CHANNEL_MULTIPLE for v in value):
                 raise DataError(f"FrameParserConfig.{name}: expected multiples of {CHANNEL_MULTIPLE}, got {value}")
@@ -131,13 +134,6 @@ class SlimBackbone(nn.Module):
         pyramid: dict[str, Tensor] = self.fpn(features)
         del pyramid[str(len(self.stages) - 1)]
         return pyramid
-
-
-_BACKBONES: dict[str, tuple[dict[str, str], list[int]]] = {
-    "resnet18": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [64, 128, 256, 512]),
-    "resnet50": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [256, 512, 1024, 2048]),
-}
-"""torchvision's backbones: names of the layers of stride 4, 8, 16 and 32 px, and their channels."""
 
 
 class TorchvisionBackbone(nn.Module):

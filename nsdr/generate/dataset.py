@@ -8,10 +8,11 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -36,8 +37,8 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
-from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
 from nsdr.io.video import write_video
+from nsdr.validation import Count, Settings, Share, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
@@ -57,7 +58,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class DatasetConfig:
+class DatasetConfig(Settings):
     """A data set to generate.
 
     Attributes:
@@ -79,24 +80,22 @@ class DatasetConfig:
     """
 
     output: str
-    videos: int = 100
-    seed: int = 0
+    videos: Annotated[int, Meta(ge=1, le=limits().videos)] = 100
+    seed: Count = 0
     first_scene: int = 0
-    splits: Mapping[str, float] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
-    renderer: str = "preview"
+    splits: Mapping[str, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
+    renderer: Annotated[str, one_of(RENDERERS)] = "preview"
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
-    engine: str = "processes"
-    workers: int = 0
-    shards: int = 1
-    first_shard: int = 0
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
+    shards: Annotated[int, Meta(ge=1, le=MAX_SHARDS)] = 1
+    first_shard: Count = 0
 
     def __post_init__(self) -> None:
-        check_choices(self, renderer=RENDERERS, engine=ENGINES)
-        check_ranges(self, splits=SHARE, videos=(1, limits().videos), seed=COUNT, workers=COUNT)
-        check_ranges(self, shards=(1, MAX_SHARDS), first_shard=COUNT)
+        super().__post_init__()
         last_seed = self.seed + self.first_shard + self.shards - 1
         if last_seed > LARGEST_SEED:
             raise DataError(

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 from nsdr.errors import CheckpointError, DataError
 from nsdr.io.device import resolve_device
@@ -181,12 +181,6 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
             f"{where}: expected a network of {kind.__name__} ({', '.join(known)}), found one of other settings "
             f"({', '.join(different)}); give a checkpoint of that kind"
         )
-    types = get_type_hints(kind)
-    for name, value in config.items():
-        expected = get_origin(types[name]) or types[name]
-        is_kind = isinstance(value, (int, float) if expected is float else expected)
-        if not is_kind or (isinstance(value, bool) and expected is not bool):
-            raise CheckpointError(f"{where}: config.{name}: expected {expected.__name__}, got {value!r:.60}")
     try:
         settings = kind(**config)
         # No memory is taken before the sizes are known to be those of the weights.

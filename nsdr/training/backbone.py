@@ -5,11 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import cv2
 import numpy as np
 import torch
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
@@ -29,9 +30,9 @@ from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
-from nsdr.io.validation import COUNT, MANY, SHARE, SIZE, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
+from nsdr.validation import MAX_SIZE, Count, PathName, PositiveCount, Settings, Share, Size
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -44,7 +45,7 @@ EVALUATION_BATCH = 32
 
 
 @dataclass(frozen=True)
-class BackboneTraining:
+class BackboneTraining(Settings):
     """Training of the backbone on frames of a data set: which objects have their centre where, and what the frame shows.
 
     Attributes:
@@ -62,22 +63,20 @@ class BackboneTraining:
         loop: the optimisation.
     """
 
-    root: str
-    run_dir: str
+    root: PathName
+    run_dir: PathName
     output: str = ""
-    image_size: tuple[int, int] = (160, 240)
-    frames_per_video: int = 8
-    videos: int = 0
-    held_out_every: int = 20
-    evaluation_frames: int = 400
-    flip: float = 0.5
+    image_size: tuple[Size, Size] = (160, 240)
+    frames_per_video: Size = 8
+    videos: Count = 0
+    held_out_every: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 20
+    evaluation_frames: PositiveCount = 400
+    flip: Share = 0.5
     model: BackboneConfig = field(default_factory=BackboneConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_paths(self, "root", "run_dir")
-        check_ranges(self, image_size=SIZE, frames_per_video=SIZE, videos=COUNT, held_out_every=(2, SIZE[1]))
-        check_ranges(self, evaluation_frames=MANY, flip=SHARE)
+        super().__post_init__()
         stride = STRIDES[CELL_STAGE]
         if any(side % stride for side in self.image_size):
             raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {stride}")

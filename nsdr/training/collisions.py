@@ -19,9 +19,9 @@ from nsdr.dynamics.collisions.features import (
 from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.metrics import collision_scores
 from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, SHARE, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
+from nsdr.validation import Count, NotNegative, PathName, PositiveCount, Settings, Share
 
 __all__ = ["HELD_OUT_EVERY", "CollisionTask", "CollisionTraining", "main"]
 
@@ -37,7 +37,7 @@ BIAS_WORLD = 0.03
 
 
 @dataclass(frozen=True)
-class CollisionTraining:
+class CollisionTraining(Settings):
     """Training of the collision network on tracks of real proposals.
 
     Attributes:
@@ -54,22 +54,17 @@ class CollisionTraining:
         loop: the optimisation.
     """
 
-    proposals: str
-    truth: str
-    run_dir: str
+    proposals: PathName
+    truth: PathName
+    run_dir: PathName
     output: str = ""
-    limit: int = 0
-    noise_world: float = 0.002
-    gap_share: float = 0.4
-    bias_share: float = 0.25
-    evaluation_scenes: int = 600
+    limit: Count = 0
+    noise_world: NotNegative = 0.002
+    gap_share: Share = 0.4
+    bias_share: Share = 0.25
+    evaluation_scenes: PositiveCount = 600
     model: CollisionNetworkConfig = field(default_factory=CollisionNetworkConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
-
-    def __post_init__(self) -> None:
-        check_paths(self, "proposals", "truth", "run_dir")
-        check_ranges(self, limit=COUNT, noise_world=NOT_NEGATIVE, evaluation_scenes=MANY)
-        check_ranges(self, gap_share=SHARE, bias_share=SHARE)
 
 
 class _Example(NamedTuple):

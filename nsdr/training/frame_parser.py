@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 from urllib.error import URLError
 
 import numpy as np
@@ -15,9 +16,9 @@ from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
+from nsdr.validation import PathName, PositiveCount, Settings
 
 __all__ = ["FrameParserTask", "FrameParserTraining", "load_coco_weights", "main"]
 
@@ -30,7 +31,7 @@ MAX_REASON = 120
 
 
 @dataclass(frozen=True)
-class FrameParserTraining:
+class FrameParserTraining(Settings):
     """Training of the frame parser.
 
     Attributes:
@@ -45,20 +46,18 @@ class FrameParserTraining:
         loop: the optimisation.
     """
 
-    frames: str
-    run_dir: str
+    frames: PathName
+    run_dir: PathName
     output: str = ""
     initial: str = ""
-    pretrained: str = ""
-    evaluation_frames: int = 150
+    pretrained: Literal["", "coco"] = ""
+    evaluation_frames: PositiveCount = 150
     model: FrameParserConfig = field(default_factory=FrameParserConfig)
     augmentation: AugmentConfig = field(default_factory=AugmentConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_paths(self, "frames", "run_dir")
-        check_ranges(self, evaluation_frames=MANY)
-        check_choices(self, pretrained=("", "coco"))
+        super().__post_init__()
         if self.initial and self.pretrained:
             raise DataError(
                 f"initial: {self.initial} and pretrained: {self.pretrained} both start the weights; give one"

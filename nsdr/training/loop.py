@@ -13,13 +13,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import torch
 from accelerate import Accelerator, DistributedDataParallelKwargs
 from accelerate.state import AcceleratorState, PartialState
 from accelerate.utils import send_to_device
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -30,8 +31,8 @@ from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import described, resolved
 from nsdr.io.device import PRECISIONS, has_bfloat16, resolve_device, resolve_precision
 from nsdr.io.files import locked
-from nsdr.io.validation import check_choices, check_ranges
 from nsdr.training.run_folder import RunFolder, TrainingState
+from nsdr.validation import Count, NotNegative, Positive, PositiveCount, Settings, one_of
 
 __all__ = ["LoopConfig", "LossTerm", "Task", "held_out", "learning_rate_at", "train", "train_part"]
 
@@ -42,7 +43,7 @@ SGD_MOMENTUM = 0.9
 
 
 @dataclass(frozen=True)
-class LoopConfig:
+class LoopConfig(Settings):
     """Settings of the optimisation.
 
     Attributes:
@@ -72,31 +73,23 @@ class LoopConfig:
         DataError: a value out of its range; names it.
     """
 
-    steps: int = 1000
-    batch_size: int = 8
-    optimizer: str = "adam"
-    learning_rate: float = 1e-3
-    weight_decay: float = 0.0
-    warmup_steps: int = 0
-    schedule: str = "cosine"
-    step_size: int = 1000
-    step_factor: float = 0.3
-    clip_norm: float = 5.0
-    ema: float = 0.0
-    precision: str = "float32"
-    seed: int = 0
-    log_every: int = 20
-    evaluate_every: int = 0
-    save_every: int = 200
+    steps: PositiveCount = 1000
+    batch_size: PositiveCount = 8
+    optimizer: Literal["adam", "sgd"] = "adam"
+    learning_rate: Positive = 1e-3
+    weight_decay: NotNegative = 0.0
+    warmup_steps: Count = 0
+    schedule: Literal["constant", "cosine", "step"] = "cosine"
+    step_size: PositiveCount = 1000
+    step_factor: Positive = 0.3
+    clip_norm: Positive = 5.0
+    ema: Annotated[float, Meta(ge=0, lt=1)] = 0.0
+    precision: Annotated[str, one_of(PRECISIONS)] = "float32"
+    seed: Count = 0
+    log_every: PositiveCount = 20
+    evaluate_every: Count = 0
+    save_every: PositiveCount = 200
     device: str = "auto"
-
-    def __post_init__(self) -> None:
-        many, positive = (1, math.inf), (math.nextafter(0, 1), math.inf)
-        check_ranges(self, steps=many, batch_size=many, step_size=many, log_every=many, save_every=many)
-        check_ranges(self, learning_rate=positive, clip_norm=positive, step_factor=positive, weight_decay=(0, math.inf))
-        check_ranges(self, warmup_steps=(0, math.inf), evaluate_every=(0, math.inf), seed=(0, math.inf))
-        check_ranges(self, ema=(0, math.nextafter(1, 0)))
-        check_choices(self, optimizer=("adam", "sgd"), schedule=("constant", "cosine", "step"), precision=PRECISIONS)
 
 
 class LossTerm(NamedTuple):

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -19,9 +20,9 @@ from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.dynamics.propnet.state_predictor import StatePredictor
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_paths, check_ranges
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
 from nsdr.types import Event
+from nsdr.validation import Count, NotNegative, PositiveCount, Settings, expect
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
@@ -40,7 +41,7 @@ ROLLOUT_SCENES = 30
 
 
 @dataclass(frozen=True)
-class DynamicsTraining:
+class DynamicsTraining(Settings):
     """Training of the dynamics predictor on tracks of real proposals, or on videos for the network on images.
 
     Attributes:
@@ -69,28 +70,26 @@ class DynamicsTraining:
     run_dir: str = ""
     output: str = ""
     initial: str = ""
-    limit: int = 0
+    limit: Count = 0
     data: str = ""
     simulated: str = ""
-    rollout_steps: int = 5
-    noise_world: float = 0.003
-    evaluation_scenes: int = 100
-    network: str = "state"
+    rollout_steps: Annotated[int, Meta(ge=1, le=VIDEO_FRAMES)] = 5
+    noise_world: NotNegative = 0.003
+    evaluation_scenes: PositiveCount = 100
+    network: Literal["state", "paper", "paper_images"] = "state"
     model: StateModelConfig = field(default_factory=StateModelConfig)
     patches: PatchModelConfig = field(default_factory=PatchModelConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_choices(self, network=("state", "paper", "paper_images"))
+        super().__post_init__()
         on_images = self.network == "paper_images"
-        check_paths(self, *(("data",) if on_images else ("proposals", "truth")), "run_dir")
+        for name in ("data", "run_dir") if on_images else ("proposals", "truth", "run_dir"):
+            expect(bool(getattr(self, name).strip()), name, "a path", getattr(self, name))
         useless = ("proposals", "truth", "simulated") if on_images else ("data",)
         given = [name for name in useless if getattr(self, name)]
         if given:
             raise DataError(f"{', '.join(given)}: does nothing with network {self.network!r}; leave it out")
-        check_ranges(
-            self, limit=COUNT, rollout_steps=(1, VIDEO_FRAMES), noise_world=NOT_NEGATIVE, evaluation_scenes=MANY
-        )
 
 
 class TrackTask(Task):

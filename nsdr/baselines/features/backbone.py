@@ -3,7 +3,7 @@
 import urllib.error
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from torchvision import models
 
 from nsdr.errors import CheckpointError
 from nsdr.io.checkpoint import find_checkpoint, load_network
-from nsdr.io.validation import check_choices
+from nsdr.validation import Settings, one_of
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
@@ -49,17 +49,14 @@ MAX_COUNT = 10
 
 
 @dataclass(frozen=True)
-class BackboneConfig:
+class BackboneConfig(Settings):
     """Architecture of the backbone.
 
     Attributes:
         name: torchvision's "resnet18", "resnet34" or "resnet50" (paper).
     """
 
-    name: str = "resnet18"
-
-    def __post_init__(self) -> None:
-        check_choices(self, name=CHANNELS)
+    name: Annotated[str, one_of(CHANNELS)] = "resnet18"
 
 
 class Backbone(nn.Module):

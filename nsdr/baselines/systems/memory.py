@@ -20,15 +20,14 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.attention import masked_softmax
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["HeterogeneousMemory", "MemoryConfig"]
 
 
 @dataclass(frozen=True)
-class MemoryConfig:
+class MemoryConfig(Settings):
     """Settings of `HeterogeneousMemory`.
 
     Attributes:
@@ -39,14 +38,11 @@ class MemoryConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    hidden: int = 512
-    slots: int = 20
-    steps: int = 3
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), slots=SIZE, steps=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    hidden: Width = 512
+    slots: Size = 20
+    steps: Size = 3
+    dropout: Share = 0.2
 
 
 class HeterogeneousMemory(Baseline):
@@ -56,8 +52,7 @@ class HeterogeneousMemory(Baseline):
     Config = MemoryConfig
 
     def __init__(self, config: MemoryConfig, sizes: Sizes) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config, sizes)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
         self.dropout = nn.Dropout(config.dropout)

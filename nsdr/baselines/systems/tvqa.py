@@ -20,15 +20,14 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.attention import masked_softmax, time_encoding
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, masked_softmax, time_encoding
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["TvqaConfig", "TvqaPlus"]
 
 
 @dataclass(frozen=True)
-class TvqaConfig:
+class TvqaConfig(Settings):
     """Settings of `TvqaPlus`.
 
     Attributes:
@@ -38,13 +37,10 @@ class TvqaConfig:
         dropout: dropout in training (0-1).
     """
 
-    embedding: int = 300
-    hidden: int = 300
-    head: int = 500
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), head=SIZE, dropout=SHARE)
+    embedding: Size = 300
+    hidden: Width = 300
+    head: Size = 500
+    dropout: Share = 0.2
 
 
 class TvqaPlus(Baseline):
@@ -54,8 +50,7 @@ class TvqaPlus(Baseline):
     Config = TvqaConfig
 
     def __init__(self, config: TvqaConfig, sizes: Sizes) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config, sizes)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
         self.embed = nn.Sequential(

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.dynamics.collisions.features import OBJECT_CHANNELS, PAIR_CHANNELS, NetworkInputs
-from nsdr.io.validation import SIZE, check_ranges
+from nsdr.validation import Settings, Size
 
 __all__ = ["STEP_FRAMES", "CollisionNetwork", "CollisionNetworkConfig"]
 
@@ -20,7 +20,7 @@ FIRST_LOGIT = -6.0
 
 
 @dataclass(frozen=True)
-class CollisionNetworkConfig:
+class CollisionNetworkConfig(Settings):
     """Sizes; a `DataError` names a value that is too small.
 
     Attributes:
@@ -30,13 +30,10 @@ class CollisionNetworkConfig:
         last_dilations: of those after it.
     """
 
-    width: int = 64
+    width: Size = 64
     object_dilations: tuple[int, ...] = (1, 2)
     pair_dilations: tuple[int, ...] = (1, 2, 4)
     last_dilations: tuple[int, ...] = (1, 4, 8)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, width=SIZE)
 
 
 class CollisionNetwork(nn.Module):

@@ -16,8 +16,8 @@ from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fi
 from nsdr.frame_parser.check.layout import find_layout, part_of
 from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
 from nsdr.frame_parser.check.shots import change, first_shot, is_cut
-from nsdr.io.validation import MANY, check_ranges
 from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
+from nsdr.validation import PositiveCount, Settings
 from nsdr.world.timeline import FPS
 
 __all__ = ["CHECKS", "VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
@@ -37,7 +37,7 @@ DARK, WHITE = 25.0, 230.0
 
 
 @dataclass(frozen=True)
-class VideoConfig:
+class VideoConfig(Settings):
     """What is expected of videos.
 
     Attributes:
@@ -49,12 +49,12 @@ class VideoConfig:
 
     check: str = "refuse"
     background: str = ""
-    max_frames: int = 512
+    max_frames: PositiveCount = 512
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.check not in CHECKS:
             raise DataError(f"check is {self.check!r}; expected one of {', '.join(CHECKS)}")
-        check_ranges(self, max_frames=MANY)
 
 
 @dataclass(frozen=True)

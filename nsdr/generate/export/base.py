@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
+from msgspec import Meta
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import option_letters
@@ -22,7 +23,7 @@ from nsdr.generate.export.reasoning import reasoner
 from nsdr.generate.export.records import Record, scene_records
 from nsdr.io.files import atomic_path, writing
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import COUNT, check_choices, check_ranges
+from nsdr.validation import Count, Settings, one_of
 
 __all__ = [
     "Export",
@@ -40,7 +41,7 @@ REASONING = ("", "short", "long")
 
 
 @dataclass(frozen=True)
-class ExportConfig:
+class ExportConfig(Settings):
     """An export.
 
     Attributes:
@@ -63,16 +64,15 @@ class ExportConfig:
     format: str
     splits: tuple[str, ...] = ()
     questions: str = ""
-    videos: str = "copy"
-    limit: int = 0
-    shard_mb: int = 1000
+    videos: Annotated[str, one_of(VIDEOS)] = "copy"
+    limit: Count = 0
+    shard_mb: Annotated[int, Meta(ge=1, le=10**6)] = 1000
     license: str = "unknown"
-    reasoning: str = ""
+    reasoning: Annotated[str, one_of(REASONING)] = ""
     scenes: bool = False
 
     def __post_init__(self) -> None:
-        check_choices(self, videos=VIDEOS, reasoning=REASONING)
-        check_ranges(self, limit=COUNT, shard_mb=(1, 10**6))
+        super().__post_init__()
         if self.questions and len(self.splits) != 1:
             raise DataError("questions: a question file is of one split; name it (--split)")
         if len(set(self.splits)) < len(self.splits):

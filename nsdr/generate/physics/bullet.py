@@ -6,14 +6,15 @@ is random (positions, velocities, yaw of cubes, masses); the simulation is deter
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
-from nsdr.io.validation import NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
+from nsdr.validation import NotNegative, Positive, Settings, Share
 from nsdr.world.physics_constants import (
     CONTACT_PAUSE_STEPS,
     GRAVITY,
@@ -42,7 +43,7 @@ NORMAL_FORCE_FIELD, POINT_ON_A_FIELD = 9, 5
 
 
 @dataclass(frozen=True)
-class BulletConfig:
+class BulletConfig(Settings):
     """Parameters of the simulation; the defaults are CLEVRER's.
 
     Attributes:
@@ -56,19 +57,14 @@ class BulletConfig:
         ground_restitution: restitution of the ground.
     """
 
-    step_s: float = STEP_SECONDS
-    steps_per_frame: int = STEPS_PER_FRAME
-    gravity: float = GRAVITY
-    friction: float = GROUND_FRICTION["cube"]
-    sphere_friction: float = GROUND_FRICTION["sphere"]
-    spinning_friction: float = SPINNING_FRICTION
-    restitution: float = OBJECT_RESTITUTION
-    ground_restitution: float = GROUND_RESTITUTION
-
-    def __post_init__(self) -> None:
-        check_ranges(self, step_s=POSITIVE, steps_per_frame=(1, 1_000), restitution=SHARE, ground_restitution=SHARE)
-        others = ("gravity", "friction", "sphere_friction", "spinning_friction")
-        check_ranges(self, **dict.fromkeys(others, NOT_NEGATIVE))
+    step_s: Positive = STEP_SECONDS
+    steps_per_frame: Annotated[int, Meta(ge=1, le=1000)] = STEPS_PER_FRAME
+    gravity: NotNegative = GRAVITY
+    friction: NotNegative = GROUND_FRICTION["cube"]
+    sphere_friction: NotNegative = GROUND_FRICTION["sphere"]
+    spinning_friction: NotNegative = SPINNING_FRICTION
+    restitution: Share = OBJECT_RESTITUTION
+    ground_restitution: Share = GROUND_RESTITUTION
 
 
 @dataclass(frozen=True)

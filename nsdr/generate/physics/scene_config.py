@@ -1,13 +1,15 @@
 """What generated scenes look like: numbers of objects, attributes, start states and the planned collisions."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from msgspec import Meta
 
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import BulletConfig
-from nsdr.io.limits import limits
-from nsdr.io.validation import NOT_NEGATIVE, POSITIVE, SHARE, check_interval, check_ranges
+from nsdr.io.limits import check_limit, limits
+from nsdr.validation import Finite, NotNegative, Positive, Settings, Share, expect
 from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S
 from nsdr.world.timeline import VIDEO_FRAMES, simulated_frames
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
@@ -23,7 +25,7 @@ MIN_FRAMES = 10
 
 
 @dataclass(frozen=True)
-class SceneConfig:
+class SceneConfig(Settings):
     """What scenes look like. The defaults match the released videos.
 
     The first `participants` objects of a scene take part in collisions; the others rest as bystanders. In fields that hold
@@ -57,30 +59,31 @@ class SceneConfig:
         physics: parameters of the simulation.
     """
 
-    objects: Mapping[int, float] = field(default_factory=lambda: {4: 0.36, 5: 0.335, 6: 0.305})
-    participants: int = 4
-    static_fraction: tuple[float, ...] = (0.0, 0.6, 0.35, 0.35)
-    partner_weights: tuple[float, ...] = (1.0, 1.1, 0.5)
-    first_meeting: tuple[float, float] = (30.0, 15.0)
-    resting_delay: float = 36.0
-    late_fraction: tuple[float, ...] = (0.0, 0.0, 0.55, 0.9)
-    extra_fraction: float = 0.3
+    objects: Mapping[int, NotNegative] = field(default_factory=lambda: {4: 0.36, 5: 0.335, 6: 0.305})
+    participants: Annotated[int, Meta(ge=MIN_OBJECTS)] = 4
+    static_fraction: tuple[Share, ...] = (0.0, 0.6, 0.35, 0.35)
+    partner_weights: tuple[NotNegative, ...] = (1.0, 1.1, 0.5)
+    first_meeting: tuple[NotNegative, NotNegative] = (30.0, 15.0)
+    resting_delay: NotNegative = 36.0
+    late_fraction: tuple[Share, ...] = (0.0, 0.0, 0.55, 0.9)
+    extra_fraction: Share = 0.3
     shapes: tuple[str, ...] = SHAPES
     colors: tuple[str, ...] = COLORS
     materials: tuple[str, ...] = MATERIALS
     held_out: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
-    speed: tuple[float, float] = START_SPEED_RANGE_WORLD_PER_S
-    mass: tuple[float, float] = MASS_RANGE
-    first_distance: tuple[float, float] = (3.15, 3.91)
-    first_heading_degrees: float = 28.0
-    heading_degrees: float = 15.0
-    far_world: float = 10.5
-    area: tuple[float, float, float, float] = (-2.25, 1.15, -1.6, 1.5)
-    n_frames: int = VIDEO_FRAMES
+    speed: tuple[Positive, Positive] = START_SPEED_RANGE_WORLD_PER_S
+    mass: tuple[Positive, Positive] = MASS_RANGE
+    first_distance: tuple[NotNegative, NotNegative] = (3.15, 3.91)
+    first_heading_degrees: Annotated[float, Meta(ge=0.0, le=180.0)] = 28.0
+    heading_degrees: Annotated[float, Meta(ge=0.0, le=180.0)] = 15.0
+    far_world: Positive = 10.5
+    area: tuple[Finite, Finite, Finite, Finite] = (-2.25, 1.15, -1.6, 1.5)
+    n_frames: Annotated[int, Meta(ge=MIN_FRAMES)] = VIDEO_FRAMES
     physics: BulletConfig = field(default_factory=BulletConfig)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, words, known in (
             ("shapes", self.shapes, SHAPES),
             ("colors", self.colors, COLORS),
@@ -105,6 +108,8 @@ class SceneConfig:
 
     def _check_numbers(self) -> None:
         most = limits().scene_objects
+        check_limit(self.n_frames, "frames", "n_frames")
+        check_limit(self.participants, "scene_objects", "participants")
         if (
             not self.objects
             or not all(MIN_OBJECTS <= n <= most for n in self.objects)
@@ -112,12 +117,9 @@ class SceneConfig:
         ):
             expected = f"probabilities of {MIN_OBJECTS} to {most} objects"
             raise DataError(f"objects: expected {expected}, got {dict(self.objects)}")
-        check_ranges(self, n_frames=(MIN_FRAMES, limits().frames), participants=(MIN_OBJECTS, most))
-        check_ranges(self, objects=NOT_NEGATIVE, static_fraction=SHARE, late_fraction=SHARE, extra_fraction=SHARE)
-        check_ranges(self, partner_weights=NOT_NEGATIVE, first_meeting=NOT_NEGATIVE, resting_delay=NOT_NEGATIVE)
-        check_ranges(self, first_heading_degrees=(0.0, 180.0), heading_degrees=(0.0, 180.0), far_world=POSITIVE)
-        check_ranges(self, speed=POSITIVE, mass=POSITIVE, first_distance=NOT_NEGATIVE, area=(-math.inf, math.inf))
-        check_interval(self, "speed", "mass", "first_distance")
+        for name in ("speed", "mass", "first_distance"):
+            low, high = getattr(self, name)
+            expect(low <= high, name, "a minimum and a maximum that is not below it", (low, high))
         low_x, high_x, low_y, high_y = self.area
         if low_x > high_x or low_y > high_y:
             raise DataError(f"area is {self.area}; expected min x, max x, min y, max y")

@@ -9,7 +9,7 @@ from itertools import product
 
 from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.generate.questions.candidates import MultipleChoice, Option
-from nsdr.io.validation import SHARE, check_ranges
+from nsdr.validation import Settings, Share
 
 __all__ = ["CounterfactualConfig", "InferentialSelection"]
 
@@ -31,7 +31,7 @@ FORMS = ((False, False), (False, True), (True, False), (True, True))
 
 
 @dataclass(frozen=True)
-class CounterfactualConfig:
+class CounterfactualConfig(Settings):
     """What counterfactual questions ask.
 
     Attributes:
@@ -39,11 +39,7 @@ class CounterfactualConfig:
             the scenes allow; None leaves it as it falls. CLEVRER has about 0.15.
     """
 
-    inferential_share: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.inferential_share is not None:
-            check_ranges(self, inferential_share=SHARE)
+    inferential_share: Share | None = None
 
 
 class InferentialSelection:

@@ -11,6 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from string import ascii_uppercase
+from typing import Annotated
+
+from msgspec import Meta
 
 from nsdr.baselines.q_type import ANSWERS
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
@@ -24,9 +27,9 @@ from nsdr.generate.questions.candidates import (
 )
 from nsdr.generate.questions.extensions import ExtensionSelection, changed_questions, extension_questions
 from nsdr.generate.questions.inferential import CounterfactualConfig, InferentialSelection
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, check_ranges
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
+from nsdr.validation import Count, NotNegative, Settings
 
 __all__ = ["Candidates", "QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
 
@@ -70,7 +73,7 @@ MIN_WRONG = {"explanatory": 0, "predictive": 1, "counterfactual": 1}
 
 
 @dataclass(frozen=True)
-class QuestionConfig:
+class QuestionConfig(Settings):
     """Number and form of the questions.
 
     Attributes:
@@ -83,18 +86,17 @@ class QuestionConfig:
             physics; each takes seconds of simulation.
     """
 
-    per_video: Mapping[str, float] = field(default_factory=lambda: dict(PER_VIDEO))
-    max_options: int = 4
-    seed: int = 0
+    per_video: Mapping[str, NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
+    max_options: Annotated[int, Meta(ge=MIN_OPTIONS, le=MAX_OPTIONS)] = 4
+    seed: Count = 0
     counterfactual: CounterfactualConfig = field(default_factory=CounterfactualConfig)
     extensions: bool = False
-    changed_per_video: int = 0
+    changed_per_video: Count = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if set(self.per_video) - set(PER_VIDEO):
             raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
-        check_ranges(self, per_video=NOT_NEGATIVE, max_options=(MIN_OPTIONS, MAX_OPTIONS), seed=COUNT)
-        check_ranges(self, changed_per_video=COUNT)
         if self.changed_per_video and not self.extensions:
             raise DataError("changed_per_video: expected 0 without extensions; such questions are beyond CLEVRER")
 
