@@ -1,7 +1,6 @@
-"""Training data of the propagation networks: real and simulated tracks with their true collisions."""
+"""Training data of the propagation networks: tracks with their true collisions."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,21 +9,19 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from nsdr import tracking
-from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, find_files
+from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_npz
 from nsdr.tracking.tracker import track
-from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import Event, SceneObject
 from nsdr.world.timeline import VIDEO_FRAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
-__all__ = ["SIMULATED_SCENE", "MotionDataset", "motion_row", "read_motion_dataset"]
+__all__ = ["MotionDataset", "motion_row", "read_motion_dataset"]
 
 VERSION = 1
 """Of the rows of a `MotionDataset`, which are kept: raised when they change."""
@@ -34,12 +31,6 @@ MAX_OBJECTS = 7
 """Scenes with more tracked objects are skipped; the arrays are padded to this number."""
 NO_COLLISION = -1000
 """Entry of `MotionDataset.collision_frame` for pairs that do not collide, further from the video than any window (frames)."""
-SIMULATED_SCENE = -1
-"""Entry of `MotionDataset.scene` for simulated scenes."""
-SIMULATED_NOISE_WORLD = 0.005
-"""Standard deviation of the noise added to simulated positions (world units), about that of tracks of official proposals."""
-SIMULATED_NOISE_SEED = 0
-"""Seed of that noise."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +38,7 @@ class MotionDataset:
     """Motion of S scenes over F frames, padded to N = `MAX_OBJECTS` objects.
 
     Attributes:
-        scene: (S,) int, video index; `SIMULATED_SCENE` for simulated scenes.
+        scene: (S,) int, video index.
         location_world: (S, N, F, 2) float32, positions on the ground as in `MotionStates` (world units).
         detected: (S, N, F) bool, detected in that frame.
         reliable: (S, N, F) bool, detected, not cut by the image's border and not hidden.
@@ -99,7 +90,6 @@ def read_motion_dataset(
     truth: str | Path,
     cache: str | Path | None = None,
     limit: int | None = None,
-    simulated: str | Path | None = None,
 ) -> MotionDataset:
     """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
@@ -108,17 +98,12 @@ def read_motion_dataset(
         truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.truth_blocks.read_truth`.
         cache: an NPZ file that keeps the result. It is read where it was made from the same files and `limit` by the same code,
             and written otherwise.
-        limit: maximum number of real scenes; None for all.
-        simulated: folder of a dataset made by `nsdr generate dataset`. Its scenes come last, with noise; each gives two: the
-            first and the last `VIDEO_FRAMES` of its frames.
+        limit: maximum number of scenes; None for all.
 
     Raises:
         DataError: a missing or unreadable file, a video without truth, or no scene that fits.
     """
-    files = find_files(simulated, "truth_*.json") if simulated else []
-    if simulated and not files:
-        raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
-    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=[VERSION, tracking.VERSION, limit])
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth)], config=[VERSION, tracking.VERSION, limit])
     kept = _read_cache(Path(cache), made_from) if cache is not None else None
     if kept is not None:
         return kept
@@ -141,9 +126,6 @@ def read_motion_dataset(
         if MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
             for name, value in motion_row(video, states, block).items():
                 rows[name].append(value)
-    for video, states, block in _simulated(files):
-        for name, value in motion_row(video, states, block).items():
-            rows[name].append(value)
     if not rows["scene"]:
         raise DataError(
             f"{proposals}: holds no video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects"
@@ -165,32 +147,6 @@ def _read_cache(path: Path, made_from: str) -> MotionDataset | None:
     if str(arrays.pop("fingerprint", "")) != made_from or arrays.keys() != MotionDataset.__dataclass_fields__.keys():
         return None
     return MotionDataset(**arrays)
-
-
-def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
-    """Scene number, states and ground-truth block of the two windows of every truth file, as `motion_row` takes them."""
-    rng = np.random.default_rng(SIMULATED_NOISE_SEED)
-    for file in tqdm(files, desc="simulated", unit="scene", disable=not files):
-        truth = read_truth_file(file)
-        if len(truth["frames"]) < VIDEO_FRAMES:
-            raise DataError(f"{file}: frames: expected {VIDEO_FRAMES} or more, got {len(truth['frames'])}")
-        try:
-            for first in (0, len(truth["frames"]) - VIDEO_FRAMES):
-                tracks = tracks_from_motion(truth["objects"], truth["frames"][first : first + VIDEO_FRAMES])
-                states = states_from_tracks(tracks)
-                if not MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
-                    continue
-                noise = rng.normal(size=states.location_world.shape) * SIMULATED_NOISE_WORLD
-                collisions = [
-                    {"object": c["object_ids"], "frame": c["frame_id"] - first}
-                    for c in truth["collisions"]
-                    if first < c["frame_id"] < first + VIDEO_FRAMES
-                ]
-                objects = [{**o, "id": o["object_id"]} for o in truth["objects"]]
-                states = replace(states, location_world=states.location_world + noise)
-                yield SIMULATED_SCENE, states, {"objects": objects, "collisions": collisions}
-        except (KeyError, TypeError, IndexError) as e:
-            raise DataError(f"{file}: not a truth file of nsdr generate dataset ({e!r})") from e
 
 
 def motion_row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, Any]:
