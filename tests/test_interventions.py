@@ -13,6 +13,7 @@ import pytest
 
 import nsdr
 from nsdr import Add, DataError, Event, Executor, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity, Simulation
+from nsdr.apps.comparison import comparison_frames
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli import simulate as command
 from nsdr.dynamics.interventions import find_object, resolve, simulate_removal
@@ -22,7 +23,6 @@ from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
-from nsdr.visualize import comparison_frames
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
 from .test_physics import bodies, run

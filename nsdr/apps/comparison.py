@@ -1,17 +1,21 @@
 """The video of a simulation: the original and the changed world side by side, from the camera and from above."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.generate.render import View, render_motion
+from nsdr.io.video import write_video
 from nsdr.types import Simulation
 from nsdr.types.interventions import intervention_text
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 
-__all__ = ["comparison_frames"]
+__all__ = ["comparison_frames", "write_comparison"]
 
 HEADER_PX = 48
 """Height of the two lines of text above the images (pixels)."""
@@ -21,6 +25,41 @@ TITLE_SCALE, SMALL_SCALE = 0.5, 0.42
 INK, PAPER = (30, 30, 30), (255, 255, 255)
 GAP_PX = 2
 """Width of the line between the images (pixels)."""
+
+
+def write_comparison(
+    path: str | Path,
+    frames: Sequence[NDArray[np.uint8]],
+    simulation: Simulation,
+    preset: str = "slow",
+    progress: Callable[[int, int], None] | None = None,
+    camera: Camera = CLEVRER_CAMERA,
+) -> None:
+    """Write an mp4 of `comparison_frames`.
+
+    Args:
+        path: file to write.
+        frames: (320, 480, 3) uint8 RGB each: the video, which drawn frames continue.
+        simulation: of that video.
+        preset: as of `nsdr.io.video.write_video`.
+        progress: called before each frame with the number of frames that are done, and of all.
+        camera: that took the video.
+
+    Raises:
+        DataError: PyAV is missing.
+    """
+    s = simulation
+    later = slice(s.n_frames, None)
+    following = render_motion(s.objects, s.original.location_world[:, later], s.original_yaw[:, later], View(camera))
+    changed = render_motion(s.objects, s.changed.location_world, s.changed_yaw, View(camera))
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        for done, image in enumerate(comparison_frames(s, chain(frames, following), changed, camera)):
+            if progress is not None:
+                progress(done, s.changed.visible.shape[1])
+            yield image
+
+    write_video(path, images(), preset=preset)
 
 
 def comparison_frames(
