@@ -12,10 +12,9 @@ from accelerate.utils import send_to_device
 
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features.files import MANIFEST, FeatureCache
-from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
-from nsdr.baselines.vocabulary import PAD, Vocabulary
+from nsdr.baselines.data import PAD, Vocabulary, make_batch, training_examples
+from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache
+from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
@@ -104,20 +103,19 @@ def folder(tmp_path):
 
 def features_of(name: str, folder):
     needs = BASELINES[name].needs
-    return FeatureCache(folder, needs) if video_needs(needs) else None
+    return FeatureCache(folder, needs) if needs & set(KINDS) else None
 
 
 def built(name: str, scenes, folder) -> tuple[TrainedBaseline, FeatureCache | None]:
     torch.manual_seed(0)
     kind, features = BASELINES[name], features_of(name, folder)
     vocabulary = Vocabulary.from_questions(scenes)
-    sizes = baseline_sizes(vocabulary, *feature_sizes(features, kind.needs))
-    config = config_of(kind.Config, SMALL[name])
-    return TrainedBaseline(name, config, kind(config, sizes), vocabulary, sizes), features
+    sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
+    return TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary), features
 
 
 def examples_of(baseline: TrainedBaseline, scenes):
-    videos = training_examples(scenes, baseline.vocabulary, "program" in baseline.network.needs)
+    videos = training_examples(scenes, baseline.vocabulary, baseline.network.needs)
     return [example for video in videos for example in video]
 
 
@@ -154,7 +152,7 @@ def test_before_training_the_scores_depend_on_text_and_video_together(name: str,
     kind, rng = BASELINES[name], torch.Generator().manual_seed(0)
     texts, videos, frames, objects, channels = 20, 6, 25, 5, 256
     torch.manual_seed(0)
-    network = kind(config.model_config(), Sizes(80, 21, len(PROGRAM_TOKENS), channels, (4, 6))).eval()
+    network = kind(config.model_config(), Sizes(80, 21, channels, (4, 6))).eval()
     programs = [[PROGRAM_TOKENS.index(w) for w in p.split()] for _, _, p in TEXTS for _ in range(texts // len(TEXTS))]
     batch = Batch(
         torch.randint(2, 80, (texts, 12), generator=rng),
@@ -207,7 +205,8 @@ def test_saved_weights_give_the_same_answers(name: str, scenes, folder, tmp_path
     examples = examples_of(baseline, scenes)
     expected = baseline.probabilities(examples, features)
     assert torch.equal(loaded.probabilities(examples, features), expected)
-    assert (loaded.vocabulary, loaded.sizes, loaded.config) == (baseline.vocabulary, baseline.sizes, baseline.config)
+    assert loaded.vocabulary == baseline.vocabulary
+    assert (loaded.network.sizes, loaded.network.config) == (baseline.network.sizes, baseline.network.config)
 
 
 @pytest.mark.parametrize("name", BASELINES.names())
@@ -227,7 +226,7 @@ def test_a_baseline_runs_where_its_weights_are(name: str, scenes, folder) -> Non
 def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_path, capsys) -> None:
     write_questions(tmp_path / "questions.json", scenes)
     lines = ["system: " + name, f"questions: {tmp_path / 'questions.json'}", f"model: {json.dumps(SMALL[name])}"]
-    if video_needs(BASELINES[name].needs):
+    if BASELINES[name].needs & set(KINDS):
         lines.append(f"features: {folder}")
     config = tmp_path / "training.yaml"
     config.write_text("\n".join(lines))

@@ -9,11 +9,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.systems.assembled import Assembled, AssembledConfig
-from nsdr.baselines.systems.iep import Iep
+from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR
+from nsdr.baselines.systems.modular import Modular, ModularConfig, TbdConfig, TbdNet
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, Node, program_graph
-from nsdr.baselines.systems.tbd import TbdConfig, TbdNet
-from nsdr.baselines.vocabulary import PAD, PROGRAM_SEPARATOR
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
 from nsdr.io.reading import read_yaml
@@ -63,12 +61,12 @@ def maps(videos: int) -> Tensor:
     return torch.rand(videos, FRAMES, CHANNELS, *GRID, generator=torch.Generator().manual_seed(1))
 
 
-def network(name: str, **settings: Any) -> Assembled:
+def network(name: str, **settings: Any) -> Modular:
     torch.manual_seed(0)
     kind = BASELINES[name]
     config = kind.Config(**{"width": 8, "frames": 4, "projection": 8, "hidden": 16, **settings})
-    built = kind(config, Sizes(10, ANSWERS, len(PROGRAM_TOKENS), CHANNELS, GRID))
-    assert isinstance(built, Assembled)
+    built = kind(config, Sizes(10, ANSWERS, CHANNELS, GRID))
+    assert isinstance(built, Modular)
     return built.eval()
 
 
@@ -78,7 +76,7 @@ def scores(name: str, *programs: str) -> Tensor:
 
 
 def test_defaults_are_the_papers() -> None:
-    assert AssembledConfig() == AssembledConfig(width=128, frames=25, projection=512, hidden=1024)
+    assert ModularConfig() == ModularConfig(width=128, frames=25, projection=512, hidden=1024)
     assert TbdConfig().dilations == (1, 2, 4, 8, 1)
 
 
@@ -257,7 +255,5 @@ def test_errors_name_what_is_missing() -> None:
         network("iep")(texts._replace(program=None))
     with pytest.raises(DataError, match="no maps"):
         network("iep")(texts._replace(maps=None))
-    with pytest.raises(DataError, match="program_tokens is 3"):
-        Iep(AssembledConfig(), Sizes(10, ANSWERS, 3, CHANNELS, GRID))
     with pytest.raises(DataError, match="dilations"):
         TbdConfig(dilations=(1, 0))

@@ -85,7 +85,8 @@ def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, c
     arguments = ["extract-features", "--config", str(settings), "--root", str(videos), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--workers", "1"]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'out'}: features of 2 videos\n"
-    cache = FeatureCache(tmp_path / "out", config=config)
+    cache = FeatureCache(tmp_path / "out")
+    cache.check(config)
     made = FeatureExtractor(config, "cpu")(extraction.frames_of(videos / "video_00012.mp4"))
     found = cache.get(12, {"pooled", "maps", "program"})
     assert {name: value.shape for name, value in found.items()} == {"pooled": (3, 512), "maps": (3, 256, 1, 3)}
@@ -93,7 +94,7 @@ def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, c
         assert value.dtype == np.float32
         np.testing.assert_array_equal(value, made[name].astype(np.float32))
     assert np.abs(found["maps"][0] - found["maps"][-1]).max() > 0
-    assert cache.grid == (1, 3)
+    assert FeatureCache(tmp_path / "out", {"maps"}).grid == (1, 3)
 
 
 def test_a_folder_has_features_of_one_precision(videos, config, tmp_path, monkeypatch) -> None:
@@ -101,7 +102,7 @@ def test_a_folder_has_features_of_one_precision(videos, config, tmp_path, monkey
     run = FeatureExtraction(str(videos), str(tmp_path / "out"), features=auto, workers=1)
     monkeypatch.setattr(extraction, "resolve_precision", lambda *_: torch.float32)
     extract_features(run)
-    cache = FeatureCache(tmp_path / "out", config=auto)
+    cache = FeatureCache(tmp_path / "out")
     assert cache.manifest["features"]["precision"] == "float32"
     monkeypatch.setattr(extraction, "resolve_precision", lambda *_: torch.bfloat16)  # as on another machine
     assert extract_features(run) == 2
@@ -115,8 +116,8 @@ def test_channels_are_those_of_what_is_read(videos, config, tmp_path) -> None:
     assert FeatureCache(tmp_path / "out", {"pooled"}).channels == 512
     assert FeatureCache(tmp_path / "out", {"maps", "program"}).channels == 256
     assert FeatureCache(tmp_path / "out", set()).channels == 0
-    with pytest.raises(DataError, match="as many channels of each kind, got pooled 512, maps 256"):
-        _ = FeatureCache(tmp_path / "out").channels
+    with pytest.raises(DataError, match=r"as many channels of each kind, got {'pooled': 512, 'maps': 256}"):
+        FeatureCache(tmp_path / "out", {"pooled", "maps"})
     with pytest.raises(DataError, match="has pooled, maps and no objects"):
         FeatureCache(tmp_path / "out", {"objects"})
 
@@ -161,12 +162,12 @@ def test_features_of_other_settings_are_refused(videos, config, weights, tmp_pat
     with pytest.raises(DataError, match=message):
         extract_features(FeatureExtraction(str(videos), out, features=other, workers=1))
     with pytest.raises(DataError, match=message):
-        FeatureCache(out, config=other)
-    FeatureCache(out, config=replace(config, min_score=0.5))  # of objects, which there are none of
+        FeatureCache(out).check(other)
+    FeatureCache(out).check(replace(config, min_score=0.5))  # of objects, which there are none of
     state = {name: value + 1 for name, value in FrameClassifier(BackboneConfig()).state_dict().items()}
     save_checkpoint(tmp_path / "trained", "backbone", state, BackboneConfig(), {})
     with pytest.raises(DataError, match=r"other settings \(weights \w+ in place of \w+\)"):
-        FeatureCache(out, config=replace(config, weights=str(tmp_path / "trained")))
+        FeatureCache(out).check(replace(config, weights=str(tmp_path / "trained")))
 
 
 def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
@@ -211,22 +212,12 @@ def proposals(rows: list[tuple[int, float, tuple[int, int, int, int]]], n_frames
     )  # fmt: skip
 
 
-def test_objects_are_the_best_proposals_of_each_frame(config) -> None:
-    c = replace(config, kinds=("objects",), regions="proposals", max_objects=2)
-    extract = FeatureExtractor(c, "cpu")
+def test_objects_are_the_best_of_each_frame() -> None:
     boxes = [(0, 0.95, (0, 0, 240, 160)), (0, 0.99, (240, 0, 480, 160)), (0, 0.92, (0, 160, 480, 320))]
-    found = proposals([*boxes, (7, 0.9, (0, 0, 20, 20))], 8)  # a score of 0.9 is not above it
-    (objects,) = extract(moving(0.0), found).values()
-    assert objects.shape == (3, 2, 260)
-    np.testing.assert_allclose(objects[0, :, -4:], [[0.5, 0, 1, 0.5], [0, 0, 0.5, 0.5]])
-    assert not objects[1:].any()
-    assert np.abs(objects[0, 0, :-4] - objects[0, 1, :-4]).max() > 0
-    with pytest.raises(DataError, match="expected proposals of 8 frames, got those of 9"):
-        extract(moving(0.0), proposals(boxes, 9))
-    with pytest.raises(DataError, match="expected proposals of 8 frames, got none"):
-        extract(moving(0.0))
-    with pytest.raises(DataError, match="the proposals leave out frame 4; make them with a stride of 1"):
-        extract(moving(0.0), proposals(boxes, 8, processed=np.array([0, 7])))
+    found = proposals([*boxes, (2, 0.9, (0, 0, 20, 20))], 3)  # a score of 0.9 is not above it
+    first, *others = extraction.best_boxes(found, 0.9, 2)
+    np.testing.assert_allclose(first, [[0.5, 0, 1, 0.5], [0, 0, 0.5, 0.5]])
+    assert [box.shape for box in others] == [(0, 4), (0, 4)]
 
 
 def test_the_frame_parser_finds_the_objects(config, tmp_path) -> None:
@@ -265,7 +256,6 @@ def test_frames_are_evenly_spaced() -> None:
         ({"backbone": "vgg"}, "backbone: expected one of resnet18,.*, got 'vgg'"),
         ({"kinds": ("maps", "maps")}, "each once"),
         ({"kinds": ()}, "one or more of pooled, maps, objects"),
-        ({"regions": "guessed"}, "regions: expected one of frame_parser, .*proposals.*, got 'guessed'"),
         ({"min_score": 2.0}, r"min_score: expected .* from 0 to 1.* got 2.0"),
         ({"frames": 0}, "frames: expected a whole number from 1 to 65536, got 0"),
     ],
@@ -273,16 +263,6 @@ def test_frames_are_evenly_spaced() -> None:
 def test_settings_out_of_range_are_refused(values, message) -> None:
     with pytest.raises(DataError, match=message):
         FeatureConfig(**values)
-
-
-def test_proposals_are_given_where_they_are_used(videos, config, tmp_path) -> None:
-    with pytest.raises(DataError, match="proposals is 'p'; expected none unless regions is proposals"):
-        FeatureExtraction(str(videos), "out", "p", config)
-    c = replace(config, kinds=("objects",), regions="proposals")
-    with pytest.raises(DataError, match="proposals is ''; expected a folder of proposals"):
-        FeatureExtraction(str(videos), "out", features=c)
-    with pytest.raises(DataError, match=r"has no proposal_00003.json"):
-        extract_features(FeatureExtraction(str(videos), str(tmp_path / "out"), str(tmp_path), c))
 
 
 def test_weights_that_cannot_be_had_are_named(weights, monkeypatch) -> None:

@@ -13,16 +13,17 @@ import pytest
 
 import nsdr
 from nsdr import Add, DataError, Event, Executor, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity, Simulation
+from nsdr.apps.comparison import comparison_frames
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli import simulate as command
 from nsdr.dynamics.interventions import find_object, resolve, simulate_removal
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.changed_bodies import change_bodies
-from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
-from nsdr.visualize import comparison_frames
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
 from .test_physics import bodies, run

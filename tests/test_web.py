@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nsdr import DataError, Event, ExecutionError, Executor, Scene, VideoError
-from nsdr.apps import changes, menus, web
+from nsdr.apps import menus, web
 from nsdr.apps.clips import Clips
 from nsdr.apps.panels import rests_on
 from nsdr.clevrer.example import VIDEO
@@ -178,25 +178,25 @@ def test_entries_of_other_menus_count_as_the_first(small_scene: Scene) -> None:
 
 
 def test_interventions_of_menu_and_sliders(small_scene: Scene) -> None:
-    assert changes.intervention("remove", "red metal cube", [9, 9, 9, 9]) == Remove("red metal cube")
-    faster = changes.intervention("faster, slower or back", "red metal cube", [2, 9, 9, 9])
+    assert menus.intervention("remove", "red metal cube", [9, 9, 9, 9]) == Remove("red metal cube")
+    faster = menus.intervention("faster, slower or back", "red metal cube", [2, 9, 9, 9])
     assert faster == SetVelocity("red metal cube", factor=2)
-    new = changes.changed_objects("add", small_scene)
+    new = menus.changed_objects("add", small_scene)
     assert len(new) == 48 - len(small_scene.objects)
-    assert changes.intervention("add", new[0], [1, 2, -1, 0]) == Add(*new[0].split(), 1, 2, -1, 0)
-    for kind, change in changes.CHANGES.items():
+    assert menus.intervention("add", new[0], [1, 2, -1, 0]) == Add(*new[0].split(), 1, 2, -1, 0)
+    for kind, change in menus.CHANGES.items():
         for slider in change.sliders:
             assert slider.low <= slider.start <= slider.high
         for end in ("low", "high", "start"):
             numbers = [getattr(slider, end) for slider in change.sliders]
             if kind != "add" or end == "start":
-                changes.intervention(kind, "red rubber cube", numbers)
+                menus.intervention(kind, "red rubber cube", numbers)
 
 
-@pytest.mark.parametrize("kind", changes.CHANGES)
+@pytest.mark.parametrize("kind", menus.CHANGES)
 def test_changes_need_an_object(kind: str) -> None:
     with pytest.raises(DataError, match="no object is chosen; pick or upload a clip"):
-        changes.intervention(kind, None, [0.0] * 4)
+        menus.intervention(kind, None, [0.0] * 4)
 
 
 def test_frames_that_an_answer_rests_on(small_scene: Scene) -> None:

@@ -1,16 +1,34 @@
-"""Questions built from menus: programs of the signature table about a scene's objects and events, so that they always parse."""
+"""Questions and interventions built from menus and sliders.
 
-from collections.abc import Sequence
+Questions are programs about a scene's objects and events, so that they always parse.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 from nsdr.errors import DataError
-from nsdr.language.templates import described
-from nsdr.question_parser.wording import in_words
-from nsdr.types import Event, Scene
+from nsdr.language.texts import described, in_words
+from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelocity
+from nsdr.types.interventions import MAX_POSITION_WORLD, MAX_SPEED_WORLD_PER_S, Intervention
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["KINDS", "Built", "build", "entry", "examples", "objects_menu", "time_menu", "verb_menu"]
+__all__ = [
+    "CHANGES",
+    "KINDS",
+    "MAX_SLIDERS",
+    "Built",
+    "Change",
+    "Slider",
+    "build",
+    "changed_objects",
+    "entry",
+    "examples",
+    "intervention",
+    "objects_menu",
+    "time_menu",
+    "verb_menu",
+]
 
 COUNT, EXIST, CAUSE, NEXT, WITHOUT = (
     "How many …",
@@ -181,3 +199,99 @@ def _pairs(scene: Scene, ids: Sequence[int]) -> tuple[Named, ...]:
     pairs = [p for p in dict.fromkeys([*happening, *combinations(ids, 2)]) if set(p) <= set(ids)]
     both = [[_one(scene.objects[i].name) for i in pair] for pair in pairs[:MAX_PAIRS]]
     return tuple(_named(["all_events", *a, "filter_collision", *b, "filter_collision", "unique"]) for a, b in both)
+
+
+# Interventions.
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number to choose.
+
+    Attributes:
+        label: with the unit.
+        low, high, step: what can be chosen.
+        start: chosen at first.
+    """
+
+    label: str
+    low: float
+    high: float
+    step: float
+    start: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """A kind of intervention.
+
+    Attributes:
+        make: object and the sliders' numbers -> intervention.
+        sliders: its numbers.
+        adds: the object is a new one.
+    """
+
+    make: Callable[..., Intervention]
+    sliders: tuple[Slider, ...] = ()
+    adds: bool = False
+
+
+def _added(name: str, *place_and_velocity: float) -> Add:
+    color, material, shape = name.split()
+    return Add(color, material, shape, *place_and_velocity)
+
+
+PLACE = MAX_POSITION_WORLD
+SPEED = MAX_SPEED_WORLD_PER_S
+X_AXIS, Y_AXIS = "towards the camera", "to the right"
+CHANGES = {
+    "remove": Change(Remove),
+    "heavier or lighter": Change(SetMass, (Slider("times the mass", 0.1, 10, 0.1, 3),)),
+    "faster, slower or back": Change(
+        lambda name, factor: SetVelocity(name, factor=factor), (Slider("times the velocity", -3, 3, 0.1, 2),)
+    ),
+    "other velocity": Change(
+        lambda name, speed, direction: SetVelocity(name, speed=speed, direction=direction),
+        (
+            Slider("speed (world units/s)", 0, SPEED, 0.1, 2.8),
+            Slider(f"direction (degrees: 0 {X_AXIS}, 90 {Y_AXIS})", -180, 180, 5, 0),
+        ),
+    ),
+    "move": Change(
+        lambda name, dx, dy: Move(name, dx=dx, dy=dy),
+        (Slider(f"by, {X_AXIS} (world units)", -3, 3, 0.1, 0.5), Slider(f"by, {Y_AXIS} (world units)", -3, 3, 0.1, 0)),
+    ),
+    "fix to the ground": Change(Freeze),
+    "add": Change(
+        _added,
+        (
+            Slider(f"place {X_AXIS} of the middle (world units)", -PLACE, PLACE, 0.1, 2),
+            Slider(f"place {Y_AXIS} of the middle (world units)", -PLACE, PLACE, 0.1, 0),
+            Slider(f"velocity {X_AXIS} (world units/s)", -3, 3, 0.1, -2),
+            Slider(f"velocity {Y_AXIS} (world units/s)", -3, 3, 0.1, 0),
+        ),
+        adds=True,
+    ),
+}
+"""Every kind by the words of the menu."""
+MAX_SLIDERS = max(len(change.sliders) for change in CHANGES.values())
+
+
+def changed_objects(kind: str, scene: Scene) -> list[str]:
+    """Names of the objects that a kind can be about: the scene's, or new ones."""
+    names = [o.name for o in scene.objects]
+    if not CHANGES[kind].adds:
+        return names
+    return [name for name in map(" ".join, product(*ATTRIBUTES.values())) if name not in names]
+
+
+def intervention(kind: str, name: str | None, numbers: Sequence[float]) -> Intervention:
+    """The intervention of a kind's object and its sliders' numbers; further numbers are left out.
+
+    Raises:
+        DataError: no object is chosen, or a number is impossible.
+    """
+    if not name:
+        raise DataError("no object is chosen; pick or upload a clip, then choose one")
+    change = CHANGES[kind]
+    return change.make(name, *numbers[: len(change.sliders)])

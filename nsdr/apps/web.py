@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from nsdr.apps import changes, menus
+from nsdr.apps import menus
 from nsdr.apps.clips import Clip, Clips
-from nsdr.apps.comparison_video import write_comparison
+from nsdr.apps.comparison import write_comparison
 from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
 from nsdr.errors import DataError, NsdrError
 from nsdr.types.interventions import Intervention
+from nsdr.visualize.annotate import write_annotated_video
 from nsdr.visualize.timeline import timeline_html
-from nsdr.visualize.video import write_annotated_video
 
 __all__ = ["ServerConfig", "serve"]
 
@@ -200,9 +200,9 @@ class _Page:
     def _what_if_tab(self) -> None:
         gr = self.gr
         with gr.Row():
-            self.change = gr.Dropdown(list(changes.CHANGES), label="Change", elem_id="change")
+            self.change = gr.Dropdown(list(menus.CHANGES), label="Change", elem_id="change")
             self.object = gr.Dropdown([], label="Object", elem_id="object")
-        self.sliders = [gr.Slider(visible=False, elem_id=f"slider-{i}") for i in range(changes.MAX_SLIDERS)]
+        self.sliders = [gr.Slider(visible=False, elem_id=f"slider-{i}") for i in range(menus.MAX_SLIDERS)]
         self.from_frame = gr.Slider(0, 127, 0, step=1, label="From frame", elem_id="from-frame")
         self.simulate = gr.Button("Simulate", variant="primary", elem_id="simulate")
         self.compared = gr.Video(
@@ -235,7 +235,7 @@ class _Page:
             d: float,
             progress: Any = bar,
         ) -> Any:
-            return self._simulate(path, changes.intervention(kind, name, [a, b, c, d]), int(frame), progress)
+            return self._simulate(path, menus.intervention(kind, name, [a, b, c, d]), int(frame), progress)
 
         private = {"api_visibility": "private"}
         work = {**private, "concurrency_id": "work", "concurrency_limit": 1}
@@ -302,7 +302,7 @@ class _Page:
         texts = [built.question[0] for built in menus.examples(scene)[:EXAMPLES]]
         buttons = [update(value=text, visible=True) for text in texts]
         buttons += [update(visible=False)] * (EXAMPLES - len(texts))
-        kind, change = menus.KINDS[0], next(iter(changes.CHANGES))
+        kind, change = menus.KINDS[0], next(iter(menus.CHANGES))
         return {
             **dict.fromkeys([self.answer, self.difference], ""),
             self.clip: str(path),
@@ -355,9 +355,9 @@ class _Page:
 
     def _change(self, path: str, kind: str) -> dict[Any, Any]:
         """The objects and sliders of a kind of change."""
-        names = changes.changed_objects(kind, self._clip(path).perception.scene)
+        names = menus.changed_objects(kind, self._clip(path).perception.scene)
         updates = {self.object: self.gr.update(choices=names, value=next(iter(names), None))}
-        sliders = changes.CHANGES[kind].sliders
+        sliders = menus.CHANGES[kind].sliders
         for part, slider in zip(self.sliders, sliders, strict=False):
             numbers = {"minimum": slider.low, "maximum": slider.high, "step": slider.step, "value": slider.start}
             updates[part] = self.gr.update(label=slider.label, visible=True, **numbers)

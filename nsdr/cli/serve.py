@@ -79,8 +79,7 @@ def mcp_options(parser: Any) -> None:
 
 def mcp(options: Any) -> int:
     """`nsdr mcp`: serve the Model Context Protocol on the videos of a folder until it is ended."""
-    from nsdr.apps.agent_tools import check_folder
-    from nsdr.apps.mcp import serve as serve_tools
+    from nsdr.apps.mcp import check_folder, serve as serve_tools
     from nsdr.pipeline import Pipeline
 
     given = [f"--{name}" for name in ("host", "port") if getattr(options, name)]

@@ -157,7 +157,7 @@ def _added(text: str) -> Add:
 
 def _report(s: Simulation) -> Iterator[str]:
     """What differs, line by line."""
-    from nsdr.visualize.differences import change_text, interventions_text
+    from nsdr.visualize.impacts import change_text, interventions_text
 
     yield interventions_text(s)
     differences = s.differences()
@@ -200,7 +200,7 @@ def _document(s: Simulation) -> dict[str, Any]:
 def _write_video(path: str, pipeline: Any, video: str, s: Simulation) -> None:
     import warnings
 
-    from nsdr.apps.comparison_video import write_comparison
+    from nsdr.apps.comparison import write_comparison
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # perception has given them

@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from nsdr.baselines.data import video_needs
 from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.recording import keep_recording
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
+from nsdr.evaluation.parsing import parse_all
 from nsdr.evaluation.runner import (
     EvaluationConfig,
     evaluation_fingerprint,
-    programs_of,
+    parser_of,
     selected_questions,
     true_scene_of,
 )
@@ -120,12 +120,12 @@ def evaluate_baseline(
     if unused and "program" not in needs:
         raise DataError(f"{', '.join(unused)} would do nothing: {baseline.system} reads no programs; leave them out")
     where = row.features_folder(trainer)
-    features = FeatureCache(where, video_needs(needs) or None) if where else None
-    baseline.check_features(features, where)
+    features = FeatureCache(where, needs) if where else None
+    baseline.check_features(features)
     scenes, _ = selected_questions(config)
     parsed, failed = scenes, dict[int, dict[int, NsdrError]]()
-    if "program" in needs and (parse := programs_of(config, scenes)) is not None:
-        parsed, failed = _with_programs(scenes, parse, config.types)
+    if "program" in needs and (parser := parser_of(config)) is not None:
+        parsed, failed = _with_programs(scenes, parse_all(parser, scenes, config.types), config.types)
 
     def answered() -> Iterator[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]:
         for scene, (_, answers) in zip(scenes, baseline.answer_questions(parsed, features, config.types), strict=True):

@@ -12,10 +12,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import BASELINES, Baseline, Batch
-from nsdr.baselines.data import Example, FeatureSource, feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features.files import MANIFEST, FeatureCache
-from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
-from nsdr.baselines.vocabulary import Vocabulary
+from nsdr.baselines.data import Vocabulary, make_batch, training_examples
+from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache
+from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
@@ -59,7 +58,7 @@ class BaselineTraining(Settings):
         super().__post_init__()
         expect(self.system in BASELINES.names(), "system", f"one of {', '.join(BASELINES.names())}", self.system)
         self.model_config()
-        wanted = ", ".join(sorted(video_needs(BASELINES[self.system].needs)))
+        wanted = ", ".join(sorted(BASELINES[self.system].needs & set(KINDS)))
         if wanted and not self.features:
             raise DataError(f"features: {self.system} needs {wanted} of the videos; give the folder of their features")
         if self.features and not wanted:
@@ -113,14 +112,14 @@ class BaselineTask(Task):
                 )
         kind = BASELINES[config.system]
         vocabulary = Vocabulary.from_questions(training)
-        self.videos = training_examples(training, vocabulary, "program" in kind.needs)
+        self.videos = training_examples(training, vocabulary, kind.needs)
         self.places = [(v, i) for v, examples in enumerate(self.videos) for i in range(len(examples))]
         self.features = FeatureCache(config.features, kind.needs) if config.features else None
-        sizes = baseline_sizes(vocabulary, *feature_sizes(self.features, kind.needs))
-        model_config = config.model_config()
-        network = kind(model_config, sizes)
+        features = self.features
+        sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
+        network = kind(config.model_config(), sizes)
         self.model: nn.Module = network
-        self.trained = TrainedBaseline(config.system, model_config, network, vocabulary, sizes)
+        self.trained = TrainedBaseline(config.system, network, vocabulary)
         self.possible = vocabulary.possible_answers()
 
     def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int]]:
@@ -135,7 +134,12 @@ class BaselineTask(Task):
 
     def collate(self, examples: Sequence[tuple[int, int]]) -> TrainingBatch:
         """The batch of these texts."""
-        return training_batch([self.videos[v][i] for v, i in examples], self.features, self.trained.network)
+        texts = [self.videos[v][i] for v, i in examples]
+        return TrainingBatch(
+            make_batch(texts, self.features, self.trained.network.needs),
+            torch.tensor([e.is_choice for e in texts]),
+            torch.tensor([e.answer for e in texts]),
+        )
 
     def losses(self, model: nn.Module, batch: TrainingBatch) -> dict[str, LossTerm]:
         """The cross-entropy of the answers."""
@@ -145,17 +149,8 @@ class BaselineTask(Task):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Accuracies on the held-out videos by question type, for options also per option; programs are the file's."""
-        baseline = self.trained.with_network(cast(Baseline, model))
+        baseline = TrainedBaseline(self.config.system, cast(Baseline, model), self.trained.vocabulary)
         return accuracies(score_answers(baseline.answer_questions(self.held_out, self.features)))
-
-
-def training_batch(examples: Sequence[Example], features: FeatureSource | None, network: Baseline) -> TrainingBatch:
-    """The batch of examples with answers."""
-    return TrainingBatch(
-        make_batch(examples, features, network.needs),
-        torch.tensor([e.is_choice for e in examples]),
-        torch.tensor([e.answer for e in examples]),
-    )
 
 
 def accuracies(report: Mapping[str, Any]) -> dict[str, float]:

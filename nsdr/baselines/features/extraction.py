@@ -1,6 +1,5 @@
 """Extraction of features from videos, on many processes and resumable: `nsdr extract-features`."""
 
-import re
 import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -18,16 +17,8 @@ from torchvision.ops import roi_align
 
 from nsdr.baselines.features import VERSION
 from nsdr.baselines.features.backbone import image_batch, load_backbone
-from nsdr.baselines.features.files import (
-    BOX_NUMBERS,
-    MANIFEST,
-    FeatureCache,
-    FeatureConfig,
-    feature_file,
-    manifest_of,
-)
+from nsdr.baselines.features.files import BOX_NUMBERS, MANIFEST, FeatureCache, FeatureConfig, feature_file, manifest_of
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.io.device import limit_threads, resolve_device, resolve_precision
@@ -45,7 +36,6 @@ REGION_CELLS = 7
 """Cells along each side of a region, of which the mean is taken."""
 REGION_SAMPLES = 2
 """Samples of the map per cell along each axis (`sampling_ratio` of RoIAlign)."""
-_PROPOSAL_FILE = re.compile(r"(?:proposal|sim)_0*(\d+)\.json(?:\.gz)?$")
 
 
 @dataclass(frozen=True)
@@ -55,7 +45,6 @@ class FeatureExtraction(Settings):
     Attributes:
         root: folder of a data set in the official layout (zips included), or any folder with `video_N.mp4`.
         output: folder to write; what an earlier run wrote is kept under its fingerprint.
-        proposals: for `features.regions` "proposals": folder with `proposal_N.json` or `sim_N.json`, also gzipped.
         features: the settings.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
@@ -64,18 +53,10 @@ class FeatureExtraction(Settings):
 
     root: PathName
     output: PathName
-    proposals: str = ""
     features: FeatureConfig = field(default_factory=FeatureConfig)
     engine: Annotated[str, one_of(ENGINES)] = "processes"
     workers: Count = 0
     device: str = "auto"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        needs = self.features.regions == "proposals" and "objects" in self.features.kinds
-        if needs != bool(self.proposals):
-            expected = "a folder of proposals" if needs else "none unless regions is proposals and kinds has objects"
-            raise DataError(f"proposals is {self.proposals!r}; expected {expected}")
 
 
 def extract_features(extraction: FeatureExtraction, keep_going: bool = False) -> int:
@@ -89,42 +70,30 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
         Number of videos with features, those of an earlier run included.
 
     Raises:
-        DataError: no videos or proposals, the folder has features of other settings, or a video failed.
+        DataError: no videos, the folder has features of other settings, or a video failed.
         CheckpointError: weights cannot be found or loaded.
     """
-    folder, device = Path(extraction.output), resolve_device(extraction.device)
-    config = _with_precision(extraction.features, folder, device)
+    folder, device, config = Path(extraction.output), resolve_device(extraction.device), extraction.features
+    kept = FeatureCache(folder) if (folder / MANIFEST).is_file() else None
+    if config.precision == "auto":  # that of the folder's features, or else the device's best
+        best = str(resolve_precision("auto", device)).removeprefix("torch.")
+        config = replace(config, precision=kept.manifest["features"]["precision"] if kept else best)
     manifest = manifest_of(config)
-    proposals = _proposal_files(extraction.proposals) if extraction.proposals else {}
-    videos = find_videos(extraction.root)
     common = fingerprint(config=[VERSION, manifest]).encode()
     jobs = []
-    for index, video in videos.items():
-        if extraction.proposals and index not in proposals:
-            raise DataError(f"{extraction.proposals}: has no proposal_{index:05d}.json and no sim_{index:05d}.json")
-        item = (index, video, proposals.get(index))
-        inputs = [common, *(path for path in item[1:] if path is not None)]
+    for index, video in find_videos(extraction.root).items():
         output = feature_file(folder, config.kinds[-1], index)
-        jobs.append(Job(video.name, item, output, fingerprint(inputs=inputs)))
+        jobs.append(Job(video.name, (index, video), output, fingerprint(inputs=[common, video])))
     with locked(folder, wait=True):
         if (folder / MANIFEST).is_file():
-            FeatureCache(folder).check(manifest)
+            FeatureCache(folder).check(config)
         load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
         write_json(folder / MANIFEST, manifest, indent=1)
-        for job in jobs:  # a video that lacks a kind is not finished, though the runner looks for the last one only
+        for job in jobs:  # a video that lacks a kind is not finished, though only the last one is looked for
             if not all(feature_file(folder, kind, job.item[0]).exists() for kind in config.kinds):
                 job.output.unlink(missing_ok=True)
         summary = run_jobs(partial(_extract, config, str(device)), jobs, folder, extraction.engine, extraction.workers)
     return len(summary.succeeded(jobs, folder, keep_going))
-
-
-def _with_precision(config: FeatureConfig, folder: Path, device: torch.device) -> FeatureConfig:
-    """The settings with the precision that "auto" means: that of the folder's features, or else the device's best."""
-    if config.precision != "auto":
-        return config
-    if (folder / MANIFEST).is_file():
-        return replace(config, precision=FeatureCache(folder).manifest["features"]["precision"])
-    return replace(config, precision=str(resolve_precision(config.precision, device)).removeprefix("torch."))
 
 
 def find_videos(root: str | Path) -> dict[int, Path]:
@@ -140,23 +109,16 @@ def find_videos(root: str | Path) -> dict[int, Path]:
         return found
     for path in find_files(root, "video_*.mp4"):
         number = path.stem.removeprefix("video_")
-        if number.isdigit():
-            if int(number) in found:
-                raise DataError(f"{found[int(number)]} and {path}: both are video {int(number)}; use two folders")
-            found[int(number)] = path
+        if number.isdigit() and found.setdefault(int(number), path) != path:
+            raise DataError(f"{found[int(number)]} and {path}: both are video {int(number)}; use two folders")
     if not found:
         raise DataError(f"{root}: holds no video_N.mp4")
     return found
 
 
-def _proposal_files(folder: str) -> dict[int, Path]:
-    paths = find_files(folder, "*.json*")
-    return {int(match[1]): path for path in paths if (match := _PROPOSAL_FILE.match(path.name))}
-
-
-def _extract(config: FeatureConfig, device: str, item: tuple[int, Path, Path | None], output: Path) -> None:
-    index, video, proposals = item
-    found = _extractor(config, device)(frames_of(video), read_proposals(proposals) if proposals else None)
+def _extract(config: FeatureConfig, device: str, item: tuple[int, Path], output: Path) -> None:
+    index, video = item
+    found = _extractor(config, device)(frames_of(video))
     for kind in config.kinds:  # the job's output is of the last kind
         with atomic_path(feature_file(output.parent.parent, kind, index)) as temporary:
             np.save(temporary, found[kind])
@@ -197,29 +159,25 @@ class FeatureExtractor:
         backbone = load_backbone(config.backbone, config.weights).eval()
         self.backbone: Any = backbone.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.precision = resolve_precision(config.precision, self.device)
-        detects = "objects" in config.kinds and config.regions == "frame_parser"
+        detects = "objects" in config.kinds
         self.parser = FrameParser.from_pretrained(config.detector, device) if detects else None
 
     @limit_threads()
     @torch.no_grad()
-    def __call__(
-        self, frames: Sequence[NDArray[np.uint8]], proposals: VideoProposals | None = None
-    ) -> dict[str, NDArray[np.float16]]:
+    def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> dict[str, NDArray[np.float16]]:
         """The features of a video.
 
         Args:
             frames: all frames (320, 480, 3) of the video, RGB.
-            proposals: of the video, where `regions` is "proposals".
 
         Returns:
             By kind, float16 arrays of the shapes of `FeatureConfig.shape`.
 
         Raises:
-            DataError: proposals of another video or with frames left out, or features that float16 cannot hold.
+            DataError: features that float16 cannot hold.
         """
         c = self.config
-        picked = spaced(len(frames), c.frames)
-        chosen = np.stack([frames[i] for i in picked])
+        chosen = np.stack([frames[i] for i in spaced(len(frames), c.frames)])
         images = image_batch(list(chosen), c.image_size).to(self.device)
         mixed = self.precision != torch.float32  # some devices have no autocast, even to be disabled
         with torch.autocast(self.device.type, self.precision) if mixed else nullcontext():
@@ -230,14 +188,8 @@ class FeatureExtractor:
             features["pooled"] = stages["layer4"].float().mean((2, 3))
         if "maps" in c.kinds:
             features["maps"] = maps if c.grid is None else adaptive_avg_pool2d(maps, c.grid)
-        if "objects" in c.kinds:
-            if self.parser is not None:
-                boxes = self._boxes(self.parser.parse(chosen), np.arange(c.frames))
-            elif proposals is None or proposals.n_frames != len(frames):
-                got = "none" if proposals is None else f"those of {proposals.n_frames}"
-                raise DataError(f"expected proposals of {len(frames)} frames, got {got}")
-            else:
-                boxes = self._boxes(proposals, picked)
+        if self.parser is not None:
+            boxes = best_boxes(self.parser.parse(chosen), c.min_score, c.max_objects)
             features["objects"] = region_features(maps, boxes, c.max_objects)
         half = {kind: value.to("cpu", torch.float16) for kind, value in features.items()}
         for kind, value in half.items():
@@ -245,19 +197,17 @@ class FeatureExtractor:
                 raise DataError(f"{kind}: features beyond the range of float16; give other weights")
         return {kind: value.numpy() for kind, value in half.items()}
 
-    def _boxes(self, proposals: VideoProposals, frames: NDArray[np.intp]) -> list[NDArray[np.float32]]:
-        """(N, 4) boxes of the objects of each frame, best first, as shares of the image."""
-        p, c = proposals, self.config
-        missing = [] if p.processed is None else sorted(set(frames.tolist()) - set(p.processed.tolist()))
-        if missing:
-            raise DataError(f"the proposals leave out frame {missing[0]}; make them with a stride of 1")
-        sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
-        boxes = []
-        for frame in frames:
-            rows = np.flatnonzero((p.frame_index == frame) & (p.score > c.min_score) & (p.area_px > 0))
-            best = rows[np.argsort(-p.score[rows], kind="stable")][: c.max_objects]
-            boxes.append((p.box_xyxy_px[best] / sides).astype(np.float32))
-        return boxes
+
+def best_boxes(proposals: VideoProposals, min_score: float, max_objects: int) -> list[NDArray[np.float32]]:
+    """(N, 4) boxes of at most `max_objects` objects of each frame, best first, as shares of the image."""
+    p = proposals
+    sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
+    boxes = []
+    for frame in range(p.n_frames):
+        rows = np.flatnonzero((p.frame_index == frame) & (p.score > min_score) & (p.area_px > 0))
+        best = rows[np.argsort(-p.score[rows], kind="stable")][:max_objects]
+        boxes.append((p.box_xyxy_px[best] / sides).astype(np.float32))
+    return boxes
 
 
 def region_features(maps: Tensor, boxes: Sequence[NDArray[np.float32]], max_objects: int) -> Tensor:
@@ -274,12 +224,8 @@ def region_features(maps: Tensor, boxes: Sequence[NDArray[np.float32]], max_obje
     n_frames, channels, height, width = maps.shape
     features = maps.new_zeros(n_frames, max_objects, channels + BOX_NUMBERS)
     shares = [torch.from_numpy(b).to(maps.device) for b in boxes]
-    scale = maps.new_tensor([width, height, width, height])
-    regions = [s * scale for s in shares]
+    regions = [s * maps.new_tensor([width, height, width, height]) for s in shares]
     pooled = roi_align(maps.contiguous(), regions, REGION_CELLS, 1.0, REGION_SAMPLES, aligned=True).mean((2, 3))
-    start = 0
-    for frame, share in enumerate(shares):
-        n = len(share)
-        features[frame, :n] = torch.cat([pooled[start : start + n], share], 1)
-        start += n
+    for frame, (share, found) in enumerate(zip(shares, pooled.split([len(s) for s in shares]), strict=True)):
+        features[frame, : len(share)] = torch.cat([found, share], 1)
     return features

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -20,7 +20,7 @@ from nsdr.io.jobs import LEDGER
 from nsdr.io.reading import read_json
 from nsdr.validation import MAX_SIZE, Settings, Share, Size, one_of
 
-__all__ = ["BOX_NUMBERS", "KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
+__all__ = ["KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
 
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
@@ -44,8 +44,7 @@ class FeatureConfig(Settings):
         stage: stage of the maps: "layer2", "layer3" or "layer4", of stride 8, 16 and 32 px.
         grid: height and width to which the maps are pooled by means; None leaves them as they are.
         kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" and "objects".
-        regions: where objects are from: "frame_parser" detects them, "proposals" takes those of files.
-        detector: checkpoint of the frame parser.
+        detector: checkpoint of the frame parser that finds the objects.
         max_objects: objects of a frame; those with the best scores.
         min_score: objects with a score up to this are left out (0-1; the paper's threshold for proposals).
         precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
@@ -61,7 +60,6 @@ class FeatureConfig(Settings):
     stage: Annotated[str, one_of(STRIDES)] = "layer3"
     grid: tuple[Size, Size] | None = None
     kinds: tuple[str, ...] = KINDS
-    regions: Literal["frame_parser", "proposals"] = "frame_parser"
     detector: str = "default"
     max_objects: Size = 10
     min_score: Share = 0.9
@@ -93,24 +91,17 @@ class FeatureConfig(Settings):
 
 
 def manifest_of(config: FeatureConfig) -> dict[str, Any]:
-    """How features are made, as plain values: the weights by their content, and no setting that has no effect.
+    """How features are made, as plain values: the weights by their content, and nothing about objects where there are none.
 
     Raises:
         CheckpointError: there is no such checkpoint.
     """
-    values = asdict(config)
-    values["weights"] = _content(config.weights, "backbone")
-    if "objects" not in config.kinds:
-        for name in ("regions", "max_objects", "min_score"):
-            del values[name]
-    if "objects" not in config.kinds or config.regions != "frame_parser":
-        del values["detector"]
-    else:
+    values = asdict(config) | {"weights": _content(config.weights, "backbone")}
+    if "objects" in config.kinds:
         values["detector"] = _content(config.detector, "frame_parser")
-    if not {"maps", "objects"} & set(config.kinds):
-        del values["stage"]
-    if "maps" not in config.kinds:
-        del values["grid"]
+    else:
+        for name in ("detector", "max_objects", "min_score"):
+            del values[name]
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
 
@@ -136,15 +127,16 @@ class FeatureCache:
     Args:
         folder: the folder.
         needs: what is read of it: `Baseline.needs`, of which "program" is passed over; None for all that it has.
-        config: the settings that its features must have been made with; None for any.
+
+    Attributes:
+        channels: C of the feature vectors and maps that are read; 0 for none.
+        grid: height and width of the maps that are read; (0, 0) for none.
 
     Raises:
-        DataError: the folder has no features, lacks a kind, or its features have other settings; names them.
+        DataError: the folder has no features or lacks a kind, or kinds that are read differ in their channels.
     """
 
-    def __init__(
-        self, folder: str | Path, needs: Collection[str] | None = None, config: FeatureConfig | None = None
-    ) -> None:
+    def __init__(self, folder: str | Path, needs: Collection[str] | None = None) -> None:
         self.folder = Path(folder)
         path = self.folder / MANIFEST
         if not path.is_file():
@@ -154,57 +146,35 @@ class FeatureCache:
         if not isinstance(shapes, dict) or not shapes or not set(shapes) <= set(KINDS):
             raise DataError(f"{path}: not the manifest of a folder of features; extract them again")
         self._shapes = {kind: tuple(shape) for kind, shape in shapes.items()}
-        self.kinds = tuple(kind for kind in KINDS if kind in (shapes if needs is None else needs))
-        self._check_kinds(self.kinds)
-        if config is not None:
-            self.check(manifest_of(config))
+        read = [kind for kind in KINDS if kind in needs] if needs is not None else []
+        self._check_kinds(read)
+        channels = {k: self._shapes[k][-1] - BOX_NUMBERS if k == "objects" else self._shapes[k][1] for k in read}
+        if len(set(channels.values())) > 1:
+            raise DataError(f"{folder}: expected as many channels of each kind, got {channels}")
+        self.channels: int = next(iter(channels.values()), 0)
+        self.grid: tuple[int, int] = self._shapes["maps"][2:] if "maps" in read else (0, 0)
 
-    def check(self, manifest: dict[str, Any]) -> None:
-        """Refuse another manifest; a precision of "auto" fits any.
-
-        Raises:
-            DataError: it differs from the folder's; names how.
-        """
-        mine, wanted = self.manifest.get("features", {}), manifest["features"]
-        if wanted["precision"] == "auto" and "precision" in mine:
-            wanted = wanted | {"precision": mine["precision"]}
-        if self.manifest == manifest | {"features": wanted}:
-            return
-        none = "none"
-        names = [n for n in {**wanted, **mine} if mine.get(n, none) != wanted.get(n, none)]
-        different = ", ".join(f"{n} {mine.get(n, none)} in place of {wanted.get(n, none)}" for n in names)
-        raise DataError(
-            f"{self.folder}: its features have other settings ({different or 'shapes'}); choose another folder, or delete it"
-        )
-
-    @property
-    def channels(self) -> int:
-        """C of the feature vectors and maps of the kinds that are read, see `nsdr.baselines.base.Sizes`; 0 for none.
+    def check(self, config: FeatureConfig) -> None:
+        """Refuse features of other settings.
 
         Raises:
-            DataError: kinds differ in their channels.
+            DataError: they differ from the folder's; names how.
         """
-        found = {kind: self._channels(kind) for kind in self.kinds}
-        if len(set(found.values())) > 1:
-            numbers = ", ".join(f"{kind} {number}" for kind, number in found.items())
-            raise DataError(f"{self.folder}: expected as many channels of each kind, got {numbers}; say which are read")
-        return next(iter(found.values()), 0)
-
-    def _channels(self, kind: str) -> int:
-        shape = self._shapes[kind]
-        return int(shape[-1]) - BOX_NUMBERS if kind == "objects" else int(shape[1])
+        expected = manifest_of(config)
+        if self.manifest != expected:
+            mine, wanted = self.manifest.get("features", {}), expected["features"]
+            names = [n for n in {**wanted, **mine} if mine.get(n, "none") != wanted.get(n, "none")]
+            different = ", ".join(f"{n} {mine.get(n, 'none')} in place of {wanted.get(n, 'none')}" for n in names)
+            raise DataError(
+                f"{self.folder}: its features have other settings ({different or 'shapes'}); choose another folder, or "
+                "delete it"
+            )
 
     def _check_kinds(self, kinds: Collection[str]) -> None:
         for kind in kinds:
             if kind not in self._shapes:
                 remedy = "extract features with this kind to another folder"
                 raise DataError(f"{self.folder}: has {', '.join(self._shapes)} and no {kind}; {remedy}")
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Height and width of the maps; (0, 0) where there are none."""
-        height, width = self._shapes["maps"][2:] if "maps" in self._shapes else (0, 0)
-        return int(height), int(width)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -234,19 +204,15 @@ class FeatureCache:
         return found
 
     def _read(self, kind: str, scene_index: int) -> NDArray[np.float32]:
-        path = feature_file(self.folder, kind, scene_index)
+        path, expected = feature_file(self.folder, kind, scene_index), self._shapes[kind]
+        again = "delete it and run `nsdr extract-features` again"
         try:
             stored = np.load(path, mmap_mode="r", allow_pickle=False)
         except FileNotFoundError as e:
-            raise DataError(
-                f"{path}: no such file; run `nsdr extract-features` to its end on a data set with video {scene_index}"
-            ) from e
+            why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
+            raise DataError(f"{path}: no such file; {why}") from e
         except (OSError, ValueError, EOFError) as e:
-            raise DataError(f"{path}: damaged ({e}); delete it and run `nsdr extract-features` again") from e
-        expected = self._shapes[kind]
+            raise DataError(f"{path}: damaged ({e}); {again}") from e
         if stored.shape != expected or stored.dtype != np.float16:
-            got = f"{stored.shape} of {stored.dtype}"
-            raise DataError(
-                f"{path}: expected {expected} of float16, got {got}; delete it and run `nsdr extract-features` again"
-            )
+            raise DataError(f"{path}: expected {expected} of float16, got {stored.shape} of {stored.dtype}; {again}")
         return np.asarray(stored, np.float32)

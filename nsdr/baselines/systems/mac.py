@@ -12,23 +12,22 @@ Differs from the paper:
       in enough detail how they give object information to the network. The frame parser's attributes are not given.
     - One rate of dropout for the words, the features, the memory that is read and the answer, where MAC has one each. Dropout
       of the memory is drawn anew in each step.
+    - The write unit has neither of MAC's optional parts: self-attention to earlier memories, and a gate.
     - Linear and convolution layers start from Xavier's weights, as in MAC's code as far as we know; LSTMs from PyTorch's.
     - Word embeddings are learnt with the network; none are trained beforehand.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import torch
-from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.attention import masked_softmax, time_encoding
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
-from nsdr.validation import MAX_SIZE, Settings, Share, Size
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax, time_encoding
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["Mac", "MacConfig", "MacObjects"]
 
@@ -41,16 +40,12 @@ class MacConfig(Settings):
         embedding: width of the word embeddings.
         width: width of the control, the memory and the features; an odd one is rounded down.
         steps: reasoning steps.
-        self_attention: whether the write unit attends to the memories of earlier steps.
-        memory_gate: whether the write unit can keep the old memory.
         dropout: dropout in training (0-1).
     """
 
     embedding: Size = 300
-    width: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 512
+    width: Width = 512
     steps: Size = 12
-    self_attention: bool = False
-    memory_gate: bool = False
     dropout: Share = 0.15
 
 
@@ -61,17 +56,11 @@ class Mac(Baseline):
     Config = MacConfig
 
     def __init__(self, config: MacConfig, sizes: Sizes) -> None:
-        super().__init__()
+        super().__init__(config, sizes)
         self.reasoning = _Reasoning(config, sizes)
         width = self.reasoning.width
-        self.stem = nn.Sequential(
-            nn.Dropout(config.dropout),
-            nn.Conv2d(sizes.channels, width, 3, padding=1),
-            nn.ELU(),
-            nn.Dropout(config.dropout),
-            nn.Conv2d(width, width, 3, padding=1),
-            nn.ELU(),
-        )
+        convolutions = [nn.Conv2d(inputs, width, 3, padding=1) for inputs in (sizes.channels, width)]
+        self.stem = _stem(convolutions, config.dropout)
         self.over_frames = _ReadAttention(width)
         self.over_cells = _ReadAttention(width)
         initialise(self, nn.init.xavier_uniform_)
@@ -100,17 +89,10 @@ class MacObjects(Baseline):
     Config = MacConfig
 
     def __init__(self, config: MacConfig, sizes: Sizes) -> None:
-        super().__init__()
+        super().__init__(config, sizes)
         self.reasoning = _Reasoning(config, sizes)
         width = self.reasoning.width
-        self.stem = nn.Sequential(
-            nn.Dropout(config.dropout),
-            nn.Linear(sizes.channels + 4, width),
-            nn.ELU(),
-            nn.Dropout(config.dropout),
-            nn.Linear(width, width),
-            nn.ELU(),
-        )
+        self.stem = _stem([nn.Linear(inputs, width) for inputs in (sizes.channels + 4, width)], config.dropout)
         self.over_objects = _ReadAttention(width)
         initialise(self, nn.init.xavier_uniform_)
 
@@ -127,6 +109,10 @@ class MacObjects(Baseline):
             batch.words,
             lambda control, memory: _weighted(self.over_objects(control, memory, projected, mask), of_texts),
         )
+
+
+def _stem(layers: Sequence[nn.Module], dropout: float) -> nn.Sequential:
+    return nn.Sequential(*(part for layer in layers for part in (nn.Dropout(dropout), layer, nn.ELU())))
 
 
 def _weighted(weights: Tensor, items: Tensor) -> Tensor:
@@ -169,16 +155,10 @@ class _ReadAttention(nn.Module):
 
 
 class _Reasoning(nn.Module):
-    """The text's encoder, the control and write units, and the answer; what is read comes from outside.
-
-    Args:
-        config: settings.
-        sizes: sizes of the vocabulary and the answers.
-    """
+    """The text's encoder, the control and write units, and the answer; what is read comes from outside."""
 
     def __init__(self, config: MacConfig, sizes: Sizes) -> None:
         super().__init__()
-        self.config = config
         self.text = TextEncoder(sizes.words, config.embedding, config.width, dropout=config.dropout)
         self.width = width = self.text.width
         self.first_control = nn.Parameter(torch.randn(width))
@@ -187,12 +167,6 @@ class _Reasoning(nn.Module):
         self.control = nn.Linear(2 * width, width)
         self.word_score = nn.Linear(width, 1)
         self.write = nn.Linear(2 * width, width)
-        if config.self_attention:
-            self.control_score = nn.Linear(width, 1)
-            self.earlier_memory = nn.Linear(width, width, bias=False)
-            self.new_memory = nn.Linear(width, width)
-        if config.memory_gate:
-            self.gate = nn.Linear(width, 1)
         self.dropout = nn.Dropout(config.dropout)
         self.question = nn.Linear(width, width)
         self.answer = AnswerHead(2 * width, width, sizes.answers, config.dropout)
@@ -200,27 +174,12 @@ class _Reasoning(nn.Module):
     def forward(self, words: Tensor, read: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
         """Words (B, T) -> scores (B, answers); `read` gives the (B, W) that is read with control and memory (B, W)."""
         text = self.text(words)
-        controls = [self.first_control.expand(len(words), -1)]
-        memories = [self.first_memory.expand(len(words), -1)]
+        control, memory = self.first_control.expand(len(words), -1), self.first_memory.expand(len(words), -1)
         for question_of_step in self.question_of_step:
-            question = question_of_step(text.summary)
-            query = self.control(torch.cat([controls[-1], question], 1))
+            query = self.control(torch.cat([control, question_of_step(text.summary)], 1))
             word_scores = self.word_score(query[:, None] * text.states)[..., 0]
             control = _weighted(masked_softmax(word_scores, text.mask), text.states)
-            found = read(control, self.dropout(memories[-1]))
-            memories.append(self._written(found, control, controls, memories))
-            controls.append(control)
-        scores: Tensor = self.answer(torch.cat([self.question(text.summary), memories[-1]], 1))
+            found = read(control, self.dropout(memory))
+            memory = self.write(torch.cat([found, memory], 1))
+        scores: Tensor = self.answer(torch.cat([self.question(text.summary), memory], 1))
         return scores
-
-    def _written(self, found: Tensor, control: Tensor, controls: list[Tensor], memories: list[Tensor]) -> Tensor:
-        """The new memory, from what was read, the control, and the earlier steps' controls and memories, each (B, W)."""
-        memory: Tensor = self.write(torch.cat([found, memories[-1]], 1))
-        if self.config.self_attention:
-            scores = self.control_score(control[:, None] * torch.stack(controls, 1))[..., 0]
-            earlier = _weighted(scores.softmax(1), torch.stack(memories, 1))
-            memory = self.earlier_memory(earlier) + self.new_memory(memory)
-        if self.config.memory_gate:
-            keep = torch.sigmoid(self.gate(control))
-            memory = keep * memories[-1] + (1 - keep) * memory
-        return memory

@@ -15,16 +15,13 @@ Differs from the paper:
 """
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import torch
-from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.attention import masked_softmax
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, initialise
-from nsdr.validation import MAX_SIZE, Settings, Share, Size
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["HeterogeneousMemory", "MemoryConfig"]
 
@@ -42,7 +39,7 @@ class MemoryConfig(Settings):
     """
 
     embedding: Size = 300
-    hidden: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 512
+    hidden: Width = 512
     slots: Size = 20
     steps: Size = 3
     dropout: Share = 0.2
@@ -55,8 +52,7 @@ class HeterogeneousMemory(Baseline):
     Config = MemoryConfig
 
     def __init__(self, config: MemoryConfig, sizes: Sizes) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config, sizes)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
         self.dropout = nn.Dropout(config.dropout)

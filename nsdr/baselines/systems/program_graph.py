@@ -14,10 +14,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nsdr.baselines.vocabulary import PAD, PROGRAM_SEPARATOR
+from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR
 from nsdr.errors import ProgramError
 from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
-from nsdr.symbolic.modules import MODULES, WORDS, Kind
+from nsdr.symbolic.modules import MODULES, WORDS
 from nsdr.symbolic.program import ANSWER_KINDS, Program
 
 __all__ = ["INSTRUCTIONS", "MALFORMED", "Node", "ProgramGraph", "execute", "program_graph"]
@@ -27,19 +27,13 @@ MALFORMED = "malformed"
 
 
 def _instructions() -> dict[str, int]:
-    """Number of arguments by instruction, from the signature table."""
     table = {MALFORMED: 0}
-    word_kinds = set(WORDS.values())
-    for module in MODULES.values():
-        takes_word = [kinds[0] in word_kinds for kinds in module.arguments]
-        choices = [_words(kinds[0]) for kinds, is_word in zip(module.arguments, takes_word, strict=True) if is_word]
-        if module.in_data_set:
-            table.update({" ".join((module.name, *words)): takes_word.count(False) for words in product(*choices)})
+    words = {kind: [word for word, of in WORDS.items() if of == kind] for kind in WORDS.values()}
+    for module in (m for m in MODULES.values() if m.in_data_set):
+        choices = [words[kinds[0]] for kinds in module.arguments if kinds[0] in words]
+        for chosen in product(*choices):
+            table[" ".join((module.name, *chosen))] = len(module.arguments) - len(chosen)
     return table
-
-
-def _words(kind: Kind) -> list[str]:
-    return [word for word, of in WORDS.items() if of == kind]
 
 
 INSTRUCTIONS = _instructions()
@@ -60,10 +54,6 @@ class Node(NamedTuple):
     inputs: tuple[int, ...]
 
 
-Step = tuple[str, tuple[int, ...]]
-"""Instruction of a step of a program, and the steps that give its arguments."""
-
-
 class ProgramGraph(NamedTuple):
     """Programs of B texts.
 
@@ -80,8 +70,7 @@ def program_graph(programs: Tensor, videos: Tensor) -> ProgramGraph:
     """The graph of B programs.
 
     Args:
-        programs: (B, P) int64 token indices: the question's program, and for an option of `PROGRAM_SEPARATOR` and the option's;
-            padded with `PAD`.
+        programs: (B, P) int64 token indices, as `Batch.program`.
         videos: (B,) int64 rows of the texts' videos.
     """
     index: dict[Node, int] = {}
@@ -100,15 +89,12 @@ Run = Callable[[str, Tensor, list[Tensor]], Tensor]
 
 
 def execute(graph: ProgramGraph, run: Run, device: torch.device) -> list[Tensor]:
-    """The value of every node: level by level, all nodes of one instruction in one call.
+    """The value (F, h, w, channels) of every node: level by level, all nodes of one instruction in one call.
 
     Args:
         graph: the programs.
         run: the network's modules.
         device: where the rows of the videos are wanted.
-
-    Returns:
-        Of each node, as the module gives it for one node: (F, h, w, channels).
     """
     levels: list[int] = []
     groups: dict[tuple[int, str], list[int]] = defaultdict(list)
@@ -116,25 +102,23 @@ def execute(graph: ProgramGraph, run: Run, device: torch.device) -> list[Tensor]
         levels.append(1 + max([levels[i] for i in node.inputs], default=-1))
         groups[levels[index], node.instruction].append(index)
     values: dict[int, Tensor] = {}
-    for level, instruction in sorted(groups):
-        members = groups[level, instruction]
+    for (_, instruction), members in sorted(groups.items()):
         nodes = [graph.nodes[i] for i in members]
-        arguments = [
-            torch.stack([values[i] for i in inputs]) for inputs in zip(*[n.inputs for n in nodes], strict=True)
-        ]
+        inputs = zip(*[n.inputs for n in nodes], strict=True)
+        arguments = [torch.stack([values[i] for i in of_argument]) for of_argument in inputs]
         videos = torch.tensor([n.video for n in nodes], device=device)
         values.update(zip(members, run(instruction, videos, arguments).unbind(), strict=True))
     return [values[i] for i in range(len(graph.nodes))]
 
 
 @lru_cache(maxsize=1 << 16)
-def _steps(tokens: tuple[int, ...]) -> tuple[Step, ...]:
-    """Steps of a text's program, words joined to the modules that take them; one `MALFORMED` for what is no program."""
+def _steps(tokens: tuple[int, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """Instructions of a text's program with the steps of their arguments; one `MALFORMED` for what is no program."""
     try:
         program = _program(tokens)
     except ProgramError:
         return ((MALFORMED, ()),)
-    steps: list[Step] = []
+    steps: list[tuple[str, tuple[int, ...]]] = []
     place: dict[int, int] = {}
     for index, step in enumerate(program.steps):
         if step.module is not None:

@@ -15,16 +15,13 @@ Differs from the paper:
 """
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import torch
-from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.attention import masked_softmax, time_encoding
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder
-from nsdr.validation import MAX_SIZE, Settings, Share, Size
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, masked_softmax, time_encoding
+from nsdr.validation import Settings, Share, Size
 
 __all__ = ["TvqaConfig", "TvqaPlus"]
 
@@ -41,7 +38,7 @@ class TvqaConfig(Settings):
     """
 
     embedding: Size = 300
-    hidden: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 300
+    hidden: Width = 300
     head: Size = 500
     dropout: Share = 0.2
 
@@ -53,8 +50,7 @@ class TvqaPlus(Baseline):
     Config = TvqaConfig
 
     def __init__(self, config: TvqaConfig, sizes: Sizes) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config, sizes)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
         self.embed = nn.Sequential(

@@ -13,11 +13,7 @@ __all__ = ["UnreadableError", "is_bare", "plain", "read_letters", "read_word"]
 NUMBERS = "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
 SAME_WORDS = {
     **{word: str(i) for i, word in enumerate(NUMBERS.split())},
-    "grey": "gray",
-    "cubes": "cube",
-    "spheres": "sphere",
-    "cylinders": "cylinder",
-    "metallic": "metal",
+    **{"grey": "gray", "cubes": "cube", "spheres": "sphere", "cylinders": "cylinder", "metallic": "metal"},
 }
 """Other spellings of answer words."""
 SAME_SIGNS = {0x2019: "'", 0x2013: "-", 0x2014: "-", 0x2212: "-"}
@@ -27,27 +23,30 @@ DENIALS = frozenset(
     | {"unable", "impossible", "unclear", "unsure", "unknown", "uncertain", "sorry"}
 )
 """Words with which a sentence names an answer word without giving it as the answer."""
+_CORRECT = "(?:correct|right|true)"
+_OPTIONS = "(?:options?|choices?|answers?)"
+_OF_THESE = (
+    rf"(?: of)?(?: (?:the|these|them|those))?(?: {_OPTIONS})?(?: (?:above|listed|given))?(?: (?:is|are) {_CORRECT})?"
+)
 NONE = re.compile(
-    r"(?:(?:the )?(?:(?:correct|right) )?(?:answer|option|choice)s? (?:is|are) )?"
-    r"(?:there (?:is|are) )?(?:none|neither|no (?:(?:correct|right) )?(?:options?|choices?|answers?))"
-    r"(?: of (?:the|these|them|those))?(?: (?:options?|choices?|answers?))?"
-    r"(?: (?:above|listed|given))?(?: (?:is|are) (?:correct|right|true))?",
+    rf"(?:(?:the )?(?:{_CORRECT} )?{_OPTIONS} (?:is|are) )?(?:there (?:is|are) )?"
+    rf"(?:none|neither|no (?:{_CORRECT} )?{_OPTIONS}){_OF_THESE}",
     re.IGNORECASE,
 )
-ALL = re.compile(
-    r"all(?: of)?(?: (?:the|these|them|those))?(?: (?:options?|choices?|answers?))?(?: above)?"
-    r"(?: (?:is|are) (?:correct|right|true))?",
-    re.IGNORECASE,
+ALL = re.compile(rf"all{_OF_THESE}", re.IGNORECASE)
+LETTERS = re.compile(
+    rf"(?:(?:\b{_OPTIONS}[\s(\[:]*)?\b[A-Z]\b[\s()\[\]{{}}.,;&+\"']*(?:and\b[\s()\[\]{{}}.,;&+\"']*)?)+", re.IGNORECASE
 )
-LABELS = frozenset({"option", "options", "choice", "choices", "answer", "answers"})
-"""Words that may stand before a letter, whether it is a capital or not."""
-FILLERS = LABELS | {"letter", "letters", "the", "only", "is", "are", "it", "correct", "right", "true", "both", "and"}
+"""Letters alone, large or small, or after a word such as "option"."""
+JUDGING = frozenset({"option", "options", "choice", "choices", "answer", "answers", "the", "is"})
+"""Words that may stand between a letter and its judgement."""
+FILLERS = JUDGING | {"letter", "letters", "only", "are", "it", "correct", "right", "true", "both", "and"}
 """Words that may stand around capital letters without changing what they say."""
 OPINION = re.compile(r"\bI (?:think|believe|say|choose|pick|select)\b(?: that\b)?", re.IGNORECASE)
-JUDGING = LABELS | {"the", "is"}
-"""Words that may stand between a letter and its judgement."""
-VERDICTS = {"yes": True, "correct": True, "right": True, "true": True}
-VERDICTS |= {"no": False, "incorrect": False, "wrong": False, "false": False}
+VERDICTS = {
+    **dict.fromkeys(("yes", "correct", "right", "true"), True),
+    **dict.fromkeys(("no", "incorrect", "wrong", "false"), False),
+}
 QUOTE = re.compile("\ue000([0-9]+)\ue001")
 """What replaces the quoted text of an option: its number between two private characters, which `plain` text has not."""
 OTHER_SIGN = re.compile(r"[^\w\s.,;:!&+()\[\]{}\"'•\ue000\ue001-]|\b[A-Z] ?- ?[A-Z]\b")
@@ -120,29 +119,14 @@ def read_letters(text: str, options: Sequence[str]) -> frozenset[str]:
         return frozenset()
     if ALL.fullmatch(bare) or (len(options) == 2 and bare.casefold() == "both"):
         return frozenset(letters)
-    if found := _letter_list(bare):
-        return _known(found, letters)
+    if LETTERS.fullmatch(bare):
+        return _known(re.findall(r"\b[A-Z]\b", bare.upper()), letters)
     if re.fullmatch("[A-Z]+", bare) and len(set(bare)) == len(bare):
         return _known(bare, letters)
     normal = [_normal(option) for option in options]
     marked = _marked(text, normal)
     judged = _judged(marked, normal, letters)
     return _given(marked, normal, letters) if judged is None else judged
-
-
-def _letter_list(text: str) -> list[str]:
-    """The letters of a text of single letters, large or small, which may follow a word of `LABELS`; empty for another text."""
-    found: list[str] = []
-    label = False
-    for token in re.findall(r"\w+|[^\w\s]", text):
-        if re.fullmatch("[A-Za-z]", token):
-            found.append(token.upper())
-            label = False
-        elif token.casefold() in LABELS and not label:
-            label = True
-        elif token not in ("([:" if label else "()[]{}.,;&+\"'") and (label or token.casefold() != "and"):
-            return []
-    return [] if label else found
 
 
 def _known(found: Iterable[str], letters: str) -> frozenset[str]:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,9 +29,12 @@ OTHER_LETTER = re.compile(rf"\b(?:[B-HJ-Z]|A(?! (?:{'|'.join((*ADJECTIVES, *NOUN
 """A letter that an explanation names; neither the pronoun "I" nor the article of "A red cube"."""
 FENCE = re.compile(r"```(?:json)?([^`]*)```", re.IGNORECASE)
 BOX = re.compile(r"\\boxed\s*\{")
+BOXED = re.compile(r"((?:[^{}]|\{(?:[^{}]|\{[^{}]*\})*\})*)\}")
+"""What stands in a box, with braces in braces."""
 LATEX_TEXT = re.compile(r"\\(?:text|textbf|mathrm|mathbf)\s*\{([^{}]*)\}")
 ANSWER_KEYS = ("answer", "answers", "final_answer")
 """Keys of a JSON object that hold an answer."""
+Answer = str | frozenset[str]
 MAX_LENGTH = 100_000
 """Longest response that is read (characters)."""
 
@@ -47,7 +50,7 @@ class Response:
         problem: why it cannot be read; "" if it can.
     """
 
-    answer: str | frozenset[str] | None
+    answer: Answer | None
     how: str
     problem: str
 
@@ -73,11 +76,8 @@ def read_response(text: str, options: Sequence[str] = ()) -> Response:
     if len(text) > MAX_LENGTH:
         return Response(None, "", f"{len(text)} characters; at most {MAX_LENGTH} are read")
 
-    def read(section: str) -> str | frozenset[str]:
-        return read_letters(section, options) if options else read_word(section)
-
     try:
-        answer, how = _read(_thought_through(text), read, options)
+        answer, how = _Reader(options).read(text)
     except UnreadableError as e:
         return Response(None, "", str(e))
     return Response(answer, how, "")
@@ -88,73 +88,98 @@ def read_response_to(question: Question, text: str) -> Response:
     return read_response(text, [c.text for c in question.choices])
 
 
-Read = Callable[[str], str | frozenset[str]]
-Found = tuple[str | frozenset[str], str]
+class _Reader:
+    """Reads responses to an open question, or to one with options."""
 
+    def __init__(self, options: Sequence[str]) -> None:
+        self.options = options
 
-def _read(text: str, read: Read, options: Sequence[str]) -> Found:
-    """The answer and where it was found."""
-    text = re.sub(r"<\|\w+\|>|</s>", "", text)  # end-of-text tokens
-    for instruction in INSTRUCTIONS:  # a prompt that is repeated holds examples in tags
-        text = text.replace(instruction, "")
-    if not text.strip():
-        raise UnreadableError("an empty response")
-    if (inside := _tagged(text)) is not None:
-        return _inside(inside, read, options), "tags"
-    if (inside := _boxed(text)) is not None:
-        return _inside(inside, read, options), "boxed"
-    if (value := _json(text)) is not None:
-        return _of_json(value, read, options), "json"
-    if labels := _labelled(plain(text)):
-        answers = {_after_label(label, read) for label in labels}
-        if len(answers) > 1:
-            raise UnreadableError("several different answers")
-        return answers.pop(), "label"
-    return _of_text(plain(text), read)
+    def read(self, text: str) -> tuple[Answer, str]:
+        """The answer and where it was found."""
+        text = re.sub(r"<\|\w+\|>|</s>", "", _thought_through(text))  # without end-of-text tokens
+        for instruction in INSTRUCTIONS:  # a prompt that is repeated holds examples in tags
+            text = text.replace(instruction, "")
+        if not text.strip():
+            raise UnreadableError("an empty response")
+        if (inside := _tagged(text)) is not None:
+            return self.inside(inside), "tags"
+        if (inside := _boxed(text)) is not None:
+            return self.inside(inside), "boxed"
+        if (value := _json(text)) is not None:
+            return self.of_json(value), "json"
+        text = plain(text)
+        if labels := _labelled(text):
+            answers = {self.after_label(label) for label in labels}
+            if len(answers) > 1:
+                raise UnreadableError("several different answers")
+            return answers.pop(), "label"
+        try:
+            return self.words(text), "bare" if is_bare(text) else "text"
+        except UnreadableError:
+            lines = text.splitlines()
+            bare = [i for i, line in enumerate(lines) if is_bare(line)]
+            if not bare or bare[0] != bare[-1] or bare[0] not in (0, len(lines) - 1):
+                raise
+            return self.first(lines[bare[0]], "" if bare[0] else "\n".join(lines[1:])), "line"
 
+    def words(self, text: str) -> Answer:
+        """The answer that a `plain` text is."""
+        return read_letters(text, self.options) if self.options else read_word(text)
 
-def _inside(text: str, read: Read, options: Sequence[str]) -> str | frozenset[str]:
-    """The answer in tags, a box or after a label, which may hold a box, JSON or a label itself."""
-    if not text.strip():
-        raise UnreadableError("an empty answer")
-    if (boxed := _boxed(text)) is not None:
-        text = boxed
-    if (value := _json(text)) is not None:
-        return _of_json(value, read, options)
-    labels = _labelled(plain(text))
-    return _after_label(labels[0], read) if len(labels) == 1 else read(plain(text))
+    def inside(self, text: str) -> Answer:
+        """The answer in tags or a box, which may hold a box, JSON or a label itself."""
+        if not text.strip():
+            raise UnreadableError("an empty answer")
+        if (boxed := _boxed(text)) is not None:
+            text = boxed
+        if (value := _json(text)) is not None:
+            return self.of_json(value)
+        labels = _labelled(plain(text))
+        return self.after_label(labels[0]) if len(labels) == 1 else self.words(plain(text))
 
+    def after_label(self, text: str) -> Answer:
+        """The answer in all that follows a label, or in its first line up to a reason."""
+        try:
+            return self.words(text)
+        except UnreadableError:
+            first = REASON.split(text.splitlines()[0])[0] if text else ""
+            return self.first(first, text[len(first) :])
 
-def _after_label(text: str, read: Read) -> str | frozenset[str]:
-    """The answer in all that follows a label, or in its first line up to a reason."""
-    try:
-        return read(text)
-    except UnreadableError:
-        first = REASON.split(text.splitlines()[0])[0] if text else ""
-        return _first(first, text[len(first) :], read)
+    def first(self, first: str, rest: str) -> Answer:
+        """The answer of the first words, where the rest names no option beyond it, and takes no word back."""
+        answer = self.words(first)
+        if isinstance(answer, str) and RETRACTION.search(rest):
+            raise UnreadableError("a word, and then a text that may take it back")
+        if isinstance(answer, frozenset) and (others := set(OTHER_LETTER.findall(rest)) - answer):
+            raise UnreadableError(f"{', '.join(sorted(others))}, after an answer without it")
+        return answer
 
-
-def _first(first: str, rest: str, read: Read) -> str | frozenset[str]:
-    """The answer of the first words, where the rest names no option that is not among the answer, and takes no word back."""
-    answer = read(first)
-    if isinstance(answer, str) and RETRACTION.search(rest):
-        raise UnreadableError("a word, and then a text that may take it back")
-    if isinstance(answer, frozenset) and (others := set(OTHER_LETTER.findall(rest)) - answer):
-        raise UnreadableError(f"{', '.join(sorted(others))}, after an answer without it")
-    return answer
-
-
-def _of_text(text: str, read: Read) -> Found:
-    """The answer of a text without marks: the whole of it, or its first or last line, if it is the only one that is bare."""
-    try:
-        return read(text), "bare" if is_bare(text) else "text"
-    except UnreadableError:
-        lines = text.splitlines()
-        bare = [i for i, line in enumerate(lines) if is_bare(line)]
-        if not bare or bare[0] != bare[-1] or bare[0] not in (0, len(lines) - 1):
-            raise
-        rest = "" if bare[0] else "\n".join(lines[1:])
-        return _first(lines[bare[0]], rest, read), "line"
+    def of_json(self, value: Any) -> Answer:
+        """The answer of a JSON value, which may stand under an answer's key, or for an open question in a list of one."""
+        while True:
+            keys = [k for k in value if k.casefold() in ANSWER_KEYS] if isinstance(value, dict) else []
+            if len(keys) == 1:
+                value = value[keys[0]]
+            elif isinstance(value, list) and len(value) == 1 and not self.options:
+                value = value[0]
+            else:
+                break
+        if isinstance(value, dict):
+            if keys or not self.options or not all(isinstance(v, str | bool) for v in value.values()):
+                raise UnreadableError(f"a JSON object without one of the keys {', '.join(ANSWER_KEYS)}")
+            if len(value) < len(self.options):
+                raise UnreadableError(f"judgements of {len(value)} of {len(self.options)} options")
+            value = "\n".join(f"{key}: {str(v).lower()}" for key, v in value.items())
+        if isinstance(value, list):
+            if not self.options or not all(isinstance(v, str) and v.strip() for v in value):
+                raise UnreadableError("a JSON list that is not of letters or options")
+            parts = [read_letters(plain(v), self.options) for v in value]
+            if len(value) > 1 and any(len(part) != 1 for part in parts):
+                raise UnreadableError("a JSON list with several answers in one part")
+            return frozenset[str]().union(*parts)
+        if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
+            raise UnreadableError("a JSON value that is neither a text nor a whole number")
+        return self.words(plain(str(value)))
 
 
 def _thought_through(text: str) -> str:
@@ -199,11 +224,8 @@ def _boxed(text: str) -> str | None:
     """What stands in the last `\\boxed{}`."""
     if not (boxes := list(BOX.finditer(text))):
         return None
-    depth, start = 1, boxes[-1].end()
-    for i in range(start, len(text)):
-        depth += {"{": 1, "}": -1}.get(text[i], 0)
-        if not depth:
-            return LATEX_TEXT.sub(r"\1", text[start:i])
+    if closed := BOXED.match(text, boxes[-1].end()):
+        return LATEX_TEXT.sub(r"\1", closed[1])
     raise UnreadableError("a box that is not closed")
 
 
@@ -217,40 +239,6 @@ def _json(text: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError):
         return None
-
-
-def _of_json(value: Any, read: Read, options: Sequence[str]) -> str | frozenset[str]:
-    while (within := _within(value, options)) is not value:
-        value = within
-    if isinstance(value, dict):
-        if options and not _answer_keys(value) and all(isinstance(v, str | bool) for v in value.values()):
-            if len(value) < len(options):
-                raise UnreadableError(f"judgements of {len(value)} of {len(options)} options")
-            return read(plain("\n".join(f"{key}: {str(v).lower()}" for key, v in value.items())))
-        raise UnreadableError(f"a JSON object without one of the keys {', '.join(ANSWER_KEYS)}")
-    if isinstance(value, list):
-        if not options or not all(isinstance(v, str) and v.strip() for v in value):
-            raise UnreadableError("a JSON list that is not of letters or options")
-        parts = [read(plain(v)) for v in value]
-        if len(value) > 1 and any(len(part) != 1 for part in parts):
-            raise UnreadableError("a JSON list with several answers in one part")
-        return frozenset().union(*(part for part in parts if isinstance(part, frozenset)))
-    if isinstance(value, str) and value.strip():
-        return read(plain(value))
-    if isinstance(value, int) and not isinstance(value, bool):
-        return read(str(value))
-    raise UnreadableError("a JSON value that is neither a text nor a whole number")
-
-
-def _within(value: Any, options: Sequence[str]) -> Any:
-    """What an object has under its one answer key, or for an open question a list as its one item; else the value itself."""
-    if isinstance(value, dict) and len(keys := _answer_keys(value)) == 1:
-        return value[keys[0]]
-    return value[0] if isinstance(value, list) and len(value) == 1 and not options else value
-
-
-def _answer_keys(value: dict[str, Any]) -> list[str]:
-    return [key for key in value if key.casefold() in ANSWER_KEYS]
 
 
 def _labelled(text: str) -> list[str]:
