@@ -440,7 +440,7 @@ def test_options_name_interventions() -> None:
     ("arguments", "message"),
     [
         (["--mass", "blue sphere"], "--mass blue sphere: expected OBJECT=NUMBER"),
-        (["--mass", "cube=0"], "--mass cube=0: SetMass.factor: expected 0.001"),
+        (["--mass", "cube=0"], "--mass cube=0: SetMass.factor: expected a number from 0.001"),
         (["--velocity", "cube=1"], "--velocity cube=1: expected OBJECT=2 numbers with commas"),
         (
             ["--remove", "zebra"],
