@@ -19,8 +19,7 @@ from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, read_truth_file
 from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
-from nsdr.generate.render.flow import optical_flow
-from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.io.configuration import config_of
 from nsdr.io.limits import check_limit

@@ -14,8 +14,7 @@ from nsdr.clevrer import scene_from_annotation
 from nsdr.datasets import NEAREST, STATE, VideoDataset, _resized
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.generate.render.flow import optical_flow
-from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import write_json

@@ -24,8 +24,8 @@ from nsdr.generate.physics.resimulate import resimulate
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.records import truth_document
+from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
-from nsdr.generate.render.raycast import Solid, instance_ids
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, released_statistics
 from nsdr.io.files import write_json
@@ -278,8 +278,8 @@ def test_metal_mirrors_and_rubber_does_not() -> None:
         spread[material] = images[0][inside].astype(float).std()
         mirrored[material] = np.abs(images[0][inside].astype(int) - images[1][inside]).max()
     assert spread["metal"] > 2 * spread["rubber"]
-    assert mirrored["metal"] > 25
-    assert mirrored["rubber"] < 10
+    assert mirrored["metal"] > 20
+    assert mirrored["rubber"] < 5
 
 
 def test_previews_are_reproducible_wherever_objects_are() -> None:

@@ -24,9 +24,13 @@ from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.generate.physics.scene import simulate_scene
+from nsdr.generate.records import solids_at
+from nsdr.generate.render.preview import render_preview
+from nsdr.generate.render.view import View
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.video import read_frames
 from nsdr.types import Event
+from nsdr.world.camera import Camera
 
 STORED = Path(__file__).with_name("stage_versions.json")
 TOLERANCE = {int: 1, float: 0.03}
@@ -93,7 +97,9 @@ def _symbolic() -> Any:
 def _generate() -> Any:
     scene = simulate_scene(1)
     contacts = [[c.frame, *c.bodies] for c in scene.motion.contacts]
-    return [[o.name for o in scene.objects], contacts, _places(scene.motion.location_world, (0, 60, 120))]
+    picture = render_preview(scene.objects, solids_at(scene, 60), View(Camera(width=96, height=64)))
+    brightness = picture.reshape(4, 16, 6, 16, 3).mean((1, 3, 4)).ravel().round(1).tolist()
+    return [[o.name for o in scene.objects], contacts, _places(scene.motion.location_world, (0, 60, 120)), brightness]
 
 
 def _features() -> Any:

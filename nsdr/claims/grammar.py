@@ -6,7 +6,7 @@ number of an order, negated, modal; frame and relation. A name alone is the fiel
 and "who" (`Statement.objects`) take objects, "at" is the frame of the last event. "|" ends what is said of all clauses.
 """
 
-from nsdr.language.lexicon import FORMS
+from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
 
 __all__ = ["GRAMMAR", "NORMAL"]

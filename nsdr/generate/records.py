@@ -9,7 +9,7 @@ from pycocotools import mask as rle
 
 from nsdr.generate.physics.bullet import Contact
 from nsdr.generate.physics.scene import SimulatedScene
-from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import Camera
 from nsdr.world.shapes import rendered_rotation

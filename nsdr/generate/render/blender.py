@@ -12,10 +12,17 @@ from typing import Any
 
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
-from nsdr.generate.render.lamps import GROUND_REFLECTANCE, LAMPS, SUN_ANGLE, SUN_DIRECTION, SUN_STRENGTH
+from nsdr.generate.render.geometry import Solid
 from nsdr.generate.render.materials import metal_surface, rubber_surface
-from nsdr.generate.render.raycast import Solid
-from nsdr.generate.render.view import RenderConfig, View
+from nsdr.generate.render.view import (
+    GROUND_REFLECTANCE,
+    LAMPS,
+    SUN_ANGLE,
+    SUN_DIRECTION,
+    SUN_STRENGTH,
+    RenderConfig,
+    View,
+)
 from nsdr.io.files import atomic_path
 from nsdr.types import SceneObject
 from nsdr.world.camera import SENSOR_MM
@@ -28,7 +35,7 @@ ASSET_SHAPES = {"cube": "SmoothCube_v2", "sphere": "Sphere", "cylinder": "Smooth
 ASSET_MATERIALS = {"rubber": "Rubber", "metal": "MyMetal"}
 """Names of the shapes and materials in CLEVR's asset files."""
 LAMP_OBJECTS = ("Lamp_Key", "Lamp_Fill", "Lamp_Back")
-"""Names of the lamps in CLEVR's base scene, in the order of `nsdr.generate.render.lamps.LAMPS`."""
+"""Names of the lamps in CLEVR's base scene, in the order of `nsdr.generate.render.view.LAMPS`."""
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 """Cycles' GPU back ends, tried in this order."""
 

@@ -1,4 +1,7 @@
-"""Rendering options, and the camera and lamps of each scene."""
+"""Rendering options, the lights and ground of CLEVR's base scene, and the camera and lamps of each scene.
+
+The base scene has three square area lamps, a weak sun and a plain grey ground.
+"""
 
 import random
 from dataclasses import dataclass, field, replace
@@ -11,10 +14,17 @@ from nsdr.validation import NotNegative, Settings, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.timeline import FPS
 
-__all__ = ["N_LAMPS", "RenderConfig", "View", "view_of"]
+__all__ = [
+    "GROUND_REFLECTANCE",
+    "LAMPS",
+    "SUN_ANGLE",
+    "SUN_DIRECTION",
+    "SUN_STRENGTH",
+    "RenderConfig",
+    "View",
+    "view_of",
+]
 
-N_LAMPS = 3
-"""Lamps whose positions vary with `RenderConfig.light_jitter`."""
 MIN_SIDE_PX = 16
 """Smallest image width and height."""
 MAX_SIDE_PX = 4096
@@ -64,6 +74,41 @@ class RenderConfig(Settings):
 
 
 @dataclass(frozen=True)
+class Lamp:
+    """A square area lamp. In CLEVR's base scene it faces the origin; in the substitutes for it, down.
+
+    Attributes:
+        name: "key", "fill" or "back".
+        location_world: centre (x, y, z).
+        side_world: side length (world units).
+        power: radiant power (W).
+        color: linear RGB (0-1).
+    """
+
+    name: str
+    location_world: tuple[float, float, float]
+    side_world: float
+    power: float
+    color: tuple[float, float, float]
+
+
+LAMPS = (
+    Lamp("key", (6.447, -2.905, 4.258), 0.5, 78.54, (1.0, 0.932, 0.817)),
+    Lamp("fill", (-4.671, -4.014, 3.011), 0.5, 23.56, (0.762, 0.818, 1.0)),
+    Lamp("back", (-1.169, 2.646, 5.816), 1.0, 39.27, (1.0, 1.0, 1.0)),
+)
+"""The lamps of CLEVR's base scene."""
+SUN_STRENGTH = 0.45
+"""Irradiance of the sun (W/m², Blender's strength of a sun lamp)."""
+SUN_ANGLE = 0.2
+"""Angular diameter of the sun (rad)."""
+SUN_DIRECTION = (0.4146, -0.1946, 0.889)
+"""Unit vector towards the sun."""
+GROUND_REFLECTANCE = 0.8
+"""Diffuse reflectance of the ground (0-1)."""
+
+
+@dataclass(frozen=True)
 class View:
     """Camera and lamps of one scene.
 
@@ -73,7 +118,7 @@ class View:
     """
 
     camera: Camera = field(default_factory=Camera)
-    lamp_shift_world: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * N_LAMPS
+    lamp_shift_world: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * len(LAMPS)
 
 
 def view_of(config: RenderConfig, seed: int) -> View:
@@ -85,5 +130,5 @@ def view_of(config: RenderConfig, seed: int) -> View:
         return x, y, z
 
     eye = shifted(config.camera.eye_world, config.camera_jitter)
-    lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(N_LAMPS))
+    lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(len(LAMPS)))
     return View(replace(config.camera, eye_world=eye, width=config.width, height=config.height), lamps)
