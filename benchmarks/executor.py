@@ -26,7 +26,7 @@ from nsdr.clevrer.files.predictions import (
     scene_from_predictions,
 )
 from nsdr.errors import DataError, ExecutionError
-from nsdr.language.templates import sample
+from nsdr.language.texts import sample
 from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.program import RESEARCH_NAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES

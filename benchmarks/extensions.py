@@ -30,7 +30,7 @@ from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.questions.extensions import EXTENSION_KINDS, ExtensionSelection
 from nsdr.generate.questions.selection import find_candidates
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.grammar import GrammarParser
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import track
 
@@ -52,7 +52,7 @@ def questions_of(path: Path, selection: ExtensionSelection, n_changed: int) -> l
     return selection.questions(found.extensions, found.changed, 0)
 
 
-def judged(question: Question, executor: Executor, parser: QuestionParser) -> Iterator[tuple[str, str]]:
+def judged(question: Question, executor: Executor, parser: GrammarParser) -> Iterator[tuple[str, str]]:
     """(kind, "right", "wrong" or "refused") of a question, or of each option."""
     if question.answer is not None:
         try:
@@ -159,7 +159,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
     backend: Any = load_backend(find_checkpoint("default"), "physics")
-    question_parser = QuestionParser.from_pretrained(extensions=True)
+    question_parser = GrammarParser(extensions=True)
     selection, outcomes, pairs = ExtensionSelection(0), list[Outcome](), []
     for index in range(options.first, options.first + options.scenes):
         path = next(options.data.glob(f"truth/*/truth_{index:05d}.json"))

@@ -69,8 +69,8 @@ def read_videos(options: argparse.Namespace) -> Iterator[Video]:
         n += 1
         states = states_from_tracks(track(proposals))
         candidates = backend.detector.collision_candidates(states)
-        found = search_collisions(states, candidates, backend.config.search, backend.smoothing.measurement)[0]
-        smoothed = smooth_tracks(states, found, backend.smoothing)
+        found = search_collisions(states, candidates, backend.config)[0]
+        smoothed = smooth_tracks(states, found)
         yield Video(index, states, smoothed, scene_from_ground_truth(truth[index], truth[index]["n_frames"]))
 
 

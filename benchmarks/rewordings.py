@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from nsdr.language.templates import TEXT_KINDS, sample
+from nsdr.language.texts import TEXT_KINDS, sample
 
 __all__ = ["drawn_rows", "paraphrased"]
 

@@ -23,7 +23,8 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.video import check_is_video
-from nsdr.question_parser.reading import read_programs
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.size_check import size_doubt
 from nsdr.tracking.tracker import TrackerConfig, track
@@ -34,7 +35,6 @@ from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
-    from nsdr.question_parser.parser import QuestionParser
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
@@ -152,7 +152,7 @@ class Pipeline:
         self,
         frame_parser: "FrameParser",
         dynamics: DynamicsBackend,
-        question_parser: "QuestionParser",
+        question_parser: Parser,
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
         video: VideoConfig | None = None,
@@ -186,7 +186,7 @@ class Pipeline:
                 "" for that of `config`.
             config: settings of all stages, or their YAML file.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
-            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.QuestionParser`).
+            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.AutoParser`).
             options: further arguments of the constructor.
 
         Raises:
@@ -204,8 +204,6 @@ class Pipeline:
 
         with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
-        from nsdr.question_parser.parser import QuestionParser
-
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
         options.setdefault("camera", config.camera)
@@ -214,7 +212,7 @@ class Pipeline:
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
             ),
             load_backend(folder, config.dynamics),
-            QuestionParser.from_checkpoint(folder, extensions=extensions),
+            AutoParser.from_checkpoint(folder, extensions),
             **options,
         )
         return pipeline.to(device)

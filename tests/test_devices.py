@@ -20,7 +20,7 @@ from nsdr.errors import DataError
 from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.training import loop
 from nsdr.training.dynamics import StateModelTask

@@ -29,7 +29,7 @@ from nsdr.generate.questions.selection import (
 )
 from nsdr.generate.records import truth_document
 from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
-from nsdr.language.templates import Grammar, described, every
+from nsdr.language.texts import clevrer, described
 from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
@@ -380,15 +380,12 @@ def test_question_command_writes_file_and_statistics(truths, tmp_path, capsys) -
 
 def test_the_grammar_enumerates_every_meaning_once() -> None:
     class TwoWords:
-        def one(self, choose):
+        def words(self, choose, use, without):
             return choose.pick([("red",), ("blue", "cube")])
 
-        def some(self, choose, use, without):
-            return ()
-
-    texts = [text for text, _ in every(Grammar.presence, TwoWords(), random.Random(0))]
+    texts = [text for text, _ in clevrer().every("PRESENCE", TwoWords(), random.Random(0))]
     assert texts == ["the presence of the red object", "the presence of the blue cube"]
-    programs = [tuple(p) for _, p in every(Grammar.counterfactual, TwoWords(), random.Random(0))]
+    programs = [tuple(p) for _, p in clevrer().every("COUNTERFACTUAL", TwoWords(), random.Random(0))]
     assert len(programs) == len(set(programs)) == 4
     assert described(("metal", "sphere"), plural=True) == (
         "metal spheres",

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 from nsdr.errors import DataError
-from nsdr.language.templates import described
-from nsdr.question_parser.wording import in_words
+from nsdr.language.texts import described, in_words
 from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import MAX_POSITION_WORLD, MAX_SPEED_WORLD_PER_S, Intervention
 from nsdr.world.vocabulary import ATTRIBUTES

@@ -5,7 +5,7 @@ objects stand before the event that they take part in, "who" makes them those th
 said of all clauses.
 """
 
-from nsdr.language.lexicon import FORMS
+from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
 
 __all__ = ["GRAMMAR", "NORMAL"]

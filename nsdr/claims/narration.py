@@ -14,7 +14,7 @@ from nsdr.claims.reading import STATES, written
 from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
 from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
-from nsdr.language.rules import Slot
+from nsdr.language.slots import Slot
 from nsdr.symbolic.causal import causal_path
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.phrases import MOTION_FILTERS, OBJECT_FILTERS, attribute_words

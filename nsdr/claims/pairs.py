@@ -12,7 +12,7 @@ from nsdr.claims.reading import written
 from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
 from nsdr.claims.verification import TOLERANCE_FRAMES, verify
 from nsdr.errors import DataError
-from nsdr.language.rules import Slot
+from nsdr.language.slots import Slot
 from nsdr.symbolic.phrases import indefinite
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES

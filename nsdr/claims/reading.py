@@ -11,7 +11,7 @@ from typing import Any
 
 from nsdr.claims.grammar import GRAMMAR, NORMAL
 from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
-from nsdr.language.rules import Slot
+from nsdr.language.slots import Slot
 from nsdr.symbolic.phrases import indefinite
 from nsdr.world.nouns import ADJECTIVES, NOUNS
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -214,9 +214,9 @@ def written(statement: Statement) -> str:
     """The sentence that tells a statement; `read_sentence` reads it back."""
     slots: list[_Slot] = []
     line = _line(statement, slots)
-    words = GRAMMAR.write("SENTENCE", line, [slot.form for slot in slots])
+    words = GRAMMAR.write("SENTENCE", line, [(slot.form,) for slot in slots])
     assert words is not None, f"{statement} has no sentence"
-    text = " ".join(slots[int(word[1:])].text if word.startswith("#") else word for word in words)
+    text = " ".join(word if isinstance(word, str) else slots[word[1]].text for word in words)
     return re.sub(r" (?=[,:'])", "", f"{text[0].upper()}{text[1:]}.")
 
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from nsdr.cli.common import (
     checkpoint_options,
-    endpoint_parser,
     failures_line,
     is_scene,
     keep_going_option,
     load_scene,
     make_pipeline,
     parser_options,
+    question_parser,
     refuse_for_scene,
     video_options,
 )
@@ -53,11 +53,9 @@ def answer(options: Any) -> int:
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
     source: Any = load_scene(options.video) if saved else options.video
-    parser = endpoint_parser(options)
-    _check_extensions(options)
+    parser = question_parser(options)
     pipeline = make_pipeline(options)
-    pipeline.question_parser.extensions = options.extensions
-    pipeline.question_parser = parser or pipeline.question_parser
+    pipeline.question_parser = parser
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
         print(json.dumps(asdict(found)))
@@ -104,12 +102,7 @@ def parse_question(options: Any) -> int:
     given = [f"--{k}" for k, v in (("checkpoint", "default"), ("device", "auto")) if getattr(options, k) != v]
     if options.parser and given:
         raise DataError(f"{', '.join(given)} would do nothing with --parser; leave it out")
-    _check_extensions(options)
-    parser = endpoint_parser(options)
-    if parser is None:
-        from nsdr.question_parser.parser import QuestionParser
-
-        parser = QuestionParser.from_pretrained(options.checkpoint, options.device, extensions=options.extensions)
+    parser = question_parser(options)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
     for kind in kinds:
         try:
@@ -122,13 +115,6 @@ def parse_question(options: Any) -> int:
                 raise QuestionError(f"{e}{suggestion(options.text, None, kinds[0])}") from e
     print(program.tree() if options.tree else program)
     return 0
-
-
-def _check_extensions(options: Any) -> None:
-    if options.extensions and options.parser:
-        raise DataError(
-            "--extensions is of the shipped parser's rules and would do nothing with --parser; leave one out"
-        )
 
 
 def execute_options(parser: Any) -> None:

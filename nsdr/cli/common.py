@@ -14,7 +14,6 @@ from nsdr.types import Scene
 __all__ = [
     "SPLITS",
     "checkpoint_options",
-    "endpoint_parser",
     "failures_line",
     "is_scene",
     "keep_going_option",
@@ -23,6 +22,7 @@ __all__ = [
     "make_pipeline",
     "parser_options",
     "pipeline_options",
+    "question_parser",
     "refuse_for_scene",
     "settings_of",
     "video_options",
@@ -60,7 +60,7 @@ def video_options(parser: Any) -> None:
 
 def parser_options(parser: Any) -> None:
     """Add the language model that parses texts."""
-    server = "OpenAI-compatible server that parses the texts, such as http://localhost:8000/v1 (docs/questions.md)"
+    server = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
     parser.add_argument("--parser", default="", help=server)
     parser.add_argument("--parser-model", default="", help="its model's name; may be left out if it has only one")
 
@@ -129,19 +129,21 @@ def refuse_for_scene(options: Any) -> None:
         raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
 
 
-def endpoint_parser(options: Any) -> Any:
-    """The question parser on the server of `--parser`, which is there; None without that option.
+def question_parser(options: Any) -> Any:
+    """The question parser of `--checkpoint`, or with the model of `--parser` in place of the networks.
 
     Raises:
         DataError: `--parser-model` without `--parser`.
     """
-    if not options.parser:
-        if options.parser_model:
-            raise DataError("--parser-model is of --parser and would do nothing without it; leave it out")
-        return None
-    from nsdr.question_parser.endpoint import EndpointParser
+    from nsdr.question_parser.auto import AutoParser
 
-    return EndpointParser.connect(options.parser, options.parser_model)
+    if options.parser:
+        from nsdr.question_parser.language_model import LanguageModelParser
+
+        return AutoParser(LanguageModelParser(options.parser, options.parser_model), options.extensions)
+    if options.parser_model:
+        raise DataError("--parser-model is of --parser and would do nothing without it; leave it out")
+    return AutoParser.from_pretrained(options.checkpoint, options.device, options.extensions)
 
 
 def failures_line(failed: int, total: int, what: str, example: str, keep_going: bool) -> int:

@@ -10,10 +10,11 @@ from nsdr.baselines.recording import keep_recording
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
+from nsdr.evaluation.parsing import parse_all
 from nsdr.evaluation.runner import (
     EvaluationConfig,
     evaluation_fingerprint,
-    programs_of,
+    parser_of,
     selected_questions,
     true_scene_of,
 )
@@ -123,8 +124,8 @@ def evaluate_baseline(
     baseline.check_features(features)
     scenes, _ = selected_questions(config)
     parsed, failed = scenes, dict[int, dict[int, NsdrError]]()
-    if "program" in needs and (parse := programs_of(config, scenes)) is not None:
-        parsed, failed = _with_programs(scenes, parse, config.types)
+    if "program" in needs and (parser := parser_of(config)) is not None:
+        parsed, failed = _with_programs(scenes, parse_all(parser, scenes, config.types), config.types)
 
     def answered() -> Iterator[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]:
         for scene, (_, answers) in zip(scenes, baseline.answer_questions(parsed, features, config.types), strict=True):

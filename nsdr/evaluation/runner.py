@@ -21,8 +21,8 @@ from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_qu
 from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
-from nsdr.evaluation.parsing import endpoint_parse, parse_all
-from nsdr.evaluation.score import Parse, evaluate
+from nsdr.evaluation.parsing import parse_all
+from nsdr.evaluation.score import evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
@@ -31,6 +31,8 @@ from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.pipeline import PipelineConfig, pipeline_settings
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.base import Parser
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
@@ -38,7 +40,7 @@ from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 __all__ = [
     "EvaluationConfig",
     "evaluation_fingerprint",
-    "programs_of",
+    "parser_of",
     "run_evaluation",
     "selected_questions",
     "true_scene_of",
@@ -47,6 +49,8 @@ __all__ = [
 VERSION = 1
 """Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")
+PARSED = ("parsed", "network")
+"""Values of `EvaluationConfig.programs` that parse the texts."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,10 @@ class EvaluationConfig(Settings):
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
-        programs: "parsed", "gold" for those of the question file, or the released parser's files (`parsed_programs/*.json`),
-            separated by commas.
-        parser: address of an OpenAI-compatible server that parses the texts (`nsdr.question_parser.endpoint`), in place of the
-            checkpoint's question parser; "" for none.
+        programs: "parsed", "network" for those of the paper's networks alone, "gold" for those of the question file, or the
+            released parser's files (`parsed_programs/*.json`), separated by commas.
+        parser: address of an OpenAI-compatible server with a language model, which parses in place of the checkpoint's
+            networks; "" for none.
         parser_model: the server's model; "" if it has only one.
         types: question types to answer.
         exclude: scene indices to leave out.
@@ -123,8 +127,10 @@ class EvaluationConfig(Settings):
         sources = SOURCES.names()
         expect(self.source in sources, "source", f"one of {', '.join(sources)}", self.source)
         expect(self.truth_source in ("", *sources), "truth_source", f"one of {', '.join(sources)}", self.truth_source)
-        if self.programs not in ("parsed", "gold") and not all(".json" in f for f in self.programs.split(",")):
-            raise DataError(f"programs is {self.programs!r}; expected parsed, gold, or JSON files separated by commas")
+        if self.programs not in (*PARSED, "gold") and not all(".json" in f for f in self.programs.split(",")):
+            raise DataError(
+                f"programs is {self.programs!r}; expected parsed, network, gold, or JSON files separated by commas"
+            )
         if self.parser and self.programs != "parsed":
             raise DataError(f"parser would do nothing with programs {self.programs}; leave one out")
         if self.parser_model and not self.parser:
@@ -154,7 +160,7 @@ class EvaluationConfig(Settings):
 
     def program_files(self) -> list[str]:
         """Files of parsed programs that `programs` names."""
-        return [] if self.programs in ("parsed", "gold") else self.programs.split(",")
+        return [] if self.programs in (*PARSED, "gold") else self.programs.split(",")
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of perception."""
@@ -169,15 +175,14 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
 
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
-        EndpointError: the server of `parser` is not there.
-        ConnectionError: it fails in the midst of the questions, after the scenes were kept.
+        EndpointError: the server of `parser` is not there; or it fails, after the scenes were kept.
     """
-    parse = programs_of(config, ()) if config.parser else None  # a server that is not there is found before the work
+    parser = parser_of(config)  # a server that is not there is found before the work
     settings, device = config.pipeline(), str(resolve_device(config.device))
     questions, data = selected_questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        parse = parse or programs_of(config, questions)
+        parse = parse_all(parser, questions, config.types) if parser else None
         return evaluate(_official(questions, Path(config.data), config.collisions), parse, config.types)
     wanted = {s.scene_index for s in questions}
     if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
@@ -214,26 +219,35 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
         folder = jobs[0].output.parent
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
-    parse = parse or programs_of(config, questions)
+    parse = parse_all(parser, questions, config.types) if parser else None
     made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
     return evaluate(made, parse, config.types)
 
 
-def programs_of(config: EvaluationConfig, questions: Sequence[SceneQuestions]) -> Parse | None:
-    """The programs of all texts by the server or the checkpoint's question parser; None where the questions have them.
+def parser_of(config: EvaluationConfig) -> Parser | None:
+    """The parser of the settings; None where the questions have programs.
 
     Raises:
+        CheckpointError: missing or corrupt weights.
         EndpointError: the server of `parser` is not there.
     """
+    if config.programs not in PARSED:
+        return None
+    if config.programs == "network":
+        from nsdr.question_parser.network import QuestionParser
+
+        return QuestionParser.from_pretrained(config.checkpoint, config.device)
     if config.parser:
-        return endpoint_parse(config.parser, config.parser_model)
-    return parse_all(config.checkpoint, config.device, questions, config.types) if config.programs == "parsed" else None
+        from nsdr.question_parser.language_model import LanguageModelParser
+
+        return AutoParser(LanguageModelParser(config.parser, config.parser_model))
+    return AutoParser.from_pretrained(config.checkpoint, config.device)
 
 
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
     """Sources that give scenes leave nothing to do for a pipeline and its options."""
     given = [f"--{name}" for name in ("dynamics", "config", "set", "truth_source") if getattr(config, name)]
-    if config.programs != "parsed" and config.checkpoint != "default":
+    if config.programs not in PARSED and config.checkpoint != "default":
         given.append("--checkpoint")
     if given:
         raise DataError(f"source {config.source} needs no pipeline: {', '.join(given)} would do nothing; leave it out")

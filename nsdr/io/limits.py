@@ -34,7 +34,6 @@ class Limits:
         videos: videos that a manifest lists (CLEVRER: 20,000).
         program_tokens: tokens of a program (CLEVRER: at most 20).
         text_characters: characters of a question or choice.
-        reply_bytes: size of a reply of the server of `nsdr.question_parser.endpoint`.
     """
 
     json_bytes: int = 500_000_000
@@ -50,7 +49,6 @@ class Limits:
     videos: int = 1_000_000
     program_tokens: int = 1_000
     text_characters: int = 2_000
-    reply_bytes: int = 1_000_000
 
 
 def limits() -> Limits:

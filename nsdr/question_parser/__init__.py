@@ -1,4 +1,4 @@
-"""From questions and choices to programs: tokenizer, networks, constrained decoding and the grammar they are trained on."""
+"""From questions and choices to programs: rules, the networks, a language model, and the default, which joins them."""
 
 import lazy_loader
 

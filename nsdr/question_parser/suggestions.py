@@ -2,12 +2,13 @@
 
 import random
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from difflib import SequenceMatcher
 from itertools import combinations
 
 from nsdr.errors import ExecutionError
-from nsdr.language.templates import Chooser, Grammar, Pair, described, every
+from nsdr.language.choosing import Chooser
+from nsdr.language.texts import clevrer, described
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
@@ -15,12 +16,12 @@ from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["nearest_questions", "suggestion"]
 
-SYMBOLS: dict[str, tuple[Callable[[Grammar], Pair], ...]] = {
-    "descriptive": (Grammar.count_or_exist_events, Grammar.count_or_exist_motion, Grammar.query),
-    "multiple_choice": (Grammar.explanatory, Grammar.predictive, Grammar.counterfactual),
-    "choice": (Grammar.presence, Grammar.collision, Grammar.entrance, Grammar.exit, Grammar.happens),
+SYMBOLS = {
+    "descriptive": ("EVENTS", "MOTION", "QUERY"),
+    "multiple_choice": ("EXPLANATORY", "PREDICTIVE", "COUNTERFACTUAL"),
+    "choice": ("PRESENCE", "COLLISION", "ENTRANCE", "EXIT", "HAPPENS"),
 }
-"""Symbols of the grammar whose contents are compared with a text, by kind of text."""
+"""Symbols of clevrer.rules whose contents are compared with a text, by kind of text."""
 ANY_NAMES = (("red", "cube"), ("blue", "sphere"))
 """Objects of the suggestions where neither a scene nor the text names any."""
 FUNCTION_TEXT = "a an and any are at do does 's in is it of on that the there this to was were will"
@@ -45,15 +46,14 @@ STEMS = {
 
 
 class _Names:
-    """Descriptions of objects; implements `nsdr.language.templates.Phrases`."""
+    """Descriptions of objects; implements `nsdr.language.choosing.Phrases`."""
 
     def __init__(self, names: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> None:
         self.names, self.classes = list(names), classes
 
-    def one(self, choose: Chooser) -> tuple[str, ...]:
-        return choose.pick(self.names)
-
-    def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+    def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        if use == "one":
+            return choose.pick(self.names)
         kept = [words for words in self.classes if not set(words).intersection(ATTRIBUTES.get(without, ()))]
         return () if use == "enters" else choose.pick(kept)
 
@@ -86,7 +86,7 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive",
     phrases = _Names(names, list(dict.fromkeys([(), *names, *shapes])))
     if scene is None and len(names) < 2:  # a collision takes two
         phrases.names = [*names, *(other for other in ANY_NAMES if other not in names)]
-    pairs = [pair for symbol in SYMBOLS[kind] for pair in every(symbol, phrases, random.Random(0))]
+    pairs = [pair for symbol in SYMBOLS[kind] for pair in clevrer().every(symbol, phrases, random.Random(0))]
     described_names = [described(words)[0] for words in phrases.names]
     pairs = [pair for pair in pairs if all(pair[0].count(f"the {name}") < 2 for name in described_names)]
     pairs.sort(key=lambda pair: (-_common(said, _stems(pair[0])), len(pair[0])))

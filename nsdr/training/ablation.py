@@ -1,4 +1,4 @@
-"""Ablation of the number of training programs: accuracy of programs and answers by question type (figure of the paper)."""
+"""Ablation of the number of training programs, with the networks alone: programs and answers by question type (figure)."""
 
 import csv
 import importlib.util
@@ -14,8 +14,8 @@ from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.evaluation.score import evaluate
 from nsdr.io.files import atomic_path, find_files, locked
-from nsdr.language.templates import TEXT_KINDS
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.language.texts import TEXT_KINDS
+from nsdr.question_parser.network import QuestionParser
 from nsdr.symbolic import Executor, Program
 from nsdr.training.question_parser_task import QuestionParserTraining, train_question_parser
 from nsdr.visualize.distributions import program_curve
@@ -75,7 +75,7 @@ def run_ablation(config: QuestionParserTraining, sizes: Sequence[int]) -> str:
             name = "all" if size == ALL else str(size)
             size_config = replace(config, samples=size, run_dir=str(run_dir / name), output="")
             checkpoint = train_question_parser(size_config)
-            parser = QuestionParser.from_checkpoint(checkpoint, min_probability=0.0, unknown="ignore")
+            parser = QuestionParser.from_checkpoint(checkpoint)
             rows += [{"programs": name, **row} for row in _accuracies(parser, scenes, executors)]
             _write_csv(run_dir / "ablation.csv", rows)
         _write_figure(run_dir / "ablation.png", rows)

@@ -14,12 +14,19 @@ from torch.nn import functional as F
 from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
-from nsdr.language.english import ENGLISH, START_SYMBOLS
-from nsdr.language.paraphrase import VOCABULARY, draw_wording, read_paraphrases
-from nsdr.language.templates import TEXT_KINDS, Pair, sample
+from nsdr.language.normal import normal_form
+from nsdr.language.rules import Pair
+from nsdr.language.texts import (
+    START_SYMBOLS,
+    TEXT_KINDS,
+    draw_wording,
+    english,
+    read_paraphrases,
+    sample,
+    vocabulary,
+)
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.question_parser.normal import normal_form
-from nsdr.question_parser.parser import QuestionParser, build_networks, pad
+from nsdr.question_parser.network import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.validation import Count, PathName, PositiveCount, Settings, Share
@@ -45,7 +52,7 @@ class QuestionParserTraining(Settings):
         questions: question file in CLEVRER's format to train on; "" draws texts from the grammar.
         samples: n, to train on n descriptive, n multiple-choice and 4n choice programs only (paper); 0 for all.
         initial: folder of a checkpoint to start from, whose words must be the same; "" starts from random weights.
-        paraphrase: probability that a training text is drawn from the rules of other wordings (`grammar.english`).
+        paraphrase: probability that a training text is drawn from the rules of other wordings (english.rules).
         other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
             another kind, half have their words shuffled, or one left out or put in.
         evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.
@@ -78,8 +85,10 @@ class QuestionParserTask(Task):
         torch.manual_seed(config.loop.seed)
         self.config = config
         self.pool = self._pool()
-        pool_texts = [normal_form(text, "keep").text for pairs in (self.pool or {}).values() for text, _ in pairs]
-        self.tokenizer = Tokenizer.from_texts([*VOCABULARY, *pool_texts])
+        pool_texts = [
+            normal_form(text, keep_unknown=True).text for pairs in (self.pool or {}).values() for text, _ in pairs
+        ]
+        self.tokenizer = Tokenizer.from_texts([*vocabulary(), *pool_texts])
         self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
         if config.initial:
             if load_description(config.initial, "question_parser")["words"] != list(self.tokenizer.words):
@@ -113,8 +122,8 @@ class QuestionParserTask(Task):
             text, _ = self._draw_text(rng.choice([k for k in TEXT_KINDS if k != kind]), rng)
         else:
             text = self._spoilt(self._draw_text(kind, rng)[0], rng)
-        normal = normal_form(text, "keep")
-        if ENGLISH.readings(START_SYMBOLS[kind], normal.forms):  # it is a text of this kind, too
+        normal = normal_form(text, keep_unknown=True)
+        if english().readings(START_SYMBOLS[kind], normal.forms):  # it is a text of this kind, too
             return self._draw_text(kind, rng)
         return text, [OTHER]
 
@@ -122,7 +131,7 @@ class QuestionParserTask(Task):
         if rng.random() < self.config.paraphrase:
             return draw_wording(kind, rng)
         text, program = sample(kind, rng) if self.pool is None else rng.choice(self.pool[kind])
-        return normal_form(text, "keep").text, program
+        return normal_form(text, keep_unknown=True).text, program
 
     def _spoilt(self, text: str, rng: random.Random) -> str:
         """A text with its words shuffled, or with one word left out or put in."""
@@ -133,7 +142,7 @@ class QuestionParserTask(Task):
         elif how == 1:
             del words[rng.randrange(len(words))]
         else:
-            words.insert(rng.randrange(len(words) + 1), rng.choice(VOCABULARY))
+            words.insert(rng.randrange(len(words) + 1), rng.choice(vocabulary()))
         return " ".join(words) or text
 
     def draw(self, count: int, rng: np.random.Generator) -> list[int]:
@@ -164,7 +173,7 @@ class QuestionParserTask(Task):
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """For each kind, the share of exact programs on texts of the grammar and on the paraphrases that ship with it."""
         rng = random.Random("evaluation")
-        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model), constrained=True, unknown="ignore")
+        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model))
         scores = {}
         for kind in TEXT_KINDS:
             pairs = [sample(kind, rng) for _ in range(self.config.evaluation_texts)]

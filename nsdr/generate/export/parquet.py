@@ -127,7 +127,8 @@ def _card(export: Export) -> str:
     for split in export.splits:
         options = (c for scene in export.questions(split) for q in scene.questions for c in q.choices)
         tags = dict(sorted(Counter(c.tag for c in options if c.tag is not None).items()))
-        counts = {**count_questions(export.questions(split)), "tags of counterfactual options": tags}
+        counts: dict[str, Mapping[str, float]] = {**count_questions(export.questions(split))}
+        counts["tags of counterfactual options"] = tags
         for title, values in counts.items():
             if any(key != "None" and value for key, value in values.items()):
                 statistics += ["", *_table(f"{split}: {title}", values)]

@@ -2,38 +2,31 @@
 
 import random
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 from nsdr.clevrer.files.questions import Choice, Question
 from nsdr.errors import ExecutionError
 from nsdr.generate.questions.candidates import Descriptive, MultipleChoice, Option, SceneWords
-from nsdr.language import extension_templates as templates
-from nsdr.language.templates import Grammar, Pair, every
+from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 
 __all__ = ["EXTENSION_KINDS", "ExtensionSelection", "changed_questions", "extension_questions"]
 
-EXTENSION_KINDS: dict[str, Callable[[Grammar], Pair]] = {
-    "speed": templates.speed,
-    "direction": templates.direction,
-    "is_faster": templates.is_faster,
-    "faster": templates.faster,
-    "extreme_speed": templates.extreme_speed,
-    "is_heavier": templates.is_heavier,
-    "heavier": templates.heavier,
-    "heaviest": templates.heaviest,
-}
-"""Subtypes of the descriptive questions beyond CLEVRER with their templates."""
+EXTENSION_KINDS = (
+    *("speed", "direction", "is_faster", "faster", "extreme_speed"),
+    *("is_heavier", "heavier", "heaviest"),
+)
+"""Subtypes of the descriptive questions beyond CLEVRER; in capitals their symbols in beyond.rules."""
 
 
 def extension_questions(scene: Scene, rng: random.Random) -> Iterator[Descriptive]:
     """All descriptive questions beyond CLEVRER that have an answer in the scene, each in a random wording."""
     words, executor = SceneWords(scene, rng), Executor(scene)
-    for subtype, symbol in EXTENSION_KINDS.items():
-        for text, program in every(symbol, words, rng):
+    for subtype in EXTENSION_KINDS:
+        for text, program in clevrer().every(subtype.upper(), words, rng):
             try:
                 value = executor.answer(program).answer
             except ExecutionError:  # not known, or no such object or event
@@ -52,7 +45,7 @@ def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: i
         n: number of questions; each takes two simulations.
     """
     words, executor = SceneWords(scene, rng), Executor(scene, simulate=simulate)
-    drawn = [(text, tuple(tokens)) for text, tokens in every(templates.changed, words, rng)]
+    drawn = [(text, tuple(tokens)) for text, tokens in clevrer().every("CHANGED", words, rng)]
     rng.shuffle(drawn)
     asked: set[tuple[str, ...]] = set()
     for text, program in drawn:
@@ -73,7 +66,7 @@ def _options(
     options = []
     for pair in combinations(range(len(scene.objects)), 2):
         words.named = list(rng.sample(pair, 2))
-        text, choice = next(every(Grammar.happens, words, rng))
+        text, choice = next(clevrer().every("HAPPENS", words, rng))
         options.append(Option(text, tuple(choice), bool(executor.run([*choice, *program])), "happens"))
     return tuple(options)
 

@@ -1,69 +1,97 @@
 """The normal form of a text: one spelling, one word for each meaning, noun phrases found, the question before its clauses.
 
 "When the metallic ball comes into view, how many blocks aren't moving?" becomes "how many cubes be stationary when the metal
-sphere enter". The network reads normal forms, and so do the rules that check its programs (`grammar.english`).
+sphere enter". The network reads normal forms, and so do the rules (english.rules). Spellings, words and phrases are in
+spellings.txt, lexicon.txt and phrases.txt.
 """
 
 import re
 import string
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib.resources import files
 
-from nsdr.errors import QuestionError
-from nsdr.language.english import ENGLISH
-from nsdr.language.lexicon import (
-    ADJECTIVES,
-    CLAUSE_STARTS,
-    FORMS,
-    NOUNS,
-    OTHER_WORDS,
-    QUESTION_STARTS,
-    SHORT_CORRECTABLE,
-)
-from nsdr.language.phrases import PHRASES
-from nsdr.language.rules import Slot
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.language.slots import CATEGORY, Slot, in_order
+from nsdr.language.texts import english
+from nsdr.world.nouns import ADJECTIVES, NOUNS
 
-__all__ = ["Normal", "normal_form"]
+__all__ = [
+    "AMBIGUOUS",
+    "FUNCTION_WORDS",
+    "MEANINGS",
+    "OTHER_WORDS",
+    "Normal",
+    "corrected",
+    "normal_form",
+    "replacements",
+    "rewritten",
+]
 
 MIN_CORRECTED_LETTERS = 4
-"""Shorter words are not corrected, and only to words that are longer or in `SHORT_CORRECTABLE`."""
+"""Shorter words are not corrected, and only to words that are longer or among the lexicon's SHORT ones."""
 LONG_LETTERS = 7
 """Misspelt words are corrected to any known word of at least so many letters."""
 _TOKEN = re.compile(r"'s\b|[^\W_]+|[,.;:]")
-_CONTRACTIONS = tuple(
-    (re.compile(pattern), words)
-    for pattern, words in (
-        (r"[\u2018\u2019`]", "'"),
-        (r"\bwon't\b", "will not"),
-        (r"\b(?:can't|cannot)\b", "can not"),
-        (r"n't\b", " not"),
-        (r"'ll\b", " will"),
-        (r"'re\b", " are"),
-        (r"'ve\b", " have"),
-        (r"'d\b", " would"),
-        (r"\bi'm\b", "i am"),
-        (r"\b(what|where|there|who|it|that|which|how|here|when|why)'s\b", r"\1 is"),
-        (r"\bwhats\b", "what is"),
-        (r"\bwhich (?:thing|object)s?(?= (?:caused?s?|led|leads|made|makes|triggered)\b)", "which"),
-        (r"\bwhich (?:thing|object)s?(?= (?:is|was|are|were) (?:not )?responsible)", "which"),
-        (r"\bcollision events?\b", "collisions"),
-        (r"\bnext things?\b", "next event"),
-        (r"\bof (?:the following|these) (?:things|objects)\b", "of the following"),
-        (r"\bthe (first|second|last)(?: one)? (to|that|which)\b", r"the \1 object \2"),
-        (r"\btheres\b", "there is"),
-        (r"\bgoing to be\b", "going to"),
-        (r"\bcolou?red\b", ""),
-        (r"\bnothing to do with\b", "no part in"),
-        (r"\b(any|some)thing\b|\banyone\b", "any object"),
-        (r"\bno ?thing\b", "no object"),
-        (r"\ban(?:other one)\b", "another object"),
-        (r"\ban\b", "a"),
-    )
-)
-_CATEGORY = {word: name for name, words in ATTRIBUTES.items() for word in words}
 _BREAKS = frozenset(",.;:")
+
+
+@cache
+def replacements(name: str) -> tuple[tuple[re.Pattern[str], str], ...]:
+    """(pattern, replacement) of the file `NAME.txt`, in its order; see the head of phrases.txt for the notation."""
+    names: dict[str, str] = {}
+    found = []
+    for line in _lines(name):
+        if line.startswith("<") and " = " in line:
+            key, _, value = line.partition(" = ")
+            names[key] = value
+            continue
+        pattern, arrow, replacement = line.partition(" =>")
+        assert arrow, f"{name}.txt: no replacement: {line}"
+        for key in reversed(names):
+            pattern = pattern.replace(key, names[key])
+        found.append((re.compile(pattern), f" {replacement.strip()} "))
+    return tuple(found)
+
+
+def _lines(name: str) -> list[str]:
+    text = files("nsdr.language").joinpath(f"{name}.txt").read_text("utf-8")
+    return [line for line in text.splitlines() if line and not line.startswith("#")]
+
+
+def rewritten(text: str, name: str) -> str:
+    """A text with the replacements of the file `NAME.txt`."""
+    for pattern, replacement in replacements(name):
+        changed = pattern.sub(replacement, text)
+        if changed != text:
+            text = " ".join(changed.split())
+    return text
+
+
+def _word_lists(name: str) -> dict[str, list[str]]:
+    """The words of each head of the file `NAME.txt`."""
+    found: dict[str, list[str]] = {}
+    for line in _lines(name):
+        if not line.startswith(" "):
+            head, _, line = line.partition(":")
+        found[head] = [*found.get(head, []), *line.split()]
+    return found
+
+
+_LEXICON, _MEANINGS = _word_lists("lexicon"), _word_lists("meanings")
+QUESTION_STARTS = frozenset(_LEXICON.pop("QUESTION"))
+CLAUSE_STARTS = frozenset(_LEXICON.pop("CLAUSE"))
+_SHORT = frozenset(_LEXICON.pop("SHORT"))
+OTHER_WORDS = frozenset(_LEXICON.pop("OTHER"))
+"""Words that are near to known ones and mean something else; they are not corrected."""
+FUNCTION_WORDS = frozenset(_MEANINGS.pop("FUNCTION"))
+"""Words of normal forms that say nothing by themselves."""
+AMBIGUOUS = frozenset(_MEANINGS.pop("AMBIGUOUS"))
+"""Words of texts that the phrases rewrite in one of several senses."""
+MEANINGS = {word: meaning for meaning, words in _MEANINGS.items() for word in words}
+"""Words of normal forms that a program must express, and what they mean."""
+FORMS = {word: form for form, words in _LEXICON.items() for word in words}
+"""Word -> its normal form."""
 
 
 @dataclass(frozen=True)
@@ -91,44 +119,39 @@ class Normal:
         return tuple(w if isinstance(w, str) else w.form for w in self.words)
 
 
-def normal_form(text: str, unknown: str = "error") -> Normal:
+def normal_form(text: str, keep_unknown: bool = False) -> Normal:
     """The normal form of a text.
 
     Args:
         text: English text.
-        unknown: what to do with an unknown word: "error", "keep", or "ignore" to leave it out.
-
-    Raises:
-        QuestionError: an unknown word that is no misspelling of a known one; names it.
+        keep_unknown: leave unknown words as they are; they are corrected or left out otherwise.
     """
-    normal = _normal(text, unknown == "keep")
-    if normal.left_out and unknown == "error":
-        raise QuestionError(f"unknown word {normal.left_out[0]!r} in {text!r}")
-    return normal
+    return _normal(text, keep_unknown)
 
 
 @lru_cache(maxsize=1 << 12)
-def _normal(text: str, is_kept: bool) -> Normal:
-    """The normal form, with unknown words as they are (`is_kept`), or corrected or left out."""
-    words, corrections, left_out = _known_words(text, is_kept)
+def _normal(text: str, keep_unknown: bool) -> Normal:
+    words, corrections, left_out = _known_words(text, keep_unknown)
     parts = _in_order(_with_noun_phrases(words))
-    slots = [part for part in parts if isinstance(part, Slot)]
-    rewritten = _rewritten(" ".join(part if isinstance(part, str) else part.form for part in parts))
-    remaining = iter(slots)
+    slots = iter([part for part in parts if isinstance(part, Slot)])
     forms = frozenset(("N", "NS", "O", "OS", "A"))
-    return Normal(tuple(next(remaining) if word in forms else word for word in rewritten), corrections, left_out)
+    found = _phrases_rewritten(" ".join(part if isinstance(part, str) else part.form for part in parts))
+    return Normal(tuple(next(slots) if word in forms else word for word in found), corrections, left_out)
 
 
-def _known_words(text: str, is_kept: bool) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
+@lru_cache(maxsize=1 << 15)
+def _phrases_rewritten(text: str) -> tuple[str, ...]:
+    return tuple(rewritten(text, "phrases").split())
+
+
+def _known_words(text: str, keep_unknown: bool) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
     """Normal forms of the words, the corrected words, and those that are left out."""
-    text = text.lower()
-    for pattern, replacement in _CONTRACTIONS:
-        text = pattern.sub(replacement, text)
+    text = rewritten(re.sub("[\u2018\u2019`]", "'", text.lower()), "spellings")
     words: list[str] = []
     corrections: list[tuple[str, str]] = []
     left_out: list[str] = []
     for word in _TOKEN.findall(text):
-        known = word if word in _KNOWN or word in _BREAKS or is_kept else corrected(word)
+        known = word if word in _KNOWN or word in _BREAKS or keep_unknown else corrected(word)
         if not known:
             left_out.append(word)
             continue
@@ -189,12 +212,10 @@ def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
 
 def _append_slot(parts: list[str | Slot], form: str, words: Sequence[str]) -> None:
     """Append a noun phrase; words that name an attribute twice stay apart, so that no rule fits."""
-    if len({_CATEGORY[w] for w in words}) < len(words):
+    if len({CATEGORY[w] for w in words}) < len(words):
         parts += [Slot("A", (word,)) for word in words]
         return
-    ordered = tuple(sorted(words, key=lambda w: list(ATTRIBUTES).index(_CATEGORY[w])))
-    bare = {"N": "O", "NS": "OS"}
-    parts.append(Slot(form if ordered else bare[form], ordered))
+    parts.append(Slot(form if words else {"N": "O", "NS": "OS"}[form], in_order(words)))
 
 
 _POSTMODIFIERS = (
@@ -246,18 +267,9 @@ def _question_start(parts: Sequence[str | Slot]) -> int:
     return 0
 
 
-@lru_cache(maxsize=1 << 15)
-def _rewritten(text: str) -> tuple[str, ...]:
-    for pattern, replacement in PHRASES:
-        changed = pattern.sub(replacement, text)
-        if changed != text:
-            text = " ".join(changed.split())
-    return tuple(text.split())
-
-
 def _words_of_patterns() -> set[str]:
     found: set[str] = set()
-    for pattern, _ in PHRASES:
+    for pattern, _ in replacements("phrases"):
         found.update(re.findall(r"(?<![\\A-Za-z])[a-z]+", re.sub(r"\\[a-zA-Z]", " ", pattern.pattern)))
     return found
 
@@ -267,12 +279,12 @@ _CENTRAL = frozenset(
     | {word for form in FORMS.values() for word in form.split()}
     | ADJECTIVES.keys()
     | NOUNS.keys()
-    | ENGLISH.words
+    | english().words
 )
-_KNOWN = frozenset({"'s", "one", "ones"} | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
+_KNOWN = frozenset({"one", "ones"} | FUNCTION_WORDS | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
 """All words that a text may have."""
 _CORRECTABLE = frozenset(
-    {word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in SHORT_CORRECTABLE}
+    {word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in _SHORT}
     | {word for word in _KNOWN if len(word) >= LONG_LETTERS}
 )
 """Words that misspelt ones are corrected to."""

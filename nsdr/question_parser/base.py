@@ -1,9 +1,9 @@
-"""A question and its choices as programs, from texts or as they are given."""
+"""What question parsers have in common, and a question with its choices as programs."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
 
-from nsdr.errors import NsdrError, QuestionError
+from nsdr.errors import EndpointError, NsdrError, QuestionError
 from nsdr.question_parser.suggestions import suggestion
 from nsdr.symbolic import Program
 from nsdr.symbolic.program import ProgramSource
@@ -12,11 +12,33 @@ from nsdr.types import Scene
 __all__ = ["Parser", "read_programs"]
 
 
-class Parser(Protocol):
-    """Turns texts into programs, as `QuestionParser` does."""
+class Parser(ABC):
+    """Turns texts into programs."""
 
-    def parse(self, text: str, kind: str) -> Program:
-        """The program of a text."""
+    @abstractmethod
+    def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
+        """Programs of many texts of one kind; for a text that has none, the error of `parse`.
+
+        Raises:
+            EndpointError: the server of the parser fails, whatever the texts are.
+        """
+
+    def parse(self, text: str, kind: str = "descriptive") -> Program:
+        """The program of one text.
+
+        Args:
+            text: a question or choice in English.
+            kind: "descriptive", "multiple_choice" or "choice".
+
+        Raises:
+            QuestionError: an unknown kind, an empty text, an unknown word or character, a text of another kind, or one that no
+                program stands for.
+            DataError: a text longer than `Limits.text_characters`.
+        """
+        (program,) = self.parse_batch([text], kind)
+        if isinstance(program, NsdrError):
+            raise program
+        return program
 
 
 def read_programs(
@@ -70,6 +92,6 @@ def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Progra
     try:
         return parser.parse(text, kind)
     except QuestionError as e:
-        if type(e) is not QuestionError:  # of the parser, whatever the text is
+        if isinstance(e, EndpointError):  # of the parser, whatever the text is
             raise
         return QuestionError(f"{e}{suggestion(text, scene, kind)}")
