@@ -41,10 +41,10 @@ def serve(options: Any) -> int:
     check_installed("gradio", "the page needs Gradio", "web")
     check_installed("av", "writing videos needs PyAV", "web")
     from nsdr.apps.clips import Clips
-    from nsdr.apps.web import ServerConfig, serve as serve_page
+    from nsdr.apps.web import serve as serve_page
 
-    config = ServerConfig(options.host, options.port, options.max_megabytes)
-    serve_page(Clips(pipeline, options.max_seconds), files, config, _say)
+    clips = Clips(pipeline, options.max_seconds)
+    serve_page(clips, files, _say, options.host, options.port, options.max_megabytes)
     return 0
 
 
