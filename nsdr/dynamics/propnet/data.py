@@ -1,7 +1,7 @@
-"""Training data of the propagation networks: real and simulated tracks, or videos, with their true collisions."""
+"""Training data of the propagation networks: tracks, or videos, with their true collisions."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ from tqdm import tqdm
 
 from nsdr import tracking
 from nsdr.clevrer.dataset import CLEVRER, Split
-from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation
 from nsdr.clevrer.files.truth_blocks import read_truth, truth_block
@@ -19,17 +18,16 @@ from nsdr.dynamics.motion_states import MotionStates, object_features, states_fr
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patches import object_patches
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, find_files
+from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_npz
 from nsdr.io.video import read_frames
 from nsdr.tracking.tracker import track
-from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import Event, SceneObject
 from nsdr.world.timeline import VIDEO_FRAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
-__all__ = ["SIMULATED_SCENE", "MotionDataset", "read_image_dataset", "read_motion_dataset"]
+__all__ = ["MotionDataset", "read_image_dataset", "read_motion_dataset"]
 
 Row = dict[str, NDArray[Any]]
 
@@ -41,12 +39,6 @@ MAX_OBJECTS = 7
 """Scenes with more tracked objects are skipped; the arrays are padded to this number."""
 NO_COLLISION = -1000
 """Entry of `MotionDataset.collision_frame` for pairs that do not collide, further from the video than any window (frames)."""
-SIMULATED_SCENE = -1
-"""Entry of `MotionDataset.scene` for simulated scenes."""
-SIMULATED_NOISE_WORLD = 0.005
-"""Standard deviation of the noise added to simulated positions (world units), about that of tracks of official proposals."""
-SIMULATED_NOISE_SEED = 0
-"""Seed of that noise."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +46,7 @@ class MotionDataset:
     """Motion of S scenes over F frames, padded to N = `MAX_OBJECTS` objects.
 
     Attributes:
-        scene: (S,) int, video index; `SIMULATED_SCENE` for simulated scenes.
+        scene: (S,) int, video index.
         location_world: (S, N, F, 2) float32, positions on the ground as in `MotionStates` (world units).
         detected: (S, N, F) bool, detected in that frame.
         reliable: (S, N, F) bool, detected, not cut by the image's border and not hidden.
@@ -111,7 +103,6 @@ def read_motion_dataset(
     truth: str | Path,
     cache: str | Path | None = None,
     limit: int | None = None,
-    simulated: str | Path | None = None,
 ) -> MotionDataset:
     """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
@@ -120,17 +111,12 @@ def read_motion_dataset(
         truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.truth_blocks.read_truth`.
         cache: an NPZ file that keeps the result. It is read where it was made from the same files, `limit` and
             versions, and written otherwise.
-        limit: maximum number of real scenes; None for all.
-        simulated: folder of a dataset made by `nsdr generate dataset`. Its scenes come last, with noise; each gives two: the
-            first and the last `VIDEO_FRAMES` of its frames.
+        limit: maximum number of scenes; None for all.
 
     Raises:
         DataError: a missing or unreadable file, a video without truth, or no scene that fits.
     """
-    files = find_files(simulated, "truth_*.json") if simulated else []
-    if simulated and not files:
-        raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
-    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=[VERSION, tracking.VERSION, limit])
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth)], config=[VERSION, tracking.VERSION, limit])
     kept = None if cache is None else _kept(Path(cache), made_from)
     if kept is not None and kept.keys() == MotionDataset.__dataclass_fields__.keys():
         return MotionDataset(**kept)
@@ -149,7 +135,6 @@ def read_motion_dataset(
             states = states_from_tracks(track(video_proposals))
             if MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
                 rows.append(_row(video, states, blocks[video]))
-    rows += _simulated(files)
     if not rows:
         raise DataError(
             f"{proposals}: holds no video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects"
@@ -229,32 +214,6 @@ def _kept(path: Path, made_from: str) -> Row | None:
 def _keep(path: Path, made_from: str, arrays: Row) -> None:
     with atomic_path(path) as temporary:
         np.savez(temporary, fingerprint=np.array(made_from), **arrays)  # type: ignore[arg-type]
-
-
-def _simulated(files: Sequence[Path]) -> Iterator[Row]:
-    """Rows of the two windows of every truth file."""
-    rng = np.random.default_rng(SIMULATED_NOISE_SEED)
-    for file in tqdm(files, desc="simulated", unit="scene", disable=not files):
-        truth = read_truth_file(file)
-        if len(truth["frames"]) < VIDEO_FRAMES:
-            raise DataError(f"{file}: frames: expected {VIDEO_FRAMES} or more, got {len(truth['frames'])}")
-        try:
-            for first in (0, len(truth["frames"]) - VIDEO_FRAMES):
-                tracks = tracks_from_motion(truth["objects"], truth["frames"][first : first + VIDEO_FRAMES])
-                states = states_from_tracks(tracks)
-                if not MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
-                    continue
-                noise = rng.normal(size=states.location_world.shape) * SIMULATED_NOISE_WORLD
-                collisions = [
-                    {"object": c["object_ids"], "frame": c["frame_id"] - first}
-                    for c in truth["collisions"]
-                    if first < c["frame_id"] < first + VIDEO_FRAMES
-                ]
-                objects = [{**o, "id": o["object_id"]} for o in truth["objects"]]
-                states = replace(states, location_world=states.location_world + noise)
-                yield _row(SIMULATED_SCENE, states, {"objects": objects, "collisions": collisions})
-        except (KeyError, TypeError, IndexError) as e:
-            raise DataError(f"{file}: not a truth file of nsdr generate dataset ({e!r})") from e
 
 
 def _row(video: int, states: MotionStates, block: dict[str, Any]) -> Row:
