@@ -326,7 +326,7 @@ def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], t
     assert main([*command, f"{tmp_path}/oe.json"]) == 2
     assert "oe.json: 7.questions: 1 rows for the scene's 2 descriptive questions" in capsys.readouterr().err
     assert main([*command, "golden"]) == 2
-    assert "programs is 'golden'; expected parsed, gold, or JSON files" in capsys.readouterr().err
+    assert "programs is 'golden'; expected parsed, network, gold, or JSON files" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ class OfficialWorld:
 
     def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
         if collisions not in ("predicted", "velocity"):
-            raise DataError(f"collisions is {collisions!r}; expected predicted or velocity")
+            raise DataError(f"collisions: expected one of predicted, velocity, got {collisions!r}")
         self.objects = [SceneObject(i, *o.triple) for i, o in enumerate(content.objects)]
         self._ids = {o.triple: o.id for o in content.objects}
         observed, *others = content.predictions
