@@ -64,7 +64,7 @@ def figures(options: Any) -> int:
 
 def _write_distribution(questions: str, path: Path) -> None:
     from nsdr.clevrer.files.questions import read_questions
-    from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
+    from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
     from nsdr.visualize.distributions import question_figure
 
     scenes = read_questions(questions)
