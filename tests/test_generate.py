@@ -19,7 +19,6 @@ from nsdr.cli.main import main
 from nsdr.generate import dataset
 from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
-from nsdr.generate.physics.resimulate import resimulate
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.records import truth_document
@@ -36,6 +35,7 @@ from nsdr.types import SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import GRAVITY, GROUND_FRICTION, LINEAR_DAMPING, STEP_SECONDS, STEPS_PER_FRAME
 from nsdr.world.shapes import hull_vertices, rendered_rotation
+from tests.resimulation import resimulate
 
 
 def ball(x: float, y: float, vx: float = 0.0, vy: float = 0.0, mass: float = 1.0) -> Body:
@@ -424,7 +424,6 @@ def test_the_manifest_and_statistics_describe_the_data_set(tiny) -> None:
     text = (Path(tiny.output) / "statistics.md").read_text()
     assert "## Collisions in a video" in text
     assert "| release | 0.5 | 35.6 |" in text
-    assert (Path(tiny.output) / "statistics.png").stat().st_size > 1000
 
 
 def test_an_interrupted_generation_resumes(tiny) -> None:
