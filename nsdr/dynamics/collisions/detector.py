@@ -6,7 +6,7 @@ import torch
 from nsdr.dynamics.collisions.features import NetworkInputs, arrays_from_states, near_pairs, network_inputs
 from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import Event
 
@@ -16,7 +16,7 @@ PEAK_STEPS = 2
 """Steps on each side of the most probable one that decide the frame of a collision."""
 
 
-class TrackCollisionDetector(PretrainedModel[CollisionNetwork]):
+class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
     """Collisions in observed motion, by a temporal network over whole tracks.
 
     Differs from the paper: the paper's network sees image patches of few frames.
