@@ -101,20 +101,6 @@ def test_removal_from_the_start_is_the_counterfactual(backend: PhysicsPredictor,
     assert pairs(backend.simulate(tracks, [Remove(0)])) == []
 
 
-def test_a_scene_is_fitted_once(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
-    backend.predict(tracks)
-    before = backend.detector.calls  # type: ignore[attr-defined]
-    backend.simulate(tracks, [Remove(0)])
-    backend.predict(tracks)
-    assert backend.detector.calls == before  # type: ignore[attr-defined]
-    backend.predict(VideoTracks(tracks.n_frames, tracks.tracks[:1]), [])
-    assert backend.detector.calls == before  # type: ignore[attr-defined]
-    config, backend.config = backend.config, PhysicsConfig(runs=4)
-    backend.simulate(tracks, [Remove(0)])
-    assert backend.detector.calls == before + 1  # type: ignore[attr-defined]
-    backend.config = config
-
-
 def test_a_removal_later_keeps_what_was_before(simulated) -> None:
     hit = simulated(SetMass(0, 1.0)).original.collisions[0].frame
     late, early = simulated(Remove("cylinder"), from_frame=hit + 4), simulated(Remove("cylinder"), from_frame=hit - 4)

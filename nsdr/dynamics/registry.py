@@ -7,7 +7,7 @@ from typing import Annotated
 
 from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.physics.config import PhysicsConfig
-from nsdr.dynamics.physics.predictor import CollisionDetector, PhysicsPredictor
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
@@ -70,26 +70,21 @@ BACKENDS: Registry[BackendFactory] = Registry(
     {
         "physics": "nsdr.dynamics.registry:_physics",
         "state": "nsdr.dynamics.registry:_state",
-        "paper": "nsdr.dynamics.registry:_paper",
-        "paper_images": "nsdr.dynamics.registry:_paper_images",
+        "paper": "nsdr.dynamics.registry:_patches",
+        "paper_images": "nsdr.dynamics.registry:_patches",
     },
 )
 """Dynamics backends by name; other packages add theirs by entry points of the group `nsdr.dynamics`."""
 
 
 def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    return PhysicsPredictor(_detector(folder), config.physics, config.shortcut, config.horizon_frame)
-
-
-def _detector(folder: Path) -> CollisionDetector:
-    """The checkpoint's collision network; the state backend's in a checkpoint without one."""
-    if any((folder / f"collisions.{suffix}").exists() for suffix in ("json", "safetensors")):
-        from nsdr.dynamics.collisions.detector import TrackCollisionDetector
-
-        return TrackCollisionDetector.from_checkpoint(folder)
+    """With the checkpoint's collision network; the state backend's in a checkpoint without one."""
+    from nsdr.dynamics.collisions import TrackCollisionDetector
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
 
-    return StatePredictor.from_checkpoint(folder)
+    has_network = any((folder / f"collisions.{suffix}").exists() for suffix in ("json", "safetensors"))
+    detector = (TrackCollisionDetector if has_network else StatePredictor).from_checkpoint(folder)
+    return PhysicsPredictor(detector, config.physics, config.shortcut, config.horizon_frame)
 
 
 def _state(folder: Path, config: BackendConfig) -> DynamicsBackend:
@@ -98,16 +93,11 @@ def _state(folder: Path, config: BackendConfig) -> DynamicsBackend:
     return StatePredictor.from_checkpoint(folder, shortcut=config.shortcut, horizon_frame=config.horizon_frame)
 
 
-def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+def _patches(folder: Path, config: BackendConfig) -> DynamicsBackend:
+    from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
 
-    return PatchPredictor.from_checkpoint(_patch_folder(folder, config), horizon_frame=config.horizon_frame)
-
-
-def _paper_images(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    from nsdr.dynamics.propnet.patch_predictor import ImagePredictor
-
-    return ImagePredictor.from_checkpoint(_patch_folder(folder, config), horizon_frame=config.horizon_frame)
+    predictor = PatchPredictor if config.backend == "paper" else ImagePredictor
+    return predictor.from_checkpoint(_patch_folder(folder, config), horizon_frame=config.horizon_frame)
 
 
 def _patch_folder(folder: Path, config: BackendConfig) -> Path:

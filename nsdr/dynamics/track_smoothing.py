@@ -1,7 +1,10 @@
 """Tracks smoothed by physics: speeds, and entrance and exit frames, once the collisions are known.
 
 Between its collisions every object slides freely, so each stretch of a track is fitted by the law of
-`nsdr.dynamics.sliding`.
+`nsdr.dynamics.sliding`. Fitted motions meet the image's border: an object enters when the first bit of its outline crosses it,
+some frames before it is detected. At the left, right and bottom borders the leading side of its box is measured; the fitted
+outline is shifted to it, because a cube's yaw is not known and fits are off by some pixels where objects are near. At the top
+border objects are far away: fits are better there than masks.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.motion_states import (
     COLLISION_MARGIN_FRAMES,
     REST_SPEED_WORLD_PER_S,
@@ -23,10 +25,18 @@ from nsdr.dynamics.motion_states import (
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
-from nsdr.world.camera import Camera, on_ground
-from nsdr.world.physics_constants import FRAME_SECONDS
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
+from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD
+from nsdr.world.shapes import surface_points
 
-__all__ = ["SmoothedTracks", "rollout_in_image", "smooth_tracks", "with_smoothed_tracks"]
+__all__ = [
+    "SmoothedTracks",
+    "border_depths",
+    "frames_in_image",
+    "rollout_in_image",
+    "smooth_tracks",
+    "with_smoothed_tracks",
+]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
@@ -37,8 +47,22 @@ MIN_STRETCH_FRAMES = 4
 `train`."""
 MAX_RESIDUAL_WORLD = 0.04
 """Stretches whose median residual is larger hide a collision and are not fitted (world units)."""
-UNKNOWN_CUBE_YAW = 0.4
-"""Yaw (radians) assumed for cubes whose yaw is not known: it gives about their mean width."""
+LEFT, TOP, RIGHT, BOTTOM = range(4)
+"""Sides of a box."""
+SIDE_SHIFT_PX = (0.45, -0.4, -0.47)
+"""Added to how far a measured side is inside the left, right and bottom border (pixels): what the side of a mask lacks to the
+true outline's. `python benchmarks/objects.py --shifts --every 5 --first 1 --scenes 800` prints it, for `train`."""
+TOP_SHIFT_PX = {"cube": 0.64, "cylinder": 1.47, "sphere": 0.42}
+"""The same for the fitted outline at the top border (pixels)."""
+LEVEL_SAMPLES, TREND_SAMPLES, MAX_SAMPLE_FRAMES = 2, 10, 30
+"""Detections that what a fitted side lacks, and its trend, are measured on; the largest number of frames to the track's end."""
+TREND_RIDGE_FRAMES2 = 50.0
+"""Added to the frames' sum of squares in the trend's regression (frames²): the trend of few detections counts little."""
+CUBE_YAW = 0.4
+"""Yaw (radians) assumed for cubes whose yaw is not known, relative to the line of sight where that matters: it gives about
+their mean width."""
+MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
+"""Objects whose centre is further outside the image, or nearer to the camera, are not in the image (world units)."""
 OUTSIDE_WORLD = -99.0
 """Coordinate given to objects whose position is not known: behind the camera, so in no image."""
 
@@ -86,7 +110,7 @@ def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
 
 def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: Camera) -> BoolArray:
     """(n, F) bool: in which frames objects at positions (n, F, 2) are in the image; NaN is not."""
-    yaw = np.full(location_world.shape[1], UNKNOWN_CUBE_YAW)
+    yaw = np.full(location_world.shape[1], CUBE_YAW)
     known = np.nan_to_num(location_world, nan=OUTSIDE_WORLD)
     if not len(shapes):
         return np.zeros(location_world.shape[:2], bool)
@@ -118,3 +142,104 @@ def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_co
         return position + distance[:, None] * direction, speeds[:, None] * direction
 
     return sliding
+
+
+def frames_in_image(
+    shape: str,
+    location_world: FloatArray,
+    detected: BoolArray,
+    box_xyxy_px: FloatArray,
+    camera: Camera = CLEVRER_CAMERA,
+) -> BoolArray:
+    """Frames of a track, and those before and after it in which the fitted outline is in the image.
+
+    Args:
+        shape: "cube", "sphere" or "cylinder".
+        location_world: (F, 2) fitted positions; NaN where nothing fits.
+        detected: (F,) bool.
+        box_xyxy_px: (F, 4) boxes of the detections.
+        camera: that took the video.
+
+    Returns:
+        (F,) bool.
+    """
+    visible = np.zeros(len(detected), bool)
+    seen = np.flatnonzero(detected)
+    if not len(seen):
+        return visible
+    first, last = int(seen[0]), int(seen[-1])
+    visible[first : last + 1] = True
+    shift = np.array([SIDE_SHIFT_PX[0], TOP_SHIFT_PX[shape], *SIDE_SHIFT_PX[1:]])
+    for end, outside in ((first, np.arange(first)[::-1]), (last, np.arange(last + 1, len(detected)))):
+        if len(outside):
+            depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px, camera)
+            inside = (depths + shift > 0).all(1)
+            visible[outside[: len(inside) if inside.all() else int(inside.argmin())]] = True
+    return visible
+
+
+def border_depths(
+    shape: str,
+    location_world: FloatArray,
+    wanted: NDArray[np.integer[Any]],
+    detected: BoolArray,
+    end: int,
+    box_xyxy_px: FloatArray,
+    camera: Camera = CLEVRER_CAMERA,
+) -> FloatArray:
+    """How far the outline's leading side is inside each border, before `SIDE_SHIFT_PX` and `TOP_SHIFT_PX` are added.
+
+    Args:
+        shape: as in `frames_in_image`, like the other arrays.
+        location_world: (F, 2).
+        wanted: (W,) frames.
+        detected: (F,).
+        end: first or last detected frame; the leading sides are measured in the detections next to it.
+        box_xyxy_px: (F, 4).
+        camera: as in `frames_in_image`.
+
+    Returns:
+        (W, 4) for the left, top, right and bottom border (pixels); NaN where a position is not known or far from the image.
+    """
+    near = np.flatnonzero(detected)
+    near = near[np.abs(near - end) <= MAX_SAMPLE_FRAMES]
+    near = near[np.argsort(np.abs(near - end), kind="stable")][:TREND_SAMPLES]
+    after = near - end
+    sides, seen = (_outline_sides(shape, location_world[frames], camera) for frames in (wanted, near))
+    # Sides that another object may hide count, too: without them, fits of objects that are cut all the time go far astray.
+    for side in (LEFT, TOP, RIGHT):  # the bottom side leads at the top border, where masks are worse than fits
+        lack = box_xyxy_px[near, side] - seen[:, side]
+        usable = np.isfinite(lack)
+        sides[:, side] += _continued(after[usable], lack[usable], wanted - end)
+    return np.stack([sides[:, RIGHT], sides[:, BOTTOM], WIDTH_PX - sides[:, LEFT], HEIGHT_PX - sides[:, TOP]], 1)
+
+
+def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: NDArray[np.integer[Any]]) -> FloatArray:
+    """What a fitted side lacks (W,) at other frames, from the detections (N,), nearest first; frames count from the end."""
+    if not len(lack):
+        return np.zeros(len(wanted_after))
+    centred = after - after.mean()
+    trend = (centred * lack).sum() / ((centred**2).sum() + TREND_RIDGE_FRAMES2)
+    return np.asarray(lack[:LEVEL_SAMPLES].mean() + trend * (wanted_after - after[:LEVEL_SAMPLES].mean()))
+
+
+def _outline_sides(shape: str, location_world: FloatArray, camera: Camera) -> FloatArray:
+    """Left, top, right and bottom (N, 4) of outlines in pixels; NaN where a position is not known or far from the image."""
+    centre = on_ground(location_world)
+    sides = np.full((len(centre), 4), np.nan)
+    with np.errstate(invalid="ignore"):
+        depth, pixel = camera.depth(centre), camera.pixels(centre)
+        margin = camera.focal_px * MARGIN_WORLD / depth[:, None]
+        near = ((pixel > -margin) & (pixel < np.array([WIDTH_PX, HEIGHT_PX]) + margin)).all(1)
+        known = np.flatnonzero(near & (depth > MARGIN_WORLD))
+    if not len(known):
+        return sides
+    points = np.repeat(surface_points(shape, CUBE_YAW)[None], len(known) if shape == "cube" else 1, axis=0)
+    if shape == "cube":
+        x, y = (centre[known, :2] - camera.eye_world[:2]).T
+        cos, sin = x / np.hypot(x, y), y / np.hypot(x, y)
+        turn = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
+        points[..., :2] = points[..., :2] @ turn
+    outline = camera.pixels(points + centre[known, None])
+    sides[known] = np.concatenate([outline.min(1), outline.max(1)], 1)
+    return sides

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.files.velocity_rule import velocity_collisions as grid_collisions
-from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
+from nsdr.dynamics.base import VideoPixels
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
@@ -48,7 +48,7 @@ class VelocityEvents:
         rule: "tuned" works on the ground plane at every frame; "paper" is the released executor's, on samples in the image.
     """
 
-    def __init__(self, backend: DynamicsBackend, rule: str = "tuned") -> None:
+    def __init__(self, backend: Any, rule: str = "tuned") -> None:
         self.backend = backend
         self.rule = rule
         if rule not in RULES:
@@ -63,7 +63,7 @@ class VelocityEvents:
     @property
     def reads_images(self) -> bool:
         """Whether the backend does."""
-        return reads_images(self.backend)
+        return bool(getattr(self.backend, "reads_images", False))
 
     def predict(
         self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
@@ -72,10 +72,7 @@ class VelocityEvents:
         states = states_from_tracks(tracks)
         seen = Rollout(states.location_world, states.present, ())
         before = velocity_collisions(seen, self.rule, tracks.camera) if observed is None else tuple(observed)
-        if reads_images(self.backend):
-            prediction = self.backend.predict(tracks, before, pixels)
-        else:
-            prediction = self.backend.predict(tracks, before)
+        prediction = self.backend.predict(tracks, before, *([pixels] if self.reads_images else []))
         met = {e.objects for e in before}
         ahead = velocity_collisions(_from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.rule, tracks.camera)
         later = [e for e in ahead if e.frame >= tracks.n_frames and e.objects not in met]

@@ -68,15 +68,14 @@ class FittedScene:
         self.position = np.where(known, smoothed.location_world, fitted.motion.position)
         self.velocity = np.where(known, smoothed.velocity_world_per_s, fitted.motion.velocity)
         met = {i for e in observed for i in e.objects}
-        self.mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
         # Each run draws its masses, positions, velocities and yaws in this order.
         noise = np.random.default_rng(config.seed).normal(size=(config.runs - 1, 6 * n))
-        self.perturbations = Perturbations(
-            config.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2),
-            config.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2),
-            config.yaw_noise * noise[:, 5 * n :],
-            np.exp(self.mass_noise * noise[:, :n]),
-        )
+        state = np.zeros((config.runs - 1, n, 6))
+        state[..., :2] = config.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2)
+        state[..., 2:4] = config.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2)
+        state[..., 4] = config.yaw_noise * noise[:, 5 * n :]
+        mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
+        self.perturbations = Perturbations(state, np.exp(mass_noise * noise[:, :n]))
         self.uncertain = [
             UncertainCollision(event, p) for event, p in found.candidates if MIN_PROBABILITY <= p <= 1 - MIN_PROBABILITY
         ]
@@ -244,22 +243,12 @@ class FittedScene:
                 rebound[i, j] = rebound[j, i] = self.fitted.rebound[i, j]
         else:
             rebound[:old, :old] = self.fitted.rebound
-        p = self.perturbations
-
-        def perturbed(values: FloatArray, exact: BoolArray | None, neutral: float) -> FloatArray:
-            """Added objects and what interventions give exactly are not perturbed."""
-            padded = np.full((len(values), n, *values.shape[2:]), neutral)
-            padded[:, :old] = values
-            if exact is not None:
-                padded[:, exact] = neutral
-            return padded
-
-        perturbations = Perturbations(
-            perturbed(p.position, changed.exact_position, 0.0),
-            perturbed(p.velocity, changed.exact_velocity, 0.0),
-            perturbed(p.yaw, None, 0.0),
-            perturbed(p.mass, changed.exact_mass, 1.0),
-        )
+        # Added objects and what interventions give exactly are not perturbed.
+        state, mass = np.zeros((self.config.runs - 1, n, 6)), np.ones((self.config.runs - 1, n))
+        state[:, :old], mass[:, :old] = self.perturbations.state, self.perturbations.mass
+        state[:, changed.exact_position, :2] = state[:, changed.exact_velocity, 2:4] = 0.0
+        mass[:, changed.exact_mass] = 1.0
+        perturbations = Perturbations(state, mass)
         return simulate_perturbed(
             changed.bodies, changed.exists, self.total, perturbations, rebound, prescribed, from_frame
         )

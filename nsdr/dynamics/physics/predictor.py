@@ -6,7 +6,7 @@ observed motion; the rest is simulated, many times with states perturbed by thei
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -27,8 +27,6 @@ __all__ = ["CollisionDetector", "PhysicsPredictor"]
 VELOCITY_ERROR_WORLD_PER_S = 0.02
 """Standard deviation of each component of the observed velocities (world units/s): 95 % of errors of speeds are within 1.645
 of them, rounded (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`)."""
-KEPT_FITS = 16
-"""Fits that a predictor keeps, as many as a pipeline keeps perceptions."""
 
 
 class CollisionDetector(Protocol):
@@ -61,14 +59,13 @@ class PhysicsPredictor:
         self.config = config or PhysicsConfig()
         self.shortcut = shortcut
         self.horizon_frame = horizon_frame
-        self._fits: list[tuple[VideoTracks, tuple[Any, ...], FittedScene]] = []
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
         if not tracks.tracks:
             return DynamicsPrediction((), tracks.n_frames, self._empty(tracks.n_frames), {})
-        scene = self._fit_of(tracks, observed)
+        scene = self._fitted(states_from_tracks(tracks), observed)
         rollout = with_smoothed_tracks(scene.rollout(), scene.smoothed)
         objects = scene.states.objects
         counterfactual = {o.id: scene.rollout(o.id) for o in objects}
@@ -78,13 +75,19 @@ class PhysicsPredictor:
 
     @limit_threads(1)
     def simulate(self, tracks: VideoTracks, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
-        """The video's motion with interventions, beside that without; see `nsdr.dynamics.interventions.Intervenes`.
+        """The video's motion with interventions, beside that without.
 
-        The fits of the most recent tracks are kept, so further simulations of a video cost little.
+        Args:
+            tracks: the video's objects.
+            interventions: changes of the scene, all at `from_frame`.
+            from_frame: a frame of the video.
+
+        Raises:
+            DataError: an object that is not there, or a change that is impossible; says why with the numbers.
         """
         if not tracks.tracks:
             raise DataError("interventions: the video has no objects")
-        scene = self._fit_of(tracks, None)
+        scene = self._fitted(states_from_tracks(tracks), None)
         changes = resolve(interventions, scene.states.objects, scene.smoothed.visible, from_frame)
         changed, changed_yaw = scene.what_if(changes, from_frame)
         before, yaw = scene.original(len(changes.added), from_frame)
@@ -107,17 +110,6 @@ class PhysicsPredictor:
         if not states.objects:
             return self._empty(states.present.shape[1])
         return self._fitted(states, None).rollout()
-
-    def _fit_of(self, tracks: VideoTracks, observed: Sequence[Event] | None) -> FittedScene:
-        """The fitted scene of tracks, which is kept for the most recent ones."""
-        parts = (self.detector, self.config, self.shortcut, self.horizon_frame)
-        key = (*parts, None if observed is None else tuple(observed))
-        for kept, its_key, scene in self._fits:
-            if kept is tracks and all(a is b or a == b for a, b in zip(its_key, key, strict=True)):
-                return scene
-        scene = self._fitted(states_from_tracks(tracks), observed)
-        self._fits = [(tracks, key, scene), *self._fits[: KEPT_FITS - 1]]
-        return scene
 
     def _fitted(self, states: MotionStates, observed: Sequence[Event] | None) -> FittedScene:
         given = None if observed is None else [(event, 1.0) for event in observed]

@@ -110,14 +110,12 @@ class Perturbations:
     """Changes of the start of further runs.
 
     Attributes:
-        position, velocity: (R, n, 2) added, at all frames where motion is prescribed; bodies at rest get no velocity.
-        yaw: (R, n) added.
+        state: (R, n, 6) added to rows (x, y, vx, vy, yaw, spin), also at all frames where motion is prescribed; bodies at rest
+            get no velocity.
         mass: (R, n) factors.
     """
 
-    position: FloatArray
-    velocity: FloatArray
-    yaw: FloatArray
+    state: FloatArray
     mass: FloatArray
 
 
@@ -140,7 +138,7 @@ def simulate(
         start: first frame.
     """
     n = len(bodies.shape)
-    none = Perturbations(np.zeros((0, n, 2)), np.zeros((0, n, 2)), np.zeros((0, n)), np.zeros((0, n)))
+    none = Perturbations(np.zeros((0, n, 6)), np.zeros((0, n)))
     return simulate_perturbed(bodies, exists, n_frames, none, rebound, prescribed, start)[0]
 
 
@@ -171,9 +169,7 @@ def simulate_perturbed(
     if prescribed is not None:
         rows = _rows(prescribed.position, prescribed.velocity, prescribed.yaw, prescribed.spin)
         until, collisions = np.array(prescribed.until, np.int64), np.ascontiguousarray(prescribed.collisions, np.int64)
-    changes = np.zeros((len(perturbations.yaw) + 1, n, 6))
-    changes[1:, :, :2], changes[1:, :, 2:4] = perturbations.position, perturbations.velocity
-    changes[1:, :, 4] = perturbations.yaw
+    changes = np.concatenate([np.zeros((1, n, 6)), perturbations.state])
     masses = mass * np.concatenate([np.ones((1, n)), perturbations.mass])
     runs = [
         _run(shape, state, change, own_mass, exists, rebounds, rows, until, collisions, start, n_frames)

@@ -99,10 +99,7 @@ class MotionDataset:
 
 
 def read_motion_dataset(
-    proposals: str | Path,
-    truth: str | Path,
-    cache: str | Path | None = None,
-    limit: int | None = None,
+    proposals: str | Path, truth: str | Path, cache: str | Path | None = None, limit: int | None = None
 ) -> MotionDataset:
     """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
