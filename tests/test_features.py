@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import save_file
 from torchvision import models
 
 from nsdr import DataError
@@ -135,9 +136,11 @@ def test_a_killed_extraction_goes_on_where_it_stopped(videos, config, tmp_path, 
     monkeypatch.setattr(extraction, "frames_of", killed)
     with pytest.raises(KeyboardInterrupt):
         extract_features(run)
-    missing = {3, 12} - {int(p.stem) for p in (tmp_path / "out" / "maps").glob("*.npy")}
+    missing = {3, 12} - {int(p.stem) for p in (tmp_path / "out").glob("*.safetensors")}
     assert len(missing) == 1
-    with pytest.raises(DataError, match=f"{missing.copy().pop():05d}.npy: no such file; run `nsdr extract-features`"):
+    with pytest.raises(
+        DataError, match=f"{missing.copy().pop():05d}.safetensors: no such file; run `nsdr extract-features`"
+    ):
         FeatureCache(tmp_path / "out").get(missing.pop(), {"maps"})
     assert extract_features(run) == 2
     assert len(looked) == 3  # the first video was not looked at again
@@ -174,22 +177,23 @@ def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
     with pytest.raises(DataError, match="holds no features; `nsdr extract-features --root DATA"):
         FeatureCache(out)
     extract_features(FeatureExtraction(str(videos), str(out), features=config, workers=1))
-    path = feature_file(out, "maps", 3)
+    path = feature_file(out, 3)
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(DataError, match=r"00003.npy: damaged .* delete it"):
+    with pytest.raises(DataError, match=r"00003.safetensors: damaged .* delete it"):
         FeatureCache(out).get(3, {"maps"})
-    for kind in config.kinds:  # what the message says helps for every kind
-        feature_file(out, kind, 3).unlink()
-        extract_features(FeatureExtraction(str(videos), str(out), features=config, workers=1))
-        assert FeatureCache(out).get(3, {kind})[kind].shape == config.shape(kind)
-    np.save(path, np.zeros((3, 256, 2, 2), np.float16))
-    with pytest.raises(DataError, match=r"expected \(3, 256, 1, 3\) of float16, got \(3, 256, 2, 2\)"):
+    path.unlink()
+    extract_features(
+        FeatureExtraction(str(videos), str(out), features=config, workers=1)
+    )  # what the message says helps
+    assert FeatureCache(out).get(3, {"maps"})["maps"].shape == config.shape("maps")
+    save_file({"maps": np.zeros((3, 256, 2, 2), np.float16)}, path)
+    with pytest.raises(DataError, match=r"maps: expected \(3, 256, 1, 3\), got \(3, 256, 2, 2\)"):
         FeatureCache(out).get(3, {"maps"})
     (out / "features.json").write_text("[1]")
     with pytest.raises(DataError, match="not the manifest of a folder of features"):
         FeatureCache(out)
     with pytest.raises(DataError, match=r"holds no video_N.mp4"):
-        extract_features(FeatureExtraction(str(out / "maps"), str(tmp_path / "more"), features=config))
+        extract_features(FeatureExtraction(str(out), str(tmp_path / "more"), features=config))
 
 
 def test_the_grid_has_the_means_of_the_maps(config) -> None:
