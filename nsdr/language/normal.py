@@ -226,6 +226,7 @@ _POSTMODIFIERS = (
     ("made", "from"),
     ("that", "be"),
     ("which", "be"),
+    (),
 )
 
 
@@ -236,6 +237,8 @@ def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
         for words in _POSTMODIFIERS:
             end = i + 1 + len(words)
             attribute = parts[end] if end < len(parts) else ""
+            if not words and (i == 0 or parts[i - 1] not in ("any", "no")):  # "anything red"
+                continue
             if not isinstance(noun, Slot) or noun.form == "A" or not isinstance(attribute, Slot):
                 continue
             if attribute.form == "A" and tuple(parts[i + 1 : end]) == words:
@@ -249,14 +252,52 @@ def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
 
 def _in_order(parts: list[str | Slot]) -> list[str | Slot]:
     """The question first and a clause in front of it last; without commas and stops."""
+    parts = _without_front(parts)
     split = _question_start(parts) if parts and parts[0] in CLAUSE_STARTS else 0
     ordered = [*parts[split:], *parts[:split]]
     return [part for part in ordered if part not in _BREAKS]
 
 
+def _without_front(parts: list[str | Slot]) -> list[str | Slot]:
+    """A text with what stands before its first break in the place of "it", "its", "then" or "that", if that refers to it.
+
+    "The cube: what is its color?" becomes "what is the color of the cube", "The cube enters; what moves then?" "what moves when
+    the cube enters".
+    """
+    end = next((i for i, part in enumerate(parts) if part in _BREAKS), 0)
+    front, rest = parts[:end], [part for part in parts[end:] if part not in _BREAKS]
+    while front and front[0] in ("regarding", "about", "concerning", "consider", "take", "there", "be", "for"):
+        front = front[1:]
+    if not any(isinstance(part, Slot) for part in front) or set(front) & (QUESTION_STARTS - {"be", "do", "have"}):
+        return parts
+    if front[0] in ("we", "you", "i"):
+        return [*rest, "if", *front] if {"what", "which"}.intersection(rest) else parts
+    if front[0] == "a" or isinstance(front[0], Slot):
+        front = ["the", *front[front[0] == "a" :]]
+    if front[0] != "the":
+        return parts
+    if "it" in rest or "its" in rest:
+        found: list[str | Slot] = []
+        for part in rest:
+            if found[-2:-1] == ["its"]:
+                found[-2:] = ["the", found[-1], "of", *front]
+            found += front if part == "it" else [part]
+        return [*found[:-2], "the", found[-1], "of", *front] if found[-2:-1] == ["its"] else found
+    if rest[-2:] == ["for", "that"]:
+        return [*rest[:-1], *front]
+    for words in (["then"], *(["at", that, time] for that in ("that", "the") for time in ("time", "point", "moment"))):
+        if rest[-len(words) :] == words:
+            return [*rest[: -len(words)], "when", *front]
+    return parts
+
+
 def _question_start(parts: Sequence[str | Slot]) -> int:
     for i in range(2, len(parts)):
         if parts[i - 1] in _BREAKS and parts[i] in QUESTION_STARTS:
+            return i
+    for i in range(2, len(parts)):
+        is_subject = parts[i] == "the" or isinstance(parts[i], Slot)
+        if parts[i - 1] in _BREAKS and is_subject and {"what", "which"}.intersection(parts[i:]):
             return i
     for i in range(2, len(parts)):
         if parts[i] in ("how", "what", "which", "why"):
