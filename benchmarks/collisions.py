@@ -1,7 +1,7 @@
 """Observed collisions one by one: what is missed and why, how probabilities are calibrated, and the weights of the evidence.
 
 `python benchmarks/collisions.py --proposals FILE.npz --truth FILE.json.gz [--every 5] [--scenes N]` lists the
-missed and the false collisions of the physics backend; `--weights` fits `EvidenceWeights` instead. `--every 5` keeps the scenes
+missed and the false collisions of the physics backend; `--weights` fits those of `Evidence`. `--every 5` keeps the scenes
 whose index 5 divides: those of `train` that the collision network was not trained on.
 """
 
@@ -19,8 +19,7 @@ from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
-from nsdr.dynamics.physics.collision_evidence import Evidence
-from nsdr.dynamics.physics.collision_search import CollisionSearch, search_collisions
+from nsdr.dynamics.physics.collision_search import CollisionSearch, Evidence, search_collisions
 from nsdr.dynamics.registry import load_backend
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
@@ -101,9 +100,9 @@ def print_errors(videos: list[Video], backend: Any) -> None:
     counts = dict.fromkeys(("missing", "extra", "frame", "found", "network missing", "network extra"), 0)
     no_candidate = 0
     for video in videos:
-        config = backend.config.search
-        search = CollisionSearch(video.states, video.candidates, config, backend.smoothing.measurement)
-        found = search_collisions(video.states, video.candidates, config, backend.smoothing.measurement)[0]
+        config = backend.config
+        search = CollisionSearch(video.states, video.candidates, config)
+        found = search_collisions(video.states, video.candidates, config)[0]
         frames = {e.objects: e.frame for e in found}
         counts["found"] += len(frames)
         counts["network missing"] += len(video.true.keys() - search.probable)
@@ -159,10 +158,10 @@ def print_weights(videos: list[Video], backend: Any) -> None:
     """Logistic regression on the evidence for uncertain pairs, given the other collisions that the detector finds probable."""
     rows, labels, groups = [], [], []
     for video in videos:
-        search = CollisionSearch(video.states, video.candidates, backend.config.search, backend.smoothing.measurement)
+        search = CollisionSearch(video.states, video.candidates, backend.config)
         for pair in search.uncertain:
             e = search.evidence(pair, search.probable)
-            rows.append((1.0, e.network, -e.gap, e.fit))
+            rows.append((1.0, e.network, e.gap, e.fit))
             labels.append(pair in video.true)
             groups.append(video.index)
     x, y, fold = np.array(rows) / SCALES, np.array(labels), np.array(groups) // 5 % FOLDS

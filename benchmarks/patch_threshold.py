@@ -10,8 +10,7 @@ import argparse
 from dataclasses import replace
 
 from nsdr.dynamics.metrics import collision_scores
-from nsdr.dynamics.propnet.image_predictor import ImagePredictor
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
 from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
 from nsdr.training.run_folder import parse_training
 from nsdr.training.track_task import DynamicsTraining

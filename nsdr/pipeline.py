@@ -4,7 +4,6 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,8 +11,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
-from nsdr.dynamics.interventions import intervenes, simulate_removal
+from nsdr.dynamics.base import DynamicsBackend, VideoPixels
+from nsdr.dynamics.interventions import simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
@@ -195,10 +194,8 @@ class Pipeline:
         """
         if not isinstance(config, PipelineConfig):
             config = pipeline_settings(config or "", dynamics if isinstance(dynamics, str | Path) else "")
-        elif isinstance(dynamics, str | Path) and dynamics:
+        if isinstance(dynamics, BackendConfig) or dynamics:
             config = replace(config, dynamics=backend_settings(dynamics))
-        if isinstance(dynamics, BackendConfig):
-            config = replace(config, dynamics=dynamics)
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
@@ -291,12 +288,12 @@ class Pipeline:
             if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
                 warnings.warn(f"{video}: {doubt}", stacklevel=2)
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
-            if reads_images(self.dynamics):
-                dynamics = self.dynamics.predict(tracks, observed, self._pixels(video, proposals))
-            elif observed is None:
-                dynamics = self.dynamics.predict(tracks)
-            else:
-                dynamics = self.dynamics.predict(tracks, observed)
+            more: list[Any] = [] if observed is None else [observed]
+            if getattr(self.dynamics, "reads_images", False):
+                if video is None or proposals is None:
+                    raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
+                more = [observed, VideoPixels(self.frames(video), proposals)]
+            dynamics = self.dynamics.predict(tracks, *more)
         perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics))
         if key is not None:
             self._kept[key] = (parts, perception)
@@ -328,19 +325,10 @@ class Pipeline:
         stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
         given: dict[str, Any] = {stage: video}
         seen: Any = self.perceive(**given)
-        if intervenes(self.dynamics):
-            return self.dynamics.simulate(seen.tracks, interventions, from_frame)
+        backend: Any = self.dynamics
+        if hasattr(backend, "simulate"):
+            return backend.simulate(seen.tracks, interventions, from_frame)
         return simulate_removal(seen.dynamics, interventions, from_frame, type(self.dynamics).__name__)
-
-    def _collisions_with(self, video: str | Path, change: Intervention, from_frame: int) -> Sequence[Event]:
-        """The collisions of a video, and after it, with an intervention, for the executor."""
-        return self.simulate(video, [change], from_frame).changed.collisions
-
-    def _pixels(self, video: str | Path | None, proposals: VideoProposals | None) -> VideoPixels:
-        """What a backend that reads images gets."""
-        if video is None or proposals is None:
-            raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
-        return VideoPixels(self.frames(video), proposals)
 
     def answer(
         self,
@@ -373,8 +361,12 @@ class Pipeline:
         given = video_or_scene if isinstance(video_or_scene, Scene) else None
         parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
         scene = self.perceive(video_or_scene).scene if given is None else given  # type: ignore[arg-type]
-        simulate = None if isinstance(video_or_scene, Scene) else partial(self._collisions_with, video_or_scene)
-        executor = Executor(scene, self.semantics, simulate=simulate)
+
+        def collisions_with(change: Intervention, from_frame: int) -> Sequence[Event]:
+            """Of the video, and after it, for questions "what if"."""
+            return self.simulate(video_or_scene, [change], from_frame).changed.collisions  # type: ignore[arg-type]
+
+        executor = Executor(scene, self.semantics, simulate=collisions_with if given is None else None)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from nsdr import SceneObject, VideoTracks
-from nsdr.dynamics.collisions.detector import TrackCollisionDetector
+from nsdr.dynamics.collisions import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import MotionArrays, arrays_from_states, near_pairs, network_inputs
 from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks

@@ -6,14 +6,13 @@ import torch
 
 from nsdr import DataError, Event, StatePredictor
 from nsdr.clevrer.files.truth_blocks import read_truth
-from nsdr.dynamics.image_borders import frames_in_image
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.dynamics.track_smoothing import smooth_tracks
+from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image

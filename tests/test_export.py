@@ -28,7 +28,7 @@ from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
 from nsdr.generate.export import EXPORTERS, Export, ExportConfig, Exporter, export_dataset, scene_records
 from nsdr.generate.export.base import write_json_lines
-from nsdr.generate.export.reasoning import reasoner
+from nsdr.generate.export.records import reasoner
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
 from nsdr.rewards import trace_verified

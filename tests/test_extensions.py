@@ -17,10 +17,9 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.questions import Choice, read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
-from nsdr.dynamics.motion_states import MeasurementConfig
 from nsdr.dynamics.physics import PhysicsPredictor
-from nsdr.dynamics.physics.mass_uncertainty import log_mass_covariance
-from nsdr.dynamics.physics.trajectory_fit import TrajectoryFitConfig, _Problem, fit_trajectories
+from nsdr.dynamics.physics.solver import log_mass_covariance
+from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
@@ -373,7 +372,7 @@ def test_the_fit_knows_how_well_it_knows_masses() -> None:
     states, collision = measured(PAIRS["spheres"])
     met, unmet = fit_trajectories(states, [collision]), fit_trajectories(states, [])
     np.testing.assert_allclose(unmet.log_mass_covariance, LOG_MASS_STD**2 * np.eye(2))
-    problem = _Problem(states, [collision], TrajectoryFitConfig(), MeasurementConfig()).problem
+    problem = _Problem(states, [collision]).problem
     failed = log_mass_covariance(problem, [("log_mass", 0, 0)], np.eye(1), 1.01)
     np.testing.assert_allclose(failed, LOG_MASS_STD**2 * np.eye(2))
     c = met.log_mass_covariance

@@ -11,7 +11,7 @@ import pytest
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.questions import Choice, Question, read_questions
 from nsdr.cli.main import main
-from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
+from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.visualize import program_curve, question_figure, sample_image, training_curves
 from nsdr.visualize.samples import RIGHT_COLOR, WRONG_COLOR, _lines

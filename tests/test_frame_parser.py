@@ -414,7 +414,6 @@ def test_an_object_that_enters_in_the_last_frames_is_kept() -> None:
     assert late.frame_index.tolist() == list(range(122, 128))
     assert len(track(at(range(127, 128), 16)).tracks) == 1
     assert len(track(at(range(125, 127), 16)).tracks) == 1  # in two of the last three frames
-    assert track(at(range(126, 128), 16), TrackerConfig(min_late_frames=3)).tracks == ()  # seen in too few frames
     assert track(at(range(100, 106), 16)).tracks == ()  # not until the end
     assert track(at(range(122, 128), 200)).tracks == ()  # not from the border
 

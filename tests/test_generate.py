@@ -16,11 +16,9 @@ from nsdr import DataError
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
-from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.generate import dataset
 from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
-from nsdr.generate.physics.resimulate import resimulate
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.records import truth_document
@@ -28,7 +26,6 @@ from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, released_statistics
-from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
 from nsdr.io.video import read_video
 from nsdr.symbolic import Executor
@@ -38,6 +35,7 @@ from nsdr.types import SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import GRAVITY, GROUND_FRICTION, LINEAR_DAMPING, STEP_SECONDS, STEPS_PER_FRAME
 from nsdr.world.shapes import hull_vertices, rendered_rotation
+from tests.resimulation import resimulate
 
 
 def ball(x: float, y: float, vx: float = 0.0, vy: float = 0.0, mass: float = 1.0) -> Body:
@@ -426,7 +424,6 @@ def test_the_manifest_and_statistics_describe_the_data_set(tiny) -> None:
     text = (Path(tiny.output) / "statistics.md").read_text()
     assert "## Collisions in a video" in text
     assert "| release | 0.5 | 35.6 |" in text
-    assert (Path(tiny.output) / "statistics.png").stat().st_size > 1000
 
 
 def test_an_interrupted_generation_resumes(tiny) -> None:
@@ -557,22 +554,3 @@ def test_resimulation_finds_masses(scenes) -> None:
     ((expected, found),) = result.frames.values()
     assert expected == found
     assert result.error_world[:, -1].max() < 0.05
-
-
-def test_simulated_scenes_are_training_data_for_the_dynamics(
-    scenes: list[SimulatedScene], tiny_motion, tmp_path
-) -> None:
-    for k, scene in enumerate(scenes[:2]):
-        write_json(tmp_path / f"truth/truth_{k:05d}.json", truth_document(scene, k, Camera()))
-    data = read_motion_dataset(*tiny_motion, simulated=tmp_path / "truth")
-    assert data.scene.tolist() == [0, 1, 2, 3, -1, -1, -1, -1]
-    for k, scene in enumerate(scenes[:2]):
-        early, later = (data.states(4 + 2 * k + part)[1] for part in (0, 1))
-        true = sorted(c.frame for c in scene.motion.contacts)
-        assert sorted(e.frame for e in early) == [f for f in true if 0 < f < 128]
-        assert sorted(e.frame + 51 for e in later) == [f for f in true if 51 < f < 179]
-    (tmp_path / "truth/truth_00000.json").write_text("{}")
-    with pytest.raises(DataError, match="truth: missing key 'objects'"):
-        read_motion_dataset(*tiny_motion, simulated=tmp_path / "truth")
-    with pytest.raises(DataError, match="has no truth files"):
-        read_motion_dataset(*tiny_motion, simulated=tmp_path / "nothing")

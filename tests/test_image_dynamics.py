@@ -14,11 +14,10 @@ from nsdr.clevrer.files.annotations import write_annotation
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.base import VideoPixels
 from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.dynamics.propnet.image_model import ImageModel
-from nsdr.dynamics.propnet.image_patches import object_patches
-from nsdr.dynamics.propnet.image_predictor import ImagePredictor
 from nsdr.dynamics.propnet.layers import PropNet
-from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.patch_model import ImageModel, PatchModelConfig
+from nsdr.dynamics.propnet.patch_predictor import ImagePredictor
+from nsdr.dynamics.propnet.patches import object_patches
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.evaluation import EvaluationConfig, run_evaluation
@@ -219,7 +218,7 @@ def test_the_network_learns_a_few_windows(root, tmp_path) -> None:
 
 def test_patches_are_kept_and_mirrored_with_the_boxes(root, tmp_path, monkeypatch) -> None:
     task = ImageModelTask(training(root, tmp_path))
-    monkeypatch.setattr("nsdr.dynamics.propnet.image_data.read_frames", lambda _: pytest.fail("decoded again"))
+    monkeypatch.setattr("nsdr.dynamics.propnet.data.read_frames", lambda _: pytest.fail("decoded again"))
     again = ImageModelTask(training(root, tmp_path))
     (example,) = task.draw(1, np.random.default_rng(0))
     first, second = (task.collate([example._replace(mirror=m)]) for m in (1.0, -1.0))

@@ -19,7 +19,8 @@ from nsdr.cli import simulate as command
 from nsdr.dynamics.interventions import find_object, resolve, simulate_removal
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.changed_bodies import change_bodies
-from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
@@ -98,20 +99,6 @@ def test_removal_from_the_start_is_the_counterfactual(backend: PhysicsPredictor,
         found = [(d.event, d.probability) for d in simulation.changed.uncertain or ()]
         assert found == [(d.event, d.probability) for d in rollout.uncertain or ()]
     assert pairs(backend.simulate(tracks, [Remove(0)])) == []
-
-
-def test_a_scene_is_fitted_once(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
-    backend.predict(tracks)
-    before = backend.detector.calls  # type: ignore[attr-defined]
-    backend.simulate(tracks, [Remove(0)])
-    backend.predict(tracks)
-    assert backend.detector.calls == before  # type: ignore[attr-defined]
-    backend.predict(VideoTracks(tracks.n_frames, tracks.tracks[:1]), [])
-    assert backend.detector.calls == before  # type: ignore[attr-defined]
-    config, backend.config = backend.config, PhysicsConfig(runs=4)
-    backend.simulate(tracks, [Remove(0)])
-    assert backend.detector.calls == before + 1  # type: ignore[attr-defined]
-    backend.config = config
 
 
 def test_a_removal_later_keeps_what_was_before(simulated) -> None:

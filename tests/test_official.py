@@ -114,6 +114,9 @@ ROWS = [
     ("in small letters, too", "<start> objects count <end> objects", "3"),
     ("so does the null token", "objects count <NULL> exist", "3"),
     ("unknown tokens are values", "objects count nonsense", "nonsense"),
+    ("so are those beyond CLEVRER", "objects null filter_fastest", "filter_fastest"),
+    ("what is left below, and sets that are empty", "objects yellow filter_color objects count", "3"),
+    ("a number of no object", "objects count null filter_moving count", "error"),
     ("unknown tokens fit no module", "objects nonsense filter_color count", "error"),
     ("what is left below the top is ignored", "objects objects count", "3"),
     ("missing arguments", "count", "error"),
@@ -326,7 +329,7 @@ def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], t
     assert main([*command, f"{tmp_path}/oe.json"]) == 2
     assert "oe.json: 7.questions: 1 rows for the scene's 2 descriptive questions" in capsys.readouterr().err
     assert main([*command, "golden"]) == 2
-    assert "programs is 'golden'; expected parsed, gold, or JSON files" in capsys.readouterr().err
+    assert "programs is 'golden'; expected parsed, network, gold, or JSON files" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

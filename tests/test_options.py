@@ -1,6 +1,5 @@
 """Options and configurations are refused before work starts, in one line; exit statuses; limits."""
 
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -9,13 +8,10 @@ from nsdr import DataError
 from nsdr.clevrer.example import TRUTH, VIDEO
 from nsdr.cli.common import failures_line
 from nsdr.cli.main import main, outcome_of
-from nsdr.dynamics.physics.predictor import PhysicsConfig
-from nsdr.dynamics.physics.trajectory_fit import TrajectoryFitConfig
+from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.dynamics.registry import BackendConfig
-from nsdr.dynamics.track_smoothing import SmoothingConfig
-from nsdr.dynamics.velocity_events import VelocityConfig
 from nsdr.evaluation import EvaluationConfig
 from nsdr.evaluation.experiments import read_experiment
 from nsdr.frame_parser.dataset import AugmentConfig
@@ -42,20 +38,16 @@ NAN, INF = float("nan"), float("inf")
     ("kind", "values", "name"),
     [
         (TrackerConfig, {"score": 1.1}, "score"),
-        (TrackerConfig, {"max_gap_frames": 0}, "max_gap_frames"),
-        (TrackerConfig, {"gate_world": NAN}, "gate_world"),
+        (TrackerConfig, {"min_frames": -1}, "min_frames"),
+        (TrackerConfig, {"score": NAN}, "score"),
         (TrackerConfig, {"min_frames": 1.5}, "min_frames"),
         (PipelineConfig, {"stride": 0}, "stride"),
         (PipelineConfig, {"batch_size": -1}, "batch_size"),
         (BackendConfig, {"horizon_frame": 10**6}, "horizon_frame"),
         (BackendConfig, {"collisions": "zebra"}, "collisions"),
         (PhysicsConfig, {"runs": 0}, "runs"),
-        (PhysicsConfig, {"closeness_world": 0.0}, "closeness_world"),
-        (TrajectoryFitConfig, {"robust_scale": 0.0}, "robust_scale"),
-        (TrajectoryFitConfig, {"evaluations": 0}, "evaluations"),
-        (SmoothingConfig, {"max_residual_world": -1.0}, "max_residual_world"),
-        (VelocityConfig, {"rule": "zebra"}, "rule"),
-        (VelocityConfig, {"span_frames": 0}, "span_frames"),
+        (PhysicsConfig, {"yaw_noise": -1.0}, "yaw_noise"),
+        (PhysicsConfig, {"restarts": -1}, "restarts"),
         (StateModelConfig, {"hidden": 10**9}, "hidden"),
         (StateModelConfig, {"collision_threshold": True}, "collision_threshold"),
         (PatchModelConfig, {"channels": (16, 0, 64)}, "channels"),
@@ -107,12 +99,6 @@ NAN, INF = float("nan"), float("inf")
 def test_configurations_check_themselves(kind, values, name) -> None:
     with pytest.raises(DataError, match=name):
         kind(**values)
-
-
-def test_every_field_of_the_fit_is_a_number_in_range() -> None:
-    for field in fields(TrajectoryFitConfig):
-        with pytest.raises(DataError, match=field.name):
-            TrajectoryFitConfig(**{field.name: -1})
 
 
 PARSE = ["parse-video", VIDEO, "-o", "OUT/scene.json"]

@@ -15,11 +15,11 @@ from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.generate.physics.bullet import Simulator
-from nsdr.generate.physics.resimulate import resimulate
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.world.vocabulary import SHAPES
+from tests.resimulation import resimulate
 
 pytestmark = pytest.mark.real_data
 MOTION = {"filter_moving", "filter_stationary"}

@@ -1,7 +1,5 @@
 """Programs as token lists, and the benchmark of the executor."""
 
-from pathlib import Path
-
 import pytest
 
 from benchmarks import executor as benchmark
@@ -49,41 +47,6 @@ def test_the_limit_on_tokens_holds(small_scene: Scene, monkeypatch) -> None:
             executor.run(program)
 
 
-STUB = """
-class Simulation:
-    def __init__(self, path, use_event_ann=True):
-        assert use_event_ann
-        with open(path) as file:
-            self.text = file.read()
-"""
-
-
-def test_the_benchmark_runs_the_released_code_of_a_clone(tmp_path: Path, capsys) -> None:
-    folder = tmp_path / "clone" / "executor"
-    folder.mkdir(parents=True)
-    (folder / "simulation.py").write_text(STUB)
-    (folder / "executor.py").write_text(
-        "class Executor:\n    def __init__(self, sim):\n        assert 'predictions' in sim.text\n"
-        "    def run(self, program, debug=False):\n        assert 'get_frame' not in program\n"
-    )
-    benchmark.main(["--scenes", "2", "--repeats", "1", "--official", str(tmp_path / "clone")])
-    output = capsys.readouterr().out
-    assert "released code, programs" in output
-    assert "not at hand" not in output
-
-
-def test_the_benchmark_says_what_is_no_clone_and_that_none_is_given(tmp_path: Path, capsys) -> None:
-    with pytest.raises(SystemExit):
-        benchmark.main(["--scenes", "1", "--repeats", "1", "--official", str(tmp_path)])
-    assert "expected a clone with executor/executor.py" in capsys.readouterr().err
+def test_the_benchmark_runs(capsys) -> None:
     benchmark.main(["--scenes", "1", "--repeats", "1"])
-    assert "the released code is not at hand" in capsys.readouterr().out
-
-
-def test_released_names() -> None:
-    assert benchmark.released_names(["objects", "end", "get_frame"]) == [
-        "objects",
-        "events",
-        "filter_end",
-        "query_frame",
-    ]
+    assert "answers with traces" in capsys.readouterr().out

@@ -1,5 +1,6 @@
 """Is a video one of CLEVRER's scenes? Classes, layouts, cuts, and the messages about files that are no videos."""
 
+import sys
 import warnings
 import wave
 
@@ -17,7 +18,6 @@ from nsdr.frame_parser.check.shots import first_shot
 from nsdr.frame_parser.check.video import check_video, clip_frames, look
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
-from nsdr.io import video
 from nsdr.io.video import VideoSample, read_frames, read_video, write_video
 from nsdr.world.camera import Camera
 
@@ -321,15 +321,12 @@ def test_codecs_are_named(tmp_path, monkeypatch) -> None:
     with pytest.raises(VideoError, match=r"sound\.mp4: holds sound \(aac\) but no video"):
         read_video(tmp_path / "sound.mp4")
     encoded(tmp_path / "v.mp4", "libsvtav1")
-    message = r"v\.mp4: AV1 video, which OpenCV cannot decode here; convert it to H\.264"
-    with pytest.raises(VideoError, match=message):
+    with pytest.raises(
+        VideoError, match=r"v\.mp4: \w*av1\w* video, which OpenCV cannot decode here; convert it to H\.264"
+    ):
         read_video(tmp_path / "v.mp4")
-
-    def missing(_):
-        raise ImportError
-
-    monkeypatch.setattr(video, "_streams", missing)  # without PyAV
-    with pytest.raises(VideoError, match=message):
+    monkeypatch.setitem(sys.modules, "av", None)  # without PyAV
+    with pytest.raises(VideoError, match=r"v\.mp4: not a video that OpenCV can read; convert it to H\.264"):
         read_video(tmp_path / "v.mp4")
 
 

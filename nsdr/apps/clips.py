@@ -37,7 +37,7 @@ class Clip:
     Attributes:
         path: its video file.
         perception: what was found in it.
-        notes: what is doubtful about it, a sentence each.
+        notes: what is uncertain about it, a sentence each.
         jpegs: its frames as JPEG files, which takes a hundredth of the memory.
     """
 

@@ -9,9 +9,7 @@ import os
 import re
 import tempfile
 import threading
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial, wraps
 from itertools import count
 from pathlib import Path
@@ -27,7 +25,7 @@ from nsdr.types.interventions import Intervention
 from nsdr.visualize.annotate import write_annotated_video
 from nsdr.visualize.timeline import timeline_html
 
-__all__ = ["ServerConfig", "serve"]
+__all__ = ["serve"]
 
 log = logging.getLogger(__name__)
 
@@ -52,43 +50,38 @@ POLICY = (
 """Content-Security-Policy of every reply: browsers fetch nothing from other hosts."""
 
 
-@dataclass(frozen=True)
-class ServerConfig:
-    """Where the page is, and what it takes.
-
-    Attributes:
-        host: address to listen on.
-        port: TCP port.
-        max_megabytes: size of the largest upload.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 7860
-    max_megabytes: int = 50
-
-
-def serve(clips: Clips, files: Mapping[str, Path], config: ServerConfig, started: Callable[[str], None]) -> None:
+def serve(
+    clips: Clips,
+    files: Mapping[str, Path],
+    started: Callable[[str], None],
+    host: str = "127.0.0.1",
+    port: int = 7860,
+    max_megabytes: int = 50,
+) -> None:
     """Run the page until the process is interrupted.
 
     Args:
         clips: does the work.
         files: clips to pick from, by the names that visitors see.
-        config: where, and what it takes.
         started: called with the page's address when it is there.
+        host: address to listen on.
+        port: TCP port.
+        max_megabytes: size of the largest upload.
 
     Raises:
         DataError: the address cannot be listened on.
     """
-    with tempfile.TemporaryDirectory(prefix="nsdr-page-") as folder, _environment(folder):
+    with tempfile.TemporaryDirectory(prefix="nsdr-page-") as folder:
+        os.environ |= {"GRADIO_ANALYTICS_ENABLED": "False", "GRADIO_TEMP_DIR": str(Path(folder) / "uploads")}
         import gradio as gr
 
         page = _Page(gr, clips, files, Path(folder)).build()
         page.queue(max_size=QUEUE)
         try:
             _, address, _ = page.launch(
-                server_name=config.host,
-                server_port=config.port,
-                max_file_size=f"{config.max_megabytes}mb",
+                server_name=host,
+                server_port=port,
+                max_file_size=f"{max_megabytes}mb",
                 share=False,
                 prevent_thread_lock=True,
                 quiet=True,
@@ -100,29 +93,13 @@ def serve(clips: Clips, files: Mapping[str, Path], config: ServerConfig, started
                 app_kwargs={"middleware": [(_Policy, (), {})]},
             )
         except OSError as e:
-            where = f"--host {config.host} --port {config.port}"
+            where = f"--host {host} --port {port}"
             raise DataError(f"{where}: cannot be listened on, or is in use; choose another port") from e
         try:
             started(address)
             threading.Event().wait()
         finally:
             page.close(verbose=False)
-
-
-@contextmanager
-def _environment(folder: str) -> Iterator[None]:
-    """Gradio sends no analytics, and keeps its files in a folder."""
-    changed = {"GRADIO_ANALYTICS_ENABLED": "False", "GRADIO_TEMP_DIR": str(Path(folder) / "uploads")}
-    before = {name: os.environ.get(name) for name in changed}
-    os.environ.update(changed)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 class _Policy:
@@ -225,15 +202,7 @@ class _Page:
             return self._watch(Path(path), progress)
 
         def simulated(
-            path: str,
-            kind: str,
-            name: str | None,
-            frame: float,
-            a: float,
-            b: float,
-            c: float,
-            d: float,
-            progress: Any = bar,
+            path: str, kind: str, name: str, frame: float, a: float, b: float, c: float, d: float, progress: Any = bar
         ) -> Any:
             return self._simulate(path, menus.intervention(kind, name, [a, b, c, d]), int(frame), progress)
 
@@ -368,8 +337,11 @@ class _Page:
         progress(0.0, desc="simulating")
         simulation = self.clips.simulate(clip, [change], frame)
         video = self._new_file()
-        draw = partial(_drawing, progress)
-        write_comparison(video, list(clip.frames()), simulation, PRESET, draw, clip.perception.camera)
+
+        def drawing(done: int, total: int) -> None:
+            progress(done / total, desc=f"drawing frame {done}")
+
+        write_comparison(video, list(clip.frames()), simulation, PRESET, drawing, clip.perception.camera)
         return difference_panel(simulation), str(video)
 
     def _new_file(self) -> Path:
@@ -379,10 +351,6 @@ class _Page:
             if all(old != video for video, _ in self.shown.values()):
                 old.unlink()
         return self.folder / f"{next(self.names)}.mp4"
-
-
-def _drawing(progress: Callable[..., Any], done: int, total: int) -> None:
-    progress(done / total, desc=f"drawing frame {done}")
 
 
 def _without_folders(message: str) -> str:

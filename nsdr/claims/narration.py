@@ -10,7 +10,7 @@ from itertools import combinations, pairwise
 from string import ascii_uppercase
 from typing import Any, Literal, get_args
 
-from nsdr.claims.reading import STATES, written
+from nsdr.claims.reading import written
 from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
 from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
@@ -273,7 +273,7 @@ def _class_of(steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> 
             if motion or trace[step.inputs[0]].kind != Kind.OBJECTS:
                 return None
             motion, frame = MOTION_FILTERS[step.token], trace[step.inputs[1]].value
-            motion = motion if frame is not None else STATES["ever" if motion == "moving" else "never"]
+            motion = motion if frame is not None else "ever moving" if motion == "moving" else "never moving"
         elif step.token not in OBJECT_FILTERS or steps[step.inputs[1]].inputs:
             return None
         index = step.inputs[0]

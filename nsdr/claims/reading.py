@@ -5,12 +5,13 @@ condition that the grammar does not know makes the sentence unread, and never a 
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 from nsdr.claims.grammar import GRAMMAR, NORMAL
-from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.language.slots import Slot
 from nsdr.symbolic.phrases import indefinite
 from nsdr.world.nouns import ADJECTIVES, NOUNS
@@ -20,8 +21,14 @@ __all__ = ["STATES", "read_sentence", "written"]
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 """Number words, in order."""
-ORDERS = {"earlier": "before", "afterwards": "after"}
-STATES = {"moving": "moving", "stationary": "stationary", "ever": "ever moving", "never": "never moving"}
+STATES = ("moving", "stationary")
+"""States of motion at a frame; "ever moving" and "never moving" are those of the whole video."""
+_VALUES: dict[str, Callable[[str], Any]] = {
+    "number": int,
+    "words": lambda value: (value.replace("-", " "),),
+    "negated": bool,
+}
+"""What makes the value of a field from a line's text; others are texts."""
 _ADJECTIVE = "|".join(ADJECTIVES)
 _NUMBER = r"\d{1,3}|" + "|".join(NUMBERS)
 _TOKEN = re.compile(
@@ -61,7 +68,6 @@ def read_sentence(text: str, last_frame: int) -> tuple[Statement, ...]:
     """
     words, slots = _tokens(text)
     slots |= {
-        "zero": _Slot("Q", "", number=0),
         "first": _Slot("F", "", number=0),
         "last": _Slot("F", "", number=last_frame),
     }
@@ -143,36 +149,24 @@ def _statement(tokens: list[str], slots: dict[str, _Slot]) -> Statement | None:
         return found
 
     for token in tokens:
+        name, given, value = token.partition("=")
         if token in slots:
             pending.append(slots[token])
+        elif given:
+            said.append((name, _VALUES[name](value) if name in _VALUES else value))
         elif token in PAST_KINDS:
             events.append(EventPhrase(token, phrases()))
         elif token == "at" and events and events[-1].frame is None:
             events[-1] = replace(events[-1], frame=pending.pop().number)
-        elif token in ("at", "number"):
-            said.append(("frame" if token == "at" else "number", pending.pop().number))
-        elif token in ("before", "after"):
-            said += [("relation", token), ("frame", pending.pop().number)]
+        elif token in ("at", "frame", "number"):
+            said.append((token.replace("at", "frame"), pending.pop().number))
         elif token == "who":
             said += [("number", slot.number) for slot in pending if slot.number is not None]
             said.append(("objects", phrases()))
         elif token == "without":
             said.append(("removed", phrases()[0]))
-        elif token == "attribute":
-            words = tuple(word for phrase in phrases() for word in phrase.words)
-            said += [("kind", token), ("words", words)]
-        elif token in ORDERS:
-            said += [("kind", "order"), ("relation", ORDERS[token])]
-        elif token.startswith("nth-"):
-            said += [("kind", "order"), ("number", PLACES[token.removeprefix("nth-")])]
-        elif token in STATES:
-            said.append(("words", (STATES[token],)))
-        elif token in ATTRIBUTES:
-            said.append(("attribute", token))
-        elif token in ("not", "modal", "later"):
-            said.append(({"not": "negated"}.get(token, token), True))
-        elif token != "whole":
-            said.append(("kind", token))
+        elif token == "words":
+            said.append(("words", tuple(word for phrase in phrases() for word in phrase.words)))
     fields = dict(said)
     modal, later = fields.pop("modal", False), fields.pop("later", False)
     if len(dict(said)) < len(said) or (modal and not (later or "removed" in fields)):
@@ -199,7 +193,7 @@ def _complete(said: Statement, later: bool) -> Statement | None:
             event.frame is None and (said.frame is None or bool(said.relation)) and (not world or said.kind == world)
         )
     elif said.kind in ("motion", "count"):
-        if said.frame is not None and said.words == (STATES["ever"],):
+        if said.frame is not None and said.words == ("ever moving",):
             said = replace(said, words=("moving",))
         over_video = said.words[0] not in STATES
         valid = not world and ((said.kind == "motion" and said.frame is None) or over_video == (said.frame is None))
@@ -230,37 +224,34 @@ def _line(said: Statement, slots: list[_Slot]) -> list[str]:
     def things(*phrases: ObjectPhrase) -> list[str]:
         return [slot("N" if p.definite else "A", p.text) for p in phrases]
 
-    def at(frame: int | None, *end: str) -> list[str]:
-        return [] if frame is None else [slot("F", f"frame {frame}"), *end]
+    def at(frame: int | None, name: str) -> list[str]:
+        return [] if frame is None else [slot("F", f"frame {frame}"), name]
 
-    events, frame = said.events, said.frame
-    if said.kind in (*PAST_KINDS.values(), "future", "counterfactual") and not said.relation:
-        frame = events[0].frame
-        events = (replace(events[0], frame=None),)
+    happening = said.kind in (*PAST_KINDS.values(), "future", "counterfactual")
+    events, number = said.events, said.number if said.kind != "order" else None
+    frame = None if said.relation else events[0].frame if happening else said.frame
+    kind = "" if happening and number is None else "count" if happening else said.kind
     line = [*things(said.removed), "without", "|"] if said.removed else []
-    line += ["later", "|"] if said.kind == "future" else []
-    line += at(frame, "at", "|") if not said.relation else []
-    number = said.number if said.kind != "order" else None
-    many = number is not None and number > 1
-    if number is None or not said.objects:
-        line += [*things(*said.objects), "who"] if said.objects else []
-        line += [] if number is None else [slot("QS" if many else "Q", str(number)) if number else "zero", "number"]
-    else:
-        text = f"{number or 'no'} {Slot('NS' if many else 'N', said.objects[0].words).text}"
-        line += [slot("KS" if many else "K", text), "who"]
+    line += ["later=yes", "|"] if said.kind == "future" else []
+    line += [*at(frame, "frame"), "|"] if frame is not None else []
+    many = "S" if number is not None and number > 1 else ""
+    if number is not None and said.objects:
+        text = f"{number or 'no'} {Slot(f'N{many}', said.objects[0].words).text}"
+        line += [slot(f"K{many}", text), "who"]
+    elif said.objects:
+        line += [*things(*said.objects), "who"]
+    elif number is not None:
+        line += [slot(f"Q{many}", str(number)), "number"] if number else ["number=0"]
     for event in events:
-        line += [*things(*event.objects), event.kind, *at(event.frame, "at")]
-    if said.kind == "attribute":
+        line += [*things(*event.objects), event.kind, *([] if happening else at(event.frame, "at"))]
+    if kind == "attribute":
         noun = said.words[-1] in ATTRIBUTES["shape"] and not said.attribute
         line += [slot("A", indefinite(Slot("N", said.words).text))] if noun else [slot("W", w) for w in said.words]
-    if said.kind == "order":
-        line += [f"nth-{place}" for place, number in PLACES.items() if number == said.number]
-        line += [token for token, relation in ORDERS.items() if relation == said.relation]
-    elif said.kind in ("attribute", "presence", "motion", "count", "cause"):
-        line.append(said.kind)
-    elif number is not None:
-        line.append("count")  # of collisions after the video
-    line += [token for token, state in STATES.items() if said.words == (state,)]
-    line += [said.attribute] * bool(said.attribute) + ["not"] * said.negated
-    line += ["modal"] if said.removed else ["whole"] if said.kind == "count" and events and not said.relation else []
-    return line + (at(said.frame, said.relation) if said.relation and said.frame is not None else [])
+        line.append("words")
+    line += [f"kind={kind}"] if kind else []
+    line += [f"words={said.words[0].replace(' ', '-')}"] if said.words and kind != "attribute" else []
+    line += [f"attribute={said.attribute}"] if said.attribute else []
+    line += [f"number={said.number}"] if said.number is not None and said.kind == "order" else []
+    line += ["negated=yes"] * said.negated + ["modal=yes"] * bool(said.removed)
+    line += at(said.frame, "frame") if said.relation else []
+    return line + [f"relation={said.relation}"] * (bool(said.relation) or (said.kind == "count" and bool(events)))

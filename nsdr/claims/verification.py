@@ -8,7 +8,7 @@ from typing import overload
 from nsdr.claims.judge import ClaimJudge, Verdict
 from nsdr.claims.reading import read_sentence
 from nsdr.claims.statements import Statement
-from nsdr.types import Event, Scene
+from nsdr.types import Scene
 from nsdr.types.checks import check, check_whole
 
 __all__ = ["TOLERANCE_FRAMES", "Claim", "Verification", "verify"]
@@ -32,7 +32,7 @@ _OTHER_WORLD = re.compile(
     r"missing|not exist|delet\w+|eliminat\w+|ignor\w+|exclud\w+|tak(?:e|ing|en)\b.*\b(?:away|out))\b",
     re.IGNORECASE,
 )
-"""Words that make doubtful what follows an unread sentence: it may be about another course of events, or be reported."""
+"""Words that make uncertain what follows an unread sentence: it may be about another course of events, or be reported."""
 _DENIAL = re.compile(
     r"^\W*(?:no,|wait\b|actually\b|hmm\b|correction\b|oops\b|sorry\b)|"
     r"^\W*(?:but |however,? )?(?:this|that|it|which)\b.*\b(?:not|false|wrong|incorrect|untrue|never|impossible|unclear)\b|"
@@ -43,38 +43,38 @@ _DENIAL = re.compile(
 """Sentences that take back what the one before them says, unless they are claims themselves."""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A fact that a text states.
+@dataclass(frozen=True, kw_only=True)
+class Claim(Verdict):
+    """A fact that a text states, and whether it holds.
 
     Attributes:
         text: the sentence that states it.
         start: position of the sentence's first character in the text.
         end: position after its last one.
-        kind: "attribute", "presence" (of objects, or how many there are), "count" (of events, or of moving or resting objects),
-            "entrance", "exit", "collision", "order", "motion", "future", "counterfactual" or "cause".
-        objects: ids of the objects that are named, as far as the text says which.
-        frame: the stated frame; None if there is none.
-        holds: whether it does; None if that can't be checked.
-        reason: why it does not hold or can't be checked; "" if it holds.
-        negated: whether the sentence denies something, or counts none.
-        event: the event of the scene that it is about, if it holds and is about one.
-        vacuous: whether it counts none of a class of which the scene has no object ("no yellow cube enters").
         statement: what was read.
     """
 
     text: str
     start: int
     end: int
-    kind: str
-    objects: tuple[int, ...]
-    frame: int | None
-    holds: bool | None
-    reason: str
-    negated: bool
-    event: Event | None
-    vacuous: bool
     statement: Statement
+
+    @property
+    def kind(self) -> str:
+        """`Statement.kind`."""
+        return self.statement.kind
+
+    @property
+    def frame(self) -> int | None:
+        """The stated frame; None if there is none."""
+        frames = [self.statement.frame, *(e.frame for e in self.statement.events)]
+        return next((f for f in frames if f is not None), None)
+
+    @property
+    def negated(self) -> bool:
+        """Whether the sentence denies something, or counts none."""
+        said = self.statement
+        return said.negated or said.number == 0 or said.words == ("never moving",)
 
 
 @dataclass(frozen=True)
@@ -131,11 +131,11 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
     claims: list[Claim] = []
     skipped: list[tuple[int, int]] = []
     said: list[Claim] = []  # by the sentence before
-    doubtful = ""
+    uncertain = ""
     last_line = -1
     for sentence in _sentences(text):
-        if sentence.line != last_line and (doubtful == "line" or sentence.after_gap):
-            doubtful = ""
+        if sentence.line != last_line and (uncertain == "line" or sentence.after_gap):
+            uncertain = ""
         last_line = sentence.line
         shown = text[sentence.start : sentence.end]
         statements = read_sentence(sentence.plain, scene.n_frames - 1) if sentence.readable else ()
@@ -145,32 +145,16 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
         said = []
         for statement in statements:
             verdict = judge.judge(statement)
-            if doubtful and statement.kind not in OTHER_COURSES:
+            if uncertain and statement.kind not in OTHER_COURSES:
                 verdict = Verdict(None, "a sentence before it may open another course of events", verdict.objects)
-            frames = [statement.frame, *(e.frame for e in statement.events)]
-            said.append(
-                Claim(
-                    shown,
-                    sentence.start,
-                    sentence.end,
-                    statement.kind,
-                    verdict.objects,
-                    next((f for f in frames if f is not None), None),
-                    verdict.holds,
-                    verdict.reason,
-                    statement.negated or statement.number == 0 or statement.words == ("never moving",),
-                    verdict.event,
-                    verdict.vacuous,
-                    statement,
-                )
-            )
+            said.append(Claim(**vars(verdict), text=shown, start=sentence.start, end=sentence.end, statement=statement))
         claims += said
         if not statements:
             skipped.append((sentence.start, sentence.end))
             if sentence.readable and _OTHER_WORLD.search(sentence.plain):
-                doubtful = "paragraph"
-        elif not doubtful and any(s.kind in OTHER_COURSES for s in statements):
-            doubtful = "line"
+                uncertain = "paragraph"
+        elif not uncertain and any(s.kind in OTHER_COURSES for s in statements):
+            uncertain = "line"
     return Verification(tuple(claims), tuple(skipped))
 
 

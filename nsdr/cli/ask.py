@@ -6,16 +6,13 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from nsdr.cli.common import (
-    checkpoint_options,
     failures_line,
     is_scene,
-    keep_going_option,
     load_scene,
     make_pipeline,
-    parser_options,
     question_parser,
     refuse_for_scene,
-    video_options,
+    shared_options,
 )
 from nsdr.errors import DataError, EndpointError, NsdrError, QuestionError
 from nsdr.io.files import check_output
@@ -30,7 +27,6 @@ EXTENSIONS = "also read questions beyond CLEVRER: speeds, directions, masses, ch
 
 
 def answer_options(parser: Any) -> None:
-    """Add the options of `nsdr answer`."""
     add = parser.add_argument
     add("video", help="video file, or a scene saved by parse-video")
     add("-q", "--question", required=True, help="in CLEVRER's English")
@@ -38,9 +34,7 @@ def answer_options(parser: Any) -> None:
     add("--extensions", action="store_true", help=EXTENSIONS)
     add("--trace", action="store_true", help="print every executed step")
     add("--json", action="store_true", help="print the answer as JSON")
-    keep_going_option(parser)
-    parser_options(parser)
-    video_options(parser)
+    shared_options(parser, "failures", "parser", "checkpoint", "pipeline", "video")
 
 
 def answer(options: Any) -> int:
@@ -82,14 +76,12 @@ def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
 
 
 def parse_question_options(parser: Any) -> None:
-    """Add the options of `nsdr parse-question`."""
     add = parser.add_argument
     add("text", help="in CLEVRER's English")
     add("--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text")
     add("--extensions", action="store_true", help=EXTENSIONS)
     add("--tree", action="store_true", help="print it as the paper writes it")
-    parser_options(parser)
-    checkpoint_options(parser)
+    shared_options(parser, "parser", "checkpoint")
 
 
 def parse_question(options: Any) -> int:
@@ -118,7 +110,6 @@ def parse_question(options: Any) -> int:
 
 
 def execute_options(parser: Any) -> None:
-    """Add the options of `nsdr execute`."""
     add = parser.add_argument
     add("--scene", required=True, help="scene saved by parse-video; official: prediction file")
     add("--program", required=True, help="postfix tokens, or a tree as in the paper")
@@ -142,9 +133,8 @@ def execute(options: Any) -> int:
 
 
 def demo_options(parser: Any) -> None:
-    """Add the options of `nsdr demo`."""
     parser.add_argument("-o", "--output", default="nsdr_demo.png", help="annotated image to write")
-    checkpoint_options(parser)
+    shared_options(parser, "checkpoint")
 
 
 def demo(options: Any) -> int:

@@ -13,69 +13,64 @@ from nsdr.types import Scene
 
 __all__ = [
     "SPLITS",
-    "checkpoint_options",
     "failures_line",
     "is_scene",
-    "keep_going_option",
     "left_out",
     "load_scene",
     "make_pipeline",
-    "parser_options",
-    "pipeline_options",
     "question_parser",
     "refuse_for_scene",
     "settings_of",
-    "video_options",
-    "work_options",
+    "shared_options",
 ]
 
 SPLITS = ["train", "validation", "test"]
+PARSER = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
 PARTLY = 1
 """Exit status: a part of the work failed."""
 
 
-def checkpoint_options(parser: Any) -> None:
-    """Add `--checkpoint` and `--device`."""
-    where = "folder, name or hub address (hf://USER/NAME@COMMIT) of the weights"
-    parser.add_argument("--checkpoint", default="default", help=where)
-    parser.add_argument("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
+OPTIONS: dict[str, dict[str, dict[str, Any]]] = {
+    "checkpoint": {
+        "--checkpoint": {
+            "default": "default",
+            "help": "folder, name or hub address (hf://USER/NAME@COMMIT) of the weights",
+        },
+        "--device": {"default": "auto", "help": "where networks run: auto, cpu, cuda or cuda:N"},
+    },
+    "pipeline": {
+        "--dynamics": {
+            "default": "",
+            "help": "backend (physics, state, paper, paper_images, an installed one) or YAML file",
+        },
+        "--config": {"default": "", "help": "YAML file with the settings of all stages (configs/pipeline)"},
+        "--set": {"action": "append", "default": [], "help": "one setting, such as tracker.score=0.8; repeatable"},
+    },
+    "video": {
+        "--force": {"action": "store_true", "help": "go on with videos that are not of CLEVRER's scene"},
+        "--background": {
+            "default": "",
+            "help": "image of the scene without objects, for another camera or other lamps",
+        },
+    },
+    "parser": {
+        "--parser": {"default": "", "help": PARSER},
+        "--parser-model": {"default": "", "help": "its model's name; may be left out if it has only one"},
+    },
+    "work": {
+        "--workers": {"type": NonNegativeInt, "default": 0, "help": "number of processes; 0 for one per CPU core"},
+        "--engine": {"default": "processes", "choices": ENGINES, "help": "where to work"},
+    },
+    "failures": {"--keep-going": {"action": "store_true", "help": "accept failures of a part of the work: status 0"}},
+}
+"""Options that several commands share, in groups."""
 
 
-def pipeline_options(parser: Any) -> None:
-    """Add the settings of a pipeline."""
-    checkpoint_options(parser)
-    backends = "backend (physics, state, paper, paper_images, or an installed one) or YAML file"
-    parser.add_argument("--dynamics", default="", help=backends)
-    parser.add_argument("--config", default="", help="YAML file with the settings of all stages (configs/pipeline)")
-    parser.add_argument("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
-
-
-def video_options(parser: Any) -> None:
-    """Add the settings of a pipeline on videos."""
-    pipeline_options(parser)
-    parser.add_argument("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
-    background = "image of the scene without objects, for another camera or other lamps"
-    parser.add_argument("--background", default="", help=background)
-
-
-def parser_options(parser: Any) -> None:
-    """Add the language model that parses texts."""
-    server = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
-    parser.add_argument("--parser", default="", help=server)
-    parser.add_argument("--parser-model", default="", help="its model's name; may be left out if it has only one")
-
-
-def work_options(parser: Any) -> None:
-    """Add the options of work on many files."""
-    workers = "number of processes; 0 for one per CPU core"
-    parser.add_argument("--workers", type=NonNegativeInt, default=0, help=workers)
-    parser.add_argument("--engine", default="processes", choices=ENGINES, help="where to work")
-    keep_going_option(parser)
-
-
-def keep_going_option(parser: Any) -> None:
-    """Add `--keep-going`."""
-    parser.add_argument("--keep-going", action="store_true", help="accept failures of a part of the work: status 0")
+def shared_options(parser: Any, *groups: str) -> None:
+    """Add groups of `OPTIONS`."""
+    for group in groups:
+        for name, settings in OPTIONS[group].items():
+            parser.add_argument(name, **settings)
 
 
 def settings_of(options: Any) -> Any:

@@ -4,7 +4,7 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt, PositiveInt
 
-from nsdr.cli.common import SPLITS, keep_going_option, left_out, work_options
+from nsdr.cli.common import SPLITS, left_out, shared_options
 from nsdr.io.files import check_output_folder
 
 __all__ = ["data_download", "data_frames", "data_motion", "data_verify", "export"]
@@ -13,7 +13,6 @@ SHOWN_MISSING = 5
 
 
 def data_verify_options(parser: Any) -> None:
-    """Add the options of `nsdr data verify`."""
     parser.add_argument("root", help="the data set's folder")
 
 
@@ -33,7 +32,6 @@ def data_verify(options: Any) -> int:
 
 
 def data_download_options(parser: Any) -> None:
-    """Add the options of `nsdr data download`."""
     add = parser.add_argument
     add("root", help="folder to write to")
     add("--split", required=True, choices=SPLITS, help="which videos")
@@ -51,13 +49,12 @@ def data_download(options: Any) -> int:
 
 
 def data_frames_options(parser: Any) -> None:
-    """Add the options of `nsdr data frames`."""
     add = parser.add_argument
     add("root", help="the videos' folder")
     add("--proposals", required=True, help="folder of the videos' mask proposals")
     add("-o", "--output", required=True, help="folder to write")
     add("--every", type=PositiveInt, default=8, help="take every n-th frame (default: 8)")
-    keep_going_option(parser)
+    shared_options(parser, "failures")
 
 
 def data_frames(options: Any) -> int:
@@ -71,12 +68,11 @@ def data_frames(options: Any) -> int:
 
 
 def data_motion_options(parser: Any) -> None:
-    """Add the options of `nsdr data motion`."""
     add = parser.add_argument
     add("root", help="the data set's folder")
     add("-o", "--output", required=True, help="folder to write")
     add("--split", default="train", choices=SPLITS, help="which videos (default: train)")
-    work_options(parser)
+    shared_options(parser, "work", "failures")
 
 
 def data_motion(options: Any) -> int:
@@ -91,7 +87,6 @@ def data_motion(options: Any) -> int:
 
 
 def export_options(parser: Any) -> None:
-    """Add the options of `nsdr export`."""
     add = parser.add_argument
     add("root", help="the data set's folder: generated, or in the official layout")
     add("--format", required=True, help="grpo, chat, parquet, webdataset, or an installed one")

@@ -4,14 +4,13 @@ from dataclasses import fields
 from typing import Any
 
 from nsdr.clevrer.files.questions import QUESTION_TYPES
-from nsdr.cli.common import failures_line, keep_going_option, parser_options
+from nsdr.cli.common import failures_line, shared_options
 from nsdr.io.files import check_output, check_output_folder
 
 __all__ = ["evaluate", "experiment"]
 
 
 def evaluate_options(parser: Any) -> None:
-    """Add the options of `nsdr evaluate`: the fields of `EvaluationConfig`, and what to write."""
     from nsdr.evaluation import EvaluationConfig
 
     add = parser.add_argument
@@ -20,8 +19,7 @@ def evaluate_options(parser: Any) -> None:
     add("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
     add("-o", "--output", default=None, help="write the table and every result as JSON")
     add("--submission", default=None, help="write the answers as an EvalAI submission")
-    parser_options(parser)
-    keep_going_option(parser)
+    shared_options(parser, "parser", "failures")
     explicit = {"types", "exclude", "set", "parser", "parser_model"}
     parser.add_class_arguments(EvaluationConfig, as_group=False, skip=explicit)
 
@@ -58,12 +56,11 @@ def evaluate(options: Any) -> int:
 
 
 def experiment_options(parser: Any) -> None:
-    """Add the options of `nsdr experiment`."""
     add = parser.add_argument
     add("file", help="configs/experiments/….yaml")
     add("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
     add("-o", "--output", default="results", help="folder for NAME.json and NAME.md")
-    keep_going_option(parser)
+    shared_options(parser, "failures")
 
 
 def experiment(options: Any) -> int:

@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import settings_of, video_options
+from nsdr.cli.common import settings_of, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
@@ -23,7 +23,6 @@ COLUMNS = ("programs", "question_type", "program_accuracy", "answer_accuracy")
 
 
 def figures_options(parser: Any) -> None:
-    """Add the options of `nsdr figures`."""
     add = parser.add_argument
     add("--questions", default="", help="question file whose distribution is drawn beside the release's")
     add("--ablation", default="", help="CSV file of `nsdr train question-parser --ablation`, for the curve")
@@ -32,7 +31,7 @@ def figures_options(parser: Any) -> None:
     add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
     add("--runs", nargs="+", default=[], help="run folders of trainings, whose losses are drawn")
     add("-o", "--output", required=True, help="folder for the pictures")
-    video_options(parser)
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def figures(options: Any) -> int:
@@ -65,7 +64,7 @@ def figures(options: Any) -> int:
 
 def _write_distribution(questions: str, path: Path) -> None:
     from nsdr.clevrer.files.questions import read_questions
-    from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
+    from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
     from nsdr.visualize.distributions import question_figure
 
     scenes = read_questions(questions)

@@ -18,8 +18,8 @@ from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
-from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import truth_document
+from nsdr.generate.statistics import write_question_statistics
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
 from nsdr.io.jobs import ENGINES, run_in_order
@@ -70,7 +70,7 @@ class QuestionOptions(Settings):
     Attributes:
         scenes: truth files (`truth_*.json`), annotation files, or compact ground truth (`.json` or `.json.gz` with a list
             of blocks); folders stand for the truth files, or else the annotation files, below them.
-        output: question file to write, with `.statistics.md` and `.statistics.png` beside it.
+        output: question file to write, with `.statistics.md` beside it.
         questions: which are wanted.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.

@@ -10,14 +10,11 @@ from jsonargparse.typing import NonNegativeInt, PositiveInt
 from nsdr.cli.common import (
     failures_line,
     is_scene,
-    keep_going_option,
     load_scene,
     make_pipeline,
-    pipeline_options,
     refuse_for_scene,
     settings_of,
-    video_options,
-    work_options,
+    shared_options,
 )
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output, check_output_folder
@@ -29,13 +26,12 @@ __all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
 
 def parse_video_options(parser: Any) -> None:
-    """Add the options of `nsdr parse-video`."""
     add = parser.add_argument
     add("video", help="video file")
     add("-o", "--output", required=True, help="scene file, .json or .npz")
     add("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
     add("--image", default=None, help="also write the annotated last frame as an image")
-    video_options(parser)
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def parse_video(options: Any) -> int:
@@ -87,13 +83,11 @@ def _rounded(dynamics: Any) -> Any:
 
 
 def parse_videos_options(parser: Any) -> None:
-    """Add the options of `nsdr parse-videos`."""
     add = parser.add_argument
     add("videos", help="folder with *.mp4")
     add("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
     add("--stride", type=PositiveInt, default=1, help="process every n-th frame")
-    video_options(parser)
-    work_options(parser)
+    shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 
 
 def parse_videos(options: Any) -> int:
@@ -107,14 +101,12 @@ def parse_videos(options: Any) -> int:
 
 
 def predict_dynamics_options(parser: Any) -> None:
-    """Add the options of `nsdr predict-dynamics`."""
     add = parser.add_argument
     add("proposals", help="folder of proposal files, or one compact NPZ")
     add("-o", "--output", required=True, help="folder for the files")
     forms = "the research code's files, or ours"
     add("--form", default="predictions", choices=["predictions", "scenes"], help=forms)
-    pipeline_options(parser)
-    work_options(parser)
+    shared_options(parser, "checkpoint", "pipeline", "work", "failures")
 
 
 def predict_dynamics(options: Any) -> int:
@@ -143,7 +135,6 @@ OF_SCENES = ("plan", "causal")
 
 
 def visualize_options(parser: Any) -> None:
-    """Add the options of `nsdr visualize`."""
     add = parser.add_argument
     add("video", help="video file, or a scene saved by parse-video")
     add("-q", "--question", default=None, help="for an HTML report: a question")
@@ -153,8 +144,7 @@ def visualize_options(parser: Any) -> None:
     add("--removed", type=NonNegativeInt, default=None, help="plan: draw the scene without this object")
     output = "file ending in .mp4, .png or .html; repeatable"
     add("-o", "--output", action="append", required=True, help=output)
-    keep_going_option(parser)
-    video_options(parser)
+    shared_options(parser, "failures", "checkpoint", "pipeline", "video")
 
 
 def visualize(options: Any) -> int:

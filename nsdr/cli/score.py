@@ -8,7 +8,7 @@ from typing import Any
 from jsonargparse.typing import NonNegativeInt, NotEmptyStr
 
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
-from nsdr.cli.common import SPLITS, failures_line, work_options
+from nsdr.cli.common import SPLITS, failures_line, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_output, check_output_folder
 
@@ -16,7 +16,6 @@ __all__ = ["controls", "score", "tag"]
 
 
 def score_options(parser: Any) -> None:
-    """Add the options of `nsdr score`."""
     add = parser.add_argument
     add("predictions", help="JSON Lines, CSV, or an EvalAI submission")
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
@@ -56,7 +55,6 @@ def score(options: Any) -> int:
 
 
 def controls_options(parser: Any) -> None:
-    """Add the options of `nsdr controls`."""
     add = parser.add_argument
     add("root", help="data set in the official layout")
     add("--split", default="validation", choices=SPLITS, help="which videos")
@@ -64,7 +62,7 @@ def controls_options(parser: Any) -> None:
     add("--seed", type=NonNegativeInt, default=0, help="shuffled: which exchange of videos")
     add("--limit", type=NonNegativeInt, default=0, help="the first n videos and their questions; 0 for all")
     add("-o", "--output", required=True, help="folder, with one data set for each kind")
-    work_options(parser)
+    shared_options(parser, "work", "failures")
 
 
 def controls(options: Any) -> int:
@@ -92,7 +90,6 @@ def controls(options: Any) -> int:
 
 
 def tag_options(parser: Any) -> None:
-    """Add the options of `nsdr tag`."""
     add = parser.add_argument
     add("questions", help="question file in CLEVRER's format, with programs and answers")
     truth = "tags counterfactual options: folders or files of annotations, truth files or compact ground truth"

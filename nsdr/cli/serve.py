@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import PositiveFloat, PositiveInt
 
-from nsdr.cli.common import settings_of, video_options
+from nsdr.cli.common import settings_of, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, find_files
 
@@ -19,14 +19,13 @@ VIDEO_SUFFIXES = (".mp4",)
 
 
 def serve_options(parser: Any) -> None:
-    """Add the options of `nsdr serve`."""
     add = parser.add_argument
     add("folder", nargs="?", default="", help="folder of clips (.mp4) to pick from; without it, the one of the package")
     add("--host", default="127.0.0.1", help="address to listen on; the default is seen by this machine only")
     add("--port", type=PositiveInt, default=7860, help="TCP port (default: 7860)")
     add("--max-seconds", type=PositiveFloat, default=20.0, help="longest clip that is taken (default: 20 s)")
     add("--max-megabytes", type=PositiveInt, default=50, help="largest upload (default: 50 MB)")
-    video_options(parser)
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def serve(options: Any) -> int:
@@ -41,10 +40,10 @@ def serve(options: Any) -> int:
     check_installed("gradio", "the page needs Gradio", "web")
     check_installed("av", "writing videos needs PyAV", "web")
     from nsdr.apps.clips import Clips
-    from nsdr.apps.web import ServerConfig, serve as serve_page
+    from nsdr.apps.web import serve as serve_page
 
-    config = ServerConfig(options.host, options.port, options.max_megabytes)
-    serve_page(Clips(pipeline, options.max_seconds), files, config, _say)
+    clips = Clips(pipeline, options.max_seconds)
+    serve_page(clips, files, _say, options.host, options.port, options.max_megabytes)
     return 0
 
 
@@ -68,13 +67,12 @@ def _clips(folder: str) -> dict[str, Path]:
 
 
 def mcp_options(parser: Any) -> None:
-    """Add the options of `nsdr mcp`."""
     add = parser.add_argument
     add("folder", nargs="?", default=".", help="videos in it and below it can be named, and no other files")
     add("--transport", default="stdio", choices=["stdio", "http"], help="http: streamable HTTP at /mcp")
     add("--host", default="", help="address of HTTP (default: 127.0.0.1, which can be reached from this machine only)")
     add("--port", type=PositiveInt, default=None, help="port of HTTP (default: 8000)")
-    video_options(parser)
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def mcp(options: Any) -> int:

@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
-from nsdr.cli.common import is_scene, make_pipeline, video_options
+from nsdr.cli.common import is_scene, make_pipeline, shared_options
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed, check_output
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
@@ -27,7 +27,6 @@ WORDS = 3
 
 
 def simulate_options(parser: Any) -> None:
-    """Add the options of `nsdr simulate`."""
     add = parser.add_argument
     add("video", help="video file")
     add(
@@ -49,7 +48,7 @@ def simulate_options(parser: Any) -> None:
     )
     add("-o", "--output", default=None, help="video to write, .mp4: original and changed world side by side")
     add("--json", default=None, help="also write events, probabilities and positions, .json")
-    video_options(parser)
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def simulate(options: Any) -> int:

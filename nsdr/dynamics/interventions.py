@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Protocol, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +23,12 @@ from nsdr.types import (
     SetMass,
     SetVelocity,
     Simulation,
-    VideoTracks,
 )
 from nsdr.types.interventions import Intervention
 
 __all__ = [
     "Changes",
-    "Intervenes",
     "find_object",
-    "intervenes",
     "make_simulation",
     "resolve",
     "simulate_removal",
@@ -41,27 +38,6 @@ FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """Interventions of which an object takes one. `Remove` excludes all others."""
-
-
-class Intervenes(Protocol):
-    """A dynamics backend that takes interventions of every kind."""
-
-    def simulate(self, tracks: VideoTracks, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
-        """The video's motion with interventions, beside that without.
-
-        Args:
-            tracks: the video's objects.
-            interventions: changes of the scene, all at `from_frame`.
-            from_frame: a frame of the video.
-
-        Raises:
-            DataError: an object that is not there, or a change that is impossible; says why with the numbers.
-        """
-
-
-def intervenes(backend: Any) -> TypeGuard[Intervenes]:
-    """Whether a backend is an `Intervenes`."""
-    return hasattr(backend, "simulate")
 
 
 class Changes:

@@ -9,7 +9,7 @@ from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
-from nsdr.errors import CheckpointError, DataError
+from nsdr.errors import CheckpointError
 from nsdr.io.device import resolve_device
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.limits import check_limit
@@ -34,6 +34,7 @@ __all__ = [
 
 Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
+Model = TypeVar("Model", bound="nn.Module")
 
 PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone", "baseline")
 """Parts of a checkpoint, by the names of their files."""
@@ -123,11 +124,9 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
     weights = folder / f"{part}.safetensors"
     if not weights.is_file():
         raise CheckpointError(f"{weights}: no such file; restore it, or train the part (`nsdr train`)")
+    check_limit(weights.stat().st_size, "weights_bytes", weights, CheckpointError)
     try:
-        check_limit(weights.stat().st_size, "weights_bytes", str(weights))
         state = load_file(weights)
-    except DataError as e:
-        raise CheckpointError(str(e)) from e
     except (SafetensorError, OSError, KeyError, ValueError, RuntimeError) as e:
         raise CheckpointError(f"{weights}: corrupt ({e}); restore it, or train the part (`nsdr train`)") from e
     for name, value in state.items():
@@ -218,9 +217,6 @@ def _without_initial_values() -> Any:
 def _forms(state: Mapping[str, Any]) -> dict[str, str]:
     """What the tensors must have in common with those of the network."""
     return {k: f"{'float' if v.is_floating_point() else 'int'} {tuple(v.shape)}" for k, v in state.items()}
-
-
-Model = TypeVar("Model", bound="nn.Module")
 
 
 class PretrainedPart(ABC):

@@ -5,6 +5,7 @@ changes them, also for worker processes.
 """
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
@@ -75,19 +76,18 @@ def _parsed(text: str) -> Limits:
     return replace(Limits(), **changes)
 
 
-def check_limit(value: float, name: str, what: str) -> None:
+def check_limit(value: float, name: str, what: object, error: Callable[[str], Exception] = DataError) -> None:
     """Refuse a value above the limit `name`.
 
     Args:
         value: the value that was found.
         name: a field of `Limits`.
         what: file and place, for the message.
+        error: makes the exception from a message.
 
     Raises:
         DataError: the value is too large; names the limit and how to raise it.
     """
     highest = getattr(limits(), name)
     if value > highest:
-        raise DataError(
-            f"{what}: {value:,.0f} {name}, more than {highest:,}; if this is right, set {VARIABLE}={name}=…"
-        )
+        raise error(f"{what}: {value:,.0f} {name}, more than {highest:,}; if this is right, set {VARIABLE}={name}=…")

@@ -28,7 +28,6 @@ __all__ = [
     "read_frames",
     "read_video",
     "sample_frames",
-    "undecodable",
     "video_seconds",
     "write_video",
 ]
@@ -36,19 +35,18 @@ __all__ = [
 HEAD_BYTES = 4096
 """Bytes at a file's start that tell its kind."""
 CONVERT = "convert it to H.264, for example: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
-IMAGES = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG", b"BM": "BMP", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
-SOUNDS = {b"ID3": "MP3", b"\xff\xfb": "MP3", b"\xff\xf3": "MP3", b"fLaC": "FLAC", b"\xff\xf1": "AAC", b"MThd": "MIDI"}
-OTHERS = {b"%PDF": "a PDF document", b"PK\x03\x04": "a zip archive", b"\x1f\x8b": "a gzip file"}
-CODECS = {
-    "AV01": "AV1",
-    "VP90": "VP9",
-    "VP80": "VP8",
-    "HEVC": "H.265",
-    "HVC1": "H.265",
-    "HEV1": "H.265",
-    "VVC1": "H.266",
+KINDS = {
+    "PNG image": (b"\x89PNG",),
+    "JPEG image": (b"\xff\xd8\xff",),
+    "BMP image": (b"BM",),
+    "TIFF image": (b"II*\0", b"MM\0*"),
+    "MP3 sound": (b"ID3", b"\xff\xfb", b"\xff\xf3"),
+    "AAC or FLAC sound": (b"\xff\xf1", b"fLaC"),
+    "PDF document": (b"%PDF",),
+    "zip archive": (b"PK\x03\x04",),
+    "gzip file": (b"\x1f\x8b",),
 }
-"""Four-character codes of codecs that not every decoder knows, and their names."""
+"""How files begin that are certainly no videos."""
 
 
 def check_is_video(path: Path) -> None:
@@ -67,23 +65,18 @@ def check_is_video(path: Path) -> None:
         raise VideoError(f"{path}: is empty (0 bytes); expected a video")
     if (found := _other_kind(head)) is not None:
         hint = "; nsdr.load(nsdr.Scene, ...) reads a saved scene" if path.suffix == ".json" else ""
-        raise VideoError(f"{path}: is {found}; expected a video{hint}")
+        raise VideoError(f"{path}: is a {found}; expected a video{hint}")
 
 
 def _other_kind(head: bytes) -> str | None:
     """What a file with these first bytes is, if it is no video."""
-    for signatures, kind in ((IMAGES, "image"), (SOUNDS, "sound")):
-        for signature, name in signatures.items():
-            if head.startswith(signature):
-                return f"a {name} {kind}"
     if head[:4] == b"RIFF" and head[8:12] in (b"WAVE", b"WEBP"):
-        return "a WAV sound" if head[8:12] == b"WAVE" else "a WebP image"
-    if head[4:8] == b"ftyp" and head[8:11] in (b"M4A", b"M4B"):
-        return "an M4A sound"
-    for signature, name in OTHERS.items():
-        if head.startswith(signature):
-            return name
-    return "a text file" if _is_text(head) else None
+        return "WAV sound" if head[8:12] == b"WAVE" else "WebP image"
+    if head[4:11] in (b"ftypM4A", b"ftypM4B"):
+        return "M4A sound"
+    return next(
+        (kind for kind, starts in KINDS.items() if head.startswith(starts)), "text file" if _is_text(head) else None
+    )
 
 
 def _is_text(head: bytes) -> bool:
@@ -94,38 +87,25 @@ def _is_text(head: bytes) -> bool:
     return all(c.isprintable() or c in "\n\r\t\f" for c in text)
 
 
-def undecodable(path: Path, code: int = 0) -> VideoError:
-    """The error about a file that OpenCV opened but cannot decode, or could not open.
-
-    Args:
-        path: the file.
-        code: four-character code of its codec, as OpenCV reports it; 0 if unknown.
-    """
-    name = code.to_bytes(4, "little").decode("ascii", "replace").upper().strip("\0 ") if code > 0 else ""
-    codec, sound = CODECS.get(name, ""), ""
+def _undecodable(path: Path) -> VideoError:
+    """The error about a file that OpenCV cannot open or decode; PyAV, which is an extra, knows more of it."""
+    reason = "not a video that OpenCV can read"
     try:
-        codec, sound = _streams(path)
-    except ImportError:  # PyAV is an extra; without it the code must do
+        import av
+
+        with av.open(str(path)) as container:
+            videos, sounds = (
+                [s.codec_context.name for s in found] for found in (container.streams.video, container.streams.audio)
+            )
+        if videos:
+            reason = f"{videos[0]} video, which OpenCV cannot decode here"
+        elif sounds:
+            return VideoError(f"{path}: holds sound ({sounds[0]}) but no video")
+    except ImportError:
         pass
     except (OSError, ValueError):
-        return VideoError(f"{path}: is not a video, or is damaged or cut off; {CONVERT}")
-    if sound and not codec:
-        return VideoError(f"{path}: holds sound ({sound}) but no video")
-    if codec:
-        return VideoError(f"{path}: {codec} video, which OpenCV cannot decode here; {CONVERT}")
-    return VideoError(f"{path}: not a video that OpenCV can read; {CONVERT}")
-
-
-def _streams(path: Path) -> tuple[str, str]:
-    """Names of the codecs of a file's first video and sound, "" where it has none."""
-    import av
-
-    with av.open(str(path)) as container:
-        names = [
-            stream[0].codec_context.name if stream else ""
-            for stream in (container.streams.video, container.streams.audio)
-        ]
-    return {"libdav1d": "AV1", "av1": "AV1", "libaom-av1": "AV1"}.get(names[0], names[0]), names[1]
+        reason = "is not a video, or is damaged or cut off"
+    return VideoError(f"{path}: {reason}; {CONVERT}")
 
 
 RATES = (1.0, 1000.0)
@@ -177,7 +157,7 @@ def read_video(path: str | Path) -> NDArray[np.uint8]:
     frames = []
     for frame in read_frames(path):
         frames.append(frame)
-        _check(len(frames) * frame.nbytes, "array_bytes", path)
+        check_limit(len(frames) * frame.nbytes, "array_bytes", path, VideoError)
     return np.stack(frames)
 
 
@@ -195,7 +175,7 @@ def read_frames(path: str | Path, layout: Layout | None = None) -> Iterator[NDAr
             warnings.warn(f"{path}: {rate:g} frames per second, resampled to {FPS}", stacklevel=2)
         n = 0
         for frame in _at_rate(_decoded(capture, path, rate), rate):
-            _check(n + 1, "frames", path)
+            check_limit(n + 1, "frames", path, VideoError)
             height, width = frame.shape[:2]
             if n == 0 and (height, width) != (HEIGHT_PX, WIDTH_PX):
                 warnings.warn(f"{path}: {width}x{height} px, resized to {WIDTH_PX}x{HEIGHT_PX}", stacklevel=2)
@@ -204,7 +184,7 @@ def read_frames(path: str | Path, layout: Layout | None = None) -> Iterator[NDAr
             n += 1
             yield frame
         if n == 0:
-            raise undecodable(path, int(capture.get(cv2.CAP_PROP_FOURCC)))
+            raise _undecodable(path)
         if n != VIDEO_FRAMES:
             warnings.warn(f"{path}: {n} frames, CLEVRER's videos have {VIDEO_FRAMES}", stacklevel=2)
 
@@ -227,7 +207,7 @@ def sample_frames(path: str | Path, seconds: float, spacing: int) -> VideoSample
                 size = (frame.shape[1], frame.shape[0])
                 frames.append(_small(frame))
         if not frames:
-            raise undecodable(path, int(capture.get(cv2.CAP_PROP_FOURCC)))
+            raise _undecodable(path)
     return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
 
 
@@ -253,9 +233,10 @@ def _opened(path: Path) -> Iterator[tuple[cv2.VideoCapture, float]]:
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
-            raise undecodable(path)
-        _check(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path)
-        _check(capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT), "image_pixels", path)
+            raise _undecodable(path)
+        check_limit(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path, VideoError)
+        pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+        check_limit(pixels, "image_pixels", path, VideoError)
         rate = float(capture.get(cv2.CAP_PROP_FPS)) or float(FPS)
         if not RATES[0] <= rate <= RATES[1]:
             raise VideoError(f"{path}: {rate:g} frames per second, expected {RATES[0]:g} to {RATES[1]:g}; convert it")
@@ -264,13 +245,6 @@ def _opened(path: Path) -> Iterator[tuple[cv2.VideoCapture, float]]:
         capture.release()
         if level is not None:
             cv2.utils.logging.setLogLevel(level)
-
-
-def _check(value: float, limit: str, path: str | Path) -> None:
-    try:
-        check_limit(value, limit, str(path))
-    except DataError as e:
-        raise VideoError(str(e)) from e
 
 
 def _decoded(capture: cv2.VideoCapture, path: Path, rate: float) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -287,7 +261,7 @@ def _decoded(capture: cv2.VideoCapture, path: Path, rate: float) -> Iterator[tup
             raise VideoError(f"{path}: cannot be decoded ({str(e).splitlines()[0]})") from e
         if not ok:
             return
-        _check(frame.shape[0] * frame.shape[1], "image_pixels", path)
+        check_limit(frame.shape[0] * frame.shape[1], "image_pixels", path, VideoError)
         shown = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000 * FPS
         if index == 0:
             start = shown

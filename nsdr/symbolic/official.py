@@ -143,8 +143,9 @@ def _kind(token: str, value: Any) -> Kind:
     """Kind of a step's value, for the trace."""
     if isinstance(value, OfficialEvent):
         return Kind.EVENT
-    module = MODULES.get(token)
-    return WORDS.get(token, Kind.UNKNOWN) if module is None else module.result or Kind.OBJECT
+    if token not in _FUNCTIONS:
+        return WORDS.get(token, Kind.UNKNOWN)
+    return MODULES[token].result or Kind.OBJECT if token in MODULES else Kind.EVENT
 
 
 def _border_events(kind: str) -> Callable[..., Events]:

@@ -74,7 +74,7 @@ class OfficialWorld:
 
     def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
         if collisions not in ("predicted", "velocity"):
-            raise DataError(f"collisions is {collisions!r}; expected predicted or velocity")
+            raise DataError(f"collisions: expected one of predicted, velocity, got {collisions!r}")
         self.objects = [SceneObject(i, *o.triple) for i, o in enumerate(content.objects)]
         self._ids = {o.triple: o.id for o in content.objects}
         observed, *others = content.predictions
@@ -126,7 +126,7 @@ class OfficialWorld:
             raise ExecutionError(f"motion at frame {frame} is not known")
         found = []
         for i in objects:
-            path = self._paths[i]
+            path = self._paths[self.object(i).id]
             visible = any(t < VIDEO_FRAMES for t in path) if frame is None else frame in path
             frames = path if frame is None else (frame,)
             if visible and any(self._speed(i, t) > MOVING_GRID_PER_FRAME for t in frames) == wanted:

@@ -300,11 +300,7 @@ def _attributes(scores: FrameScores, batch: dict[str, Tensor]) -> Iterator[tuple
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    Raises:
-        DataError: no training videos with annotations.
-    """
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config: Any = parse_training(BackboneTraining, argv, "backbone")
     details = {"image_size": list(config.image_size)}
     return train_part("backbone", BackboneTask(config), config, config.model, details)

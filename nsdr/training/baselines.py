@@ -20,7 +20,7 @@ from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, resolved
 from nsdr.io.fingerprint import fingerprint
-from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training, training_time
 from nsdr.validation import PathName, PositiveCount, Settings, expect
 
@@ -101,21 +101,15 @@ class BaselineTask(Task):
     def __init__(self, config: BaselineTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.config = config
-        scenes = read_questions(config.questions)
-        training = [s for s in scenes if s.scene_index % config.held_out]
-        self.held_out = [s for s in scenes if s.scene_index % config.held_out == 0]
-        for listed, what in ((training, "train"), (self.held_out, "evaluate")):
-            if not any(s.questions for s in listed):
-                raise DataError(
-                    f"{config.questions}: of {len(scenes)} videos none is left to {what} on with held_out "
-                    f"{config.held_out}; choose another number, or give more videos"
-                )
+        scenes = [scene for scene in read_questions(config.questions) if scene.questions]
+        is_held_out = held_out(np.array([s.scene_index for s in scenes], int), config.held_out, config.questions)
+        training = [scene for scene, held in zip(scenes, is_held_out, strict=True) if not held]
+        self.held_out = [scene for scene, held in zip(scenes, is_held_out, strict=True) if held]
         kind = BASELINES[config.system]
         vocabulary = Vocabulary.from_questions(training)
         self.videos = training_examples(training, vocabulary, kind.needs)
         self.places = [(v, i) for v, examples in enumerate(self.videos) for i in range(len(examples))]
-        self.features = FeatureCache(config.features, kind.needs) if config.features else None
-        features = self.features
+        self.features = features = FeatureCache(config.features, kind.needs) if config.features else None
         sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
         network = kind(config.model_config(), sizes)
         self.model: nn.Module = network
@@ -168,9 +162,9 @@ def train_baseline(config: BaselineTraining) -> str:
         DataError: unreadable questions or features, or the run was started with other ones.
     """
     task = BaselineTask(config)
-    held_out = {"videos": len(task.videos), "texts": len(task.places), "held_out_videos": len(task.held_out)}
+    counts = {"videos": len(task.videos), "texts": len(task.places), "held_out_videos": len(task.held_out)}
     inputs = {"data": config.data_fingerprint()}
-    return train_part("baseline", task, config, config.model_config(), {**task.trained.details(), **held_out}, inputs)
+    return train_part("baseline", task, config, config.model_config(), {**task.trained.details(), **counts}, inputs)
 
 
 def main(argv: Sequence[str] | None = None) -> str:
@@ -179,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> str:
 
 
 class BaselineTrainer:
-    """Trains by YAML files for `nsdr.evaluation.run_experiment`."""
+    """Trains by YAML files of `BaselineTraining` for `nsdr.evaluation.run_experiment`."""
 
     def fingerprint(self, file: str) -> str:
         """Of the settings but for the device, the questions and the features' settings."""
@@ -192,15 +186,7 @@ class BaselineTrainer:
         return self._config(file).features
 
     def train(self, file: str, device: str) -> str:
-        """Train, go on with a training that was stopped, or find that it is done.
-
-        Args:
-            file: YAML file of `BaselineTraining`.
-            device: where; "auto" for that of the file.
-
-        Returns:
-            The folder of the checkpoint.
-        """
+        """Train where that is not done yet, on the file's device for "auto"; returns the folder of the checkpoint."""
         config = self._config(file)
         return train_baseline(config if device == "auto" else replace(config, loop=replace(config.loop, device=device)))
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nsdr.dynamics.collisions.detector import TrackCollisionDetector
+from nsdr.dynamics.collisions import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import (
     MotionArrays,
     NetworkInputs,
@@ -194,10 +194,6 @@ def step_loss(logits: Tensor, frame: Tensor) -> Tensor:
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    Raises:
-        DataError: unreadable training data.
-    """
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(CollisionTraining, argv, "collisions")
     return train_part("collisions", CollisionTask(config), config, config.model)

@@ -146,11 +146,7 @@ class StateModelTask(TrackTask):
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    Raises:
-        DataError: an unknown network, or unreadable training data.
-    """
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(DynamicsTraining, argv, "dynamics")
     if config.network == "state":
         return train_part("dynamics", StateModelTask(config), config, config.model, {"network": config.network})

@@ -136,11 +136,7 @@ def load_coco_weights(model: FrameParserNetwork) -> list[str]:
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    Raises:
-        DataError: unreadable training data, or fewer training frames than a batch.
-    """
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(FrameParserTraining, argv, "frame-parser")
     task = FrameParserTask(config)
     if len(task.training_frames) < config.loop.batch_size:

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.dynamics.propnet.data import MotionDataset
-from nsdr.dynamics.propnet.image_data import read_image_dataset
-from nsdr.dynamics.propnet.image_model import ImageModel
-from nsdr.dynamics.propnet.image_patches import MAX_VALUE
-from nsdr.dynamics.propnet.image_predictor import ImagePredictor
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, PatchModel
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
+from nsdr.dynamics.propnet.data import MotionDataset, read_image_dataset
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, ImageModel, PatchModel
+from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
+from nsdr.dynamics.propnet.patches import MAX_VALUE, patch_boxes
 from nsdr.training.loop import LossTerm
 from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
 from nsdr.types import Event

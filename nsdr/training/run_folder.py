@@ -129,12 +129,7 @@ class RunFolder:
             write_json(config, details, indent=1)
 
     def save(self, state: TrainingState, step: int, record: Mapping[str, float]) -> None:
-        """Write the checkpoint of a step, and then delete all but the newest ones.
-
-        Args:
-            state: what to save.
-            step: number of finished steps.
-            record: the losses of this step, for its line in `metrics.jsonl`, which is written later.
+        """Write the checkpoint after so many steps, with the losses of the last one, and delete all but the newest ones.
 
         Raises:
             DataError: it cannot be written, such as on a full disk; the earlier checkpoints stay.

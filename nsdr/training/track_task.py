@@ -28,7 +28,7 @@ from nsdr.world.timeline import VIDEO_FRAMES
 __all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
 
 HELD_OUT_EVERY = 40
-"""Real scenes whose index this number divides are kept out of training, for evaluation: the index alone decides, so that no
+"""Scenes whose index this number divides are kept out of training, for evaluation: the index alone decides, so that no
 training sees what another one, with other scenes or another `limit`, holds out."""
 NEAR_COLLISION_SHARE = 0.5
 """Share of each batch whose present is drawn close to a collision; the others are drawn uniformly."""
@@ -50,14 +50,13 @@ class DynamicsTraining(Settings):
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
-        limit: maximum number of real scenes; 0 for all.
+        limit: maximum number of scenes; 0 for all.
         data: for "paper_images", the folder of a data set with `videos/`, `derender_proposals/` and `annotations/` of `train`,
             such as `nsdr generate dataset` makes.
-        simulated: folder of simulated scenes (`nsdr generate dataset --renderer none`) to train on as well; "" for none.
         rollout_steps: number of consecutive predictions, each from the last ones, that a loss covers.
         noise_world: standard deviation of the noise added to observed positions (world units); for the network on patches,
             50 times this value is the noise added to boxes (px).
-        evaluation_scenes: maximum number of held-out scenes (real scenes whose index 40 divides) to evaluate on.
+        evaluation_scenes: maximum number of held-out scenes (scenes whose index 40 divides) to evaluate on.
         network: "state" (network on states), "paper" (the paper's network on patches of masks) or "paper_images" (on patches
             of images and masks).
         model: the network on states.
@@ -72,7 +71,6 @@ class DynamicsTraining(Settings):
     initial: str = ""
     limit: Count = 0
     data: str = ""
-    simulated: str = ""
     rollout_steps: Annotated[int, Meta(ge=1, le=VIDEO_FRAMES)] = 5
     noise_world: NotNegative = 0.003
     evaluation_scenes: PositiveCount = 100
@@ -86,7 +84,7 @@ class DynamicsTraining(Settings):
         on_images = self.network == "paper_images"
         for name in ("data", "run_dir") if on_images else ("proposals", "truth", "run_dir"):
             expect(bool(getattr(self, name).strip()), name, "a path", getattr(self, name))
-        useless = ("proposals", "truth", "simulated") if on_images else ("data",)
+        useless = ("proposals", "truth") if on_images else ("data",)
         given = [name for name in useless if getattr(self, name)]
         if given:
             raise DataError(f"{', '.join(given)}: does nothing with network {self.network!r}; leave it out")
@@ -121,7 +119,7 @@ class TrackTask(Task):
         """The scenes to train and evaluate on; kept in the run's folder, so that a resumed run need not make them again."""
         c = self.config
         cache = f"{c.run_dir}/motion.npz"
-        return read_motion_dataset(c.proposals, c.truth, cache, c.limit or None, c.simulated or None)
+        return read_motion_dataset(c.proposals, c.truth, cache, c.limit or None)
 
     def states(self, index: int) -> tuple[MotionStates, list[Event]]:
         """A held-out scene and its true collisions."""

@@ -25,10 +25,19 @@ from nsdr.dynamics.physics.sensitive_run import (
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
-__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "FitProblem", "cube_edges_px", "evaluate"]
+__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "REBOUND", "FitProblem", "cube_edges_px", "evaluate"]
 
 MAX_FITTED_REBOUND = 0.8
 """Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
+REBOUND = 0.4
+"""Rebound of pairs that were not expected to collide, and prior mean of the others', as a share of the approach speed. Like
+the next three, set on left-out scenes of `train`."""
+POSITION_NOISE_WORLD = 0.01
+"""Standard deviation of reliable positions (world units)."""
+EDGE_NOISE_PX = 2.0
+"""Standard deviation of the left and right box edges of cubes, which show their yaw (pixels)."""
+ROBUST_SCALE = 2.0
+"""Residuals beyond this many standard deviations are weighted down (soft L1)."""
 EDGES_PX = (-0.3, -0.6)
 """Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
 _OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
@@ -51,10 +60,7 @@ class FitProblem(NamedTuple):
         position_at, velocity_at, log_mass_at, yaw_at: (n,) int, each object's (first) parameter of that kind; -1 for none.
         rebound_at: (n, n) int, parameter of the pair's rebound; -1 for none.
         prior: (P, 2) mean and standard deviation; infinite without a prior.
-        rebound: of pairs without a parameter.
-        position_noise_world, edge_noise_px: standard deviations of the data.
         projection: (3, 4) `Camera.matrix`.
-        robust_scale: residuals beyond this many standard deviations are weighted down (soft L1).
     """
 
     shape: NDArray[np.int64]
@@ -71,11 +77,7 @@ class FitProblem(NamedTuple):
     yaw_at: NDArray[np.int64]
     rebound_at: NDArray[np.int64]
     prior: NDArray[np.float64]
-    rebound: float
-    position_noise_world: float
-    edge_noise_px: float
     projection: NDArray[np.floating[Any]]
-    robust_scale: float
 
 
 class Sums(NamedTuple):
@@ -150,10 +152,10 @@ def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no
 
 
 @cached_njit
-def _soft_l1(residual, scale):  # type: ignore[no-untyped-def]
+def _soft_l1(residual):  # type: ignore[no-untyped-def]
     """Robust loss of a residual, and its first and second derivative."""
-    root = np.sqrt(1 + (residual / scale) ** 2)
-    return scale * scale * (root - 1), residual / root, 1 / (root * root * root)
+    root = np.sqrt(1 + (residual / ROBUST_SCALE) ** 2)
+    return ROBUST_SCALE * ROBUST_SCALE * (root - 1), residual / root, 1 / (root * root * root)
 
 
 @cached_njit
@@ -163,7 +165,6 @@ def _add_datum(  # type: ignore[no-untyped-def]
     position,
     edges_px,
     root_weight,
-    noise,
     state,
     derivatives,
     scratch,
@@ -179,7 +180,6 @@ def _add_datum(  # type: ignore[no-untyped-def]
         projection: (3, 4).
         position, edges_px: (2,) measured.
         root_weight: of the datum.
-        noise: standard deviations of positions and edges, and the robust scale.
         state: (6,) of the run.
         derivatives: (6, 6) of the state by that at the segment's start.
         scratch: (6, 3), overwritten.
@@ -189,18 +189,18 @@ def _add_datum(  # type: ignore[no-untyped-def]
     pull, bend, by_place = scratch[0], scratch[1:4], scratch[4:6]
     for a in range(3):
         pull[a] = bend[a, 0] = bend[a, 1] = bend[a, 2] = 0.0
-    scale = root_weight / noise[0]
+    scale = root_weight / POSITION_NOISE_WORLD
     for k in range(2):
-        value, first, second = _soft_l1((state[k] - position[k]) * scale, noise[2])
+        value, first, second = _soft_l1((state[k] - position[k]) * scale)
         loss[0] += value
         pull[k] += first * scale
         bend[k, k] += second * scale * scale
     loss[1] += 2
     if is_cube:
-        scale = root_weight / noise[1]
+        scale = root_weight / EDGE_NOISE_PX
         edges = cube_edges_px(projection, state[0], state[1], state[4], outermost, by_place)
         for side in range(2):
-            value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale, noise[2])
+            value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale)
             loss[0] += value
             for a in range(3):
                 pull[a] += first * scale * by_place[side, a]
@@ -240,7 +240,6 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
     """Gather the data of body i's segment before a time, and move its start there."""
     # Fields are read once: each reading of a tuple's array is a counted reference.
     frames, positions, edges_px, root_weight, projection = p.frame, p.position, p.edges_px, p.root_weight, p.projection
-    noise = (p.position_noise_world, p.edge_noise_px, p.robust_scale)
     motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
     shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
     begin, d, last_datum = sums.next_frame[i], sums.next_datum[i], p.first[i + 1]
@@ -265,9 +264,7 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
         copy_state(after, motion[k])
         if d < last_datum and frames[d] == k:
             measured = (positions[d], edges_px[d], root_weight[d])
-            _add_datum(
-                shape == CUBE, projection, *measured, noise, after, here, scratch, outermost, loss, force, curvature
-            )
+            _add_datum(shape == CUBE, projection, *measured, after, here, scratch, outermost, loss, force, curvature)
             d += 1
     sums.next_frame[i], sums.next_datum[i] = end, d
 
@@ -297,7 +294,7 @@ def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
     for k, body in ((0, i), (1, j)):
         if parameters[k] >= 0:
             d_mass[k] = bodies.mass[body] * p.unit[parameters[k]]
-    rebound, d_rebound, at = p.rebound, 0.0, parameters[2]
+    rebound, d_rebound, at = REBOUND, 0.0, parameters[2]
     if at >= 0:
         given = x[at] * p.unit[at]
         rebound = min(max(given, 0.0), MAX_FITTED_REBOUND)
@@ -326,7 +323,7 @@ def _add_priors(p, x, sums):  # type: ignore[no-untyped-def]
     for k in range(len(x)):
         mean, deviation = p.prior[k, 0], p.prior[k, 1]
         if deviation < np.inf:
-            value, first, second = _soft_l1((x[k] * p.unit[k] - mean) / deviation, p.robust_scale)
+            value, first, second = _soft_l1((x[k] * p.unit[k] - mean) / deviation)
             sums.loss[0] += value
             sums.loss[1] += 1
             sums.gradient[k] += first * p.unit[k] / deviation

@@ -1,6 +1,6 @@
 """One run of the fit, from event to event, with its sensitivity to the parameters: compiled by Numba.
 
-Between contacts bodies move by themselves (`flight`), so the run needs no steps: a body's motion is a chain of segments, each a
+Between contacts bodies move by themselves, so the run needs no steps: a body's motion is a chain of segments, each a
 function of the state at the segment's start. `sensitivity` carries the derivatives of that state by all parameters from segment
 to segment: through a segment by the derivatives of the free motion, through a contact by those of the exchange of momentum. A
 contact has a given rebound and happens at a given gap, so the motion is a smooth function of the parameters.
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push
-from nsdr.dynamics.physics.flight import MIN_SPIN_RAD_PER_S, slow_down
+from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, MIN_SPIN_RAD_PER_S, approach, drift, push, slow_down
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 

@@ -13,7 +13,6 @@ from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_featur
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.track_smoothing import (
     SmoothedTracks,
-    SmoothingConfig,
     rollout_in_image,
     smooth_tracks,
     with_smoothed_tracks,
@@ -41,7 +40,6 @@ class StatePredictor(PretrainedModel[StateModel]):
         model: trained networks.
         shortcut: what a removal cannot influence keeps its observed motion; otherwise all is rolled out from its first frames.
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        smoothing: how observed tracks are smoothed.
     """
 
     part = "dynamics"
@@ -52,20 +50,18 @@ class StatePredictor(PretrainedModel[StateModel]):
         model: StateModel,
         shortcut: bool = True,
         horizon_frame: int | None = None,
-        smoothing: SmoothingConfig | None = None,
     ) -> None:
         self.model = model.eval()
         self.config = model.config
         self.shortcut = shortcut
         self.horizon_frame = horizon_frame
-        self.smoothing = smoothing or SmoothingConfig()
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
-        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
+        states = states_from_tracks(tracks)
         observed = self.observed_collisions(states) if observed is None else observed
-        smoothed = smooth_tracks(states, observed, self.smoothing)
+        smoothed = smooth_tracks(states, observed)
         rollouts = self._rollouts(states, observed, smoothed)
         counterfactual = dict(enumerate(rollouts[1:]))
         rollout = with_smoothed_tracks(rollouts[0], smoothed)
@@ -93,8 +89,7 @@ class StatePredictor(PretrainedModel[StateModel]):
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
         parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
-        network, device = self.model.folded(), self.device
-        logits = torch.cat([self._on_device(network.observe, device, *part) for part in parts])
+        logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
@@ -142,7 +137,6 @@ class StatePredictor(PretrainedModel[StateModel]):
         pending = [list(observed) for _ in range(n_rollouts)]
         scores = np.zeros((n, n))
         static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
-        network, device = self.model.folded(), self.device
         shares = np.arange(1, stride + 1)[:, None] / stride
         for t in range(0, total - 1, stride) if n else ():
             for rollout in range(1, n_rollouts):
@@ -158,7 +152,7 @@ class StatePredictor(PretrainedModel[StateModel]):
             known = reliable[:, past_frames] | (free_from[at_work][:, :, None] <= times)
             here = exists[at_work] & (first <= t)
             inputs = torch.from_numpy(window.astype(np.float32)), torch.from_numpy(known), static[: len(at_work)]
-            following, logits = self._on_device(network.predict, device, *inputs, torch.from_numpy(here))
+            following, logits = self._on_device(self.model.predict, *inputs, torch.from_numpy(here))
             now, moves = window[:, :, -1:], free[at_work][:, :, None]
             between = now + (following.numpy()[:, :, None] - now) * shares
             steps = slice(reach + t + 1, reach + t + stride + 1)
@@ -202,11 +196,9 @@ class StatePredictor(PretrainedModel[StateModel]):
             for k in range(n_rollouts)
         ]
 
-    def _on_device(self, network: Any, device: torch.device, *inputs: torch.Tensor) -> Any:
+    def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
         """Outputs of a network on the CPU, computed on the device of its weights."""
-        if device.type == "cpu":
-            return network(*inputs)
-        outputs = network(*(x.to(device) for x in inputs))
+        outputs = network(*(x.to(self.device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
 
     def _observed_event(

@@ -1,6 +1,7 @@
-"""What all formats have in common: the settings, the data set's questions and videos, and the output's folder."""
+"""What all formats have in common: settings, the data set's questions and videos, the registry, and the run that writes one."""
 
 import json
+import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -19,25 +20,39 @@ from nsdr.clevrer.files.scene_files import iterate_scenes
 from nsdr.clevrer.files.schema import get, get_whole
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
-from nsdr.generate.export.reasoning import reasoner
-from nsdr.generate.export.records import Record, scene_records
-from nsdr.io.files import atomic_path, writing
+from nsdr.generate.export.records import Record, reasoner, scene_records
+from nsdr.io.files import (
+    atomic_path,
+    check_installed,
+    check_output_folder,
+    locked,
+    remove_partial_files,
+    write_json,
+    writing,
+)
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.reading import read_json
+from nsdr.io.registry import Registry
 from nsdr.validation import Count, Settings, one_of
 
 __all__ = [
+    "EXPORTERS",
     "Export",
     "ExportConfig",
     "ExportedScene",
     "Exporter",
     "SplitSummary",
+    "export_dataset",
     "write_json_lines",
 ]
 
+MANIFEST = "export.json"
+"""File of an export's folder with its settings and counts."""
 VERSION = 1
 """Of the records of an export: raised when they change."""
 VIDEOS = ("copy", "link", "none")
 REASONING = ("", "short", "long")
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -47,7 +62,7 @@ class ExportConfig(Settings):
     Attributes:
         root: folder of the data set, generated or in the official layout.
         output: folder to write; an interrupted export resumes there.
-        format: one of `nsdr.generate.export.registry.EXPORTERS`.
+        format: one of `EXPORTERS`.
         splits: which; () for train and validation, as far as they have questions.
         questions: question file in place of the split's own, such as one with tags or `truth/questions_test.json`; needs one
             split.
@@ -288,3 +303,70 @@ def _first_seed(root: CLEVRER) -> int | None:
     config = get(root.manifest, "config", dict, where)
     seed, first = (get_whole(config, name, where, 0, LARGEST_SEED) for name in ("seed", "first_scene"))
     return seed * SCENES_PER_SEED + first
+
+
+EXPORTERS: Registry[Exporter] = Registry(
+    "export format",
+    "nsdr.exporters",
+    {
+        "grpo": "nsdr.generate.export.json_lines:GRPO",
+        "chat": "nsdr.generate.export.json_lines:CHAT",
+        "parquet": "nsdr.generate.export.parquet:PARQUET",
+        "webdataset": "nsdr.generate.export.webdataset:WEBDATASET",
+    },
+)
+"""Formats by name; another package adds one by an entry point of the group `nsdr.exporters`."""
+
+
+def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
+    """Write an export; a finished one is left as it is, an interrupted one is finished.
+
+    Returns:
+        What it holds of each split.
+
+    Raises:
+        DataError: an unknown format, its package is not installed, a split has no questions, a video is missing, or the folder
+            holds other files, an export with other settings or one of other data.
+    """
+    exporter = EXPORTERS[config.format]
+    if exporter.needs:
+        check_installed(exporter.needs, f"format {config.format} needs {exporter.needs}", exporter.needs)
+    if config.videos not in exporter.videos:
+        expected = " or ".join(exporter.videos)
+        raise DataError(f"videos: {config.videos} is not possible with format {config.format}; expected {expected}")
+    if config.scenes and exporter.videos == ("copy",):
+        raise DataError(f"scenes: format {config.format} holds videos and questions only; leave out --scenes")
+    check_output_folder(config.output)
+    export = Export(config)
+    with locked(export.folder):
+        _write(export, exporter)
+    for name, summary in export.splits.items():
+        if summary.unanswered:
+            log.warning(
+                "%s: %d of %d questions have no answer in their file and were exported without a solution",
+                name,
+                summary.unanswered,
+                summary.questions,
+            )
+    return export.splits
+
+
+def _write(export: Export, exporter: Exporter) -> None:
+    path = export.folder / MANIFEST
+    manifest = {
+        "settings": export.settings(),
+        "splits": {name: asdict(summary) for name, summary in export.splits.items()},
+    }
+    if path.exists():
+        existing = get(read_json(path), "settings", dict, str(path))
+        changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)
+        if changed:
+            raise DataError(f"{path}: was made with other settings ({', '.join(changed)}); choose another folder")
+        if read_json(path).get("complete"):
+            return
+        remove_partial_files(export.folder)
+    elif any(not file.name.startswith(".") for file in export.folder.iterdir()):
+        raise DataError(f"{export.folder}: holds files that are no export; choose an empty or new folder")
+    write_json(path, manifest | {"complete": False}, indent=1)
+    exporter.write(export)
+    write_json(path, manifest | {"complete": True}, indent=1)

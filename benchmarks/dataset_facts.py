@@ -1,4 +1,4 @@
-"""The page of data-set facts, released beside generated: `python -m nsdr.generate.facts DATA_SET > docs/dataset.md`."""
+"""The page of data-set facts, released beside generated: `python benchmarks/dataset_facts.py DATA_SET > docs/dataset.md`."""
 
 import json
 import shlex
@@ -12,8 +12,15 @@ from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, by_type
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
-from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
-from nsdr.generate.statistics import FRAME_BIN, TITLES, Counts, count_scenes, released_statistics
+from nsdr.generate.statistics import (
+    FRAME_BIN,
+    RELEASED_QUESTIONS,
+    TITLES,
+    Counts,
+    count_questions,
+    count_scenes,
+    released_statistics,
+)
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 
@@ -69,12 +76,12 @@ def facts_page(folder: str | Path) -> str:
     parts = [
         f"""# The data set
 
-<!-- Generated: python -m nsdr.generate.facts {folder} > docs/dataset.md -->
+<!-- Generated: python benchmarks/dataset_facts.py {folder} > docs/dataset.md -->
 
 CLEVRER as it was released, beside a generated data set.
 
 - Generated: `{_command(config)}`.
-- The page is made by `python -m nsdr.generate.facts {folder} > docs/dataset.md`.
+- The page is made by `python benchmarks/dataset_facts.py {folder} > docs/dataset.md`.
 - Released questions were counted in the train split where nothing else is said. Released events and objects were counted in
   {RELEASED_VIDEOS:,} train and validation videos (`nsdr/generate/released_statistics.json`).
 - What was not counted in the release is shown for the generated data set alone.
@@ -199,7 +206,7 @@ def _table(head: str, keys: Sequence[str], columns: Mapping[str, Mapping[str, fl
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("usage: python -m nsdr.generate.facts DATA_SET > docs/dataset.md")
+        sys.exit("usage: python benchmarks/dataset_facts.py DATA_SET > docs/dataset.md")
     try:
         print(facts_page(sys.argv[1]), end="")
     except DataError as e:

@@ -1,4 +1,4 @@
-"""Image and mask patches: what the paper's dynamics network sees of each object."""
+"""What the paper's dynamics networks see of each object: its box, and patches of image and mask around it."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -8,19 +8,50 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as rle
 
-from nsdr.dynamics.motion_states import MotionStates
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModelConfig
-from nsdr.dynamics.propnet.patch_predictor import patch_boxes
+from nsdr.dynamics.motion_states import MotionStates, extrapolate
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchModelConfig
 from nsdr.errors import DataError
 from nsdr.types import VideoProposals, VideoTracks
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 
-__all__ = ["PATCH_CHANNELS", "object_patches"]
+__all__ = ["object_patches", "patch_boxes"]
 
-PATCH_CHANNELS = 4
-"""Red, green, blue and the mask."""
+FloatArray = NDArray[np.floating[Any]]
+FAR = 3.0
+"""Boxes further out than this, in units of `BOX_SCALE`, stay there."""
 MAX_VALUE = 255
 """Value of a cell that the mask fills."""
+
+
+def patch_boxes(
+    location_world: FloatArray,
+    box_px: FloatArray,
+    reliable: NDArray[np.bool_],
+    margin: int,
+    camera: Camera = CLEVRER_CAMERA,
+) -> FloatArray:
+    """Boxes as if nothing hid the objects, for patches: the centre's image, and the size that was last seen whole.
+
+    Args:
+        location_world: (..., F, 2).
+        box_px: (..., F, 4) as in `MotionStates`.
+        reliable: (..., F).
+        margin: frames before the first one, continued in a straight line.
+        camera: that took the video.
+
+    Returns:
+        (..., margin + F, 4) in units of `BOX_SCALE`.
+    """
+    position = extrapolate(location_world, margin)[..., : margin + location_world.shape[-2], :]
+    pixels = camera.pixels(on_ground(position))
+    every, size = np.arange(-margin, box_px.shape[-2]), np.zeros((*pixels.shape[:-1], 2))
+    for index in np.ndindex(*reliable.shape[:-1]):
+        seen = np.flatnonzero(reliable[index])
+        seen = seen if len(seen) else np.arange(box_px.shape[-2])
+        for axis in range(2):
+            size[(*index, slice(None), axis)] = np.interp(every, seen, box_px[index][seen, 2 + axis])
+    scaled = np.concatenate([pixels - np.array([WIDTH_PX / 2, HEIGHT_PX / 2]), size], -1) / np.array(BOX_SCALE)
+    return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
 
 
 def object_patches(

@@ -1,12 +1,11 @@
-"""Settings of the simulation of a fitted scene."""
+"""Settings of the physics backend."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 from msgspec import Meta
 
-from nsdr.dynamics.physics.collision_search import CollisionSearchConfig
-from nsdr.validation import Count, NotNegative, Positive, Settings, Share
+from nsdr.validation import Count, NotNegative, Settings, Share
 from nsdr.world.physics_constants import LOG_MASS_STD
 
 __all__ = ["PhysicsConfig"]
@@ -17,7 +16,7 @@ MAX_RUNS = 10_000
 
 @dataclass(frozen=True)
 class PhysicsConfig(Settings):
-    """How the fitted scene is simulated on.
+    """How a video is explained by fits, and how the fitted scene is simulated on.
 
     Noise levels were set on left-out scenes of `train`; `python benchmarks/continued.py` compares them. Perturbations drawn
     from the posterior of the fit were tried in place of fixed ones: on cut videos they are better calibrated, but they decide
@@ -32,11 +31,8 @@ class PhysicsConfig(Settings):
         unmet_mass_noise: the same for objects that were not; CLEVRER's masses are uniform in 0.7-1.3.
         collision_threshold: share of runs above which a collision counts.
         seed: of the perturbations.
-        closeness_world: scale on which the closest approach tells pairs apart that collide in equally many runs (world units).
-        velocity_error_world_per_s: standard deviation of each component of the observed velocities (world units/s): 95 % of
-            errors of speeds are within 1.645 of them, rounded (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70
-            --errors`).
-        search: how the observed collisions and the fit are found.
+        trials: maximum number of fits beside the first, with other collisions.
+        restarts: maximum number of restarts of each fit, for each window of frames.
     """
 
     runs: Annotated[int, Meta(ge=1, le=MAX_RUNS)] = 30
@@ -47,6 +43,5 @@ class PhysicsConfig(Settings):
     unmet_mass_noise: NotNegative = LOG_MASS_STD
     collision_threshold: Share = 0.5
     seed: Count = 0
-    closeness_world: Positive = 0.4
-    velocity_error_world_per_s: NotNegative = 0.02
-    search: CollisionSearchConfig = field(default_factory=CollisionSearchConfig)
+    trials: Count = 8
+    restarts: Count = 6
