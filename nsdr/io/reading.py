@@ -44,10 +44,6 @@ __all__ = [
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
-GZIP_SIZE_BYTES = 4
-"""Last bytes of a gzip file, which say how many bytes it holds (modulo 2 ** 32)."""
-CHUNK_BYTES = 1 << 20
-"""Decompressed bytes that are held where they are only counted."""
 MAX_YAML_DEPTH = 50
 """Nesting of a YAML file: its parser takes minutes for thousands of levels."""
 UNZIP_ERRORS = (
@@ -235,25 +231,14 @@ def read_yaml(path: str | Path) -> Any:
 
 
 def _gunzipped(data: bytes, name: str) -> bytes:
-    size = int.from_bytes(data[-GZIP_SIZE_BYTES:], "little")
-    if size > limits().json_bytes:
-        _check_decompressed(data, f"{name}, decompressed")
     stream = zlib.decompressobj(wbits=31)
-    content = stream.decompress(data, min(size, limits().json_bytes) + 1)
+    content = stream.decompress(data, limits().json_bytes + 1)
+    check_limit(len(content), "json_bytes", f"{name}, decompressed")
     if stream.unused_data:
         raise ValueError("data after the end of the compressed data")
-    if not stream.eof or len(content) != size:
-        raise EOFError("compressed data end too early, or are of another size than their end says")
+    if not stream.eof:
+        raise EOFError("compressed data end too early")
     return content
-
-
-def _check_decompressed(data: bytes, what: str) -> None:
-    """Count the decompressed bytes, of which few are held at a time, up to the limit."""
-    stream, count = zlib.decompressobj(wbits=31), 0
-    while data and not stream.eof:
-        count += len(stream.decompress(data, CHUNK_BYTES))
-        check_limit(count, "json_bytes", what)
-        data = stream.unconsumed_tail
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:
