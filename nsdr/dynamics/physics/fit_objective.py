@@ -173,18 +173,10 @@ def _add_datum(  # type: ignore[no-untyped-def]
     force,
     curvature,
 ):
-    """Add the residuals of a datum to a segment's sums. They depend on place and yaw, so they are summed over these first.
+    """Add the residuals of a datum, measured (2,) and (2,), to a segment's sums of losses, their number, and derivatives.
 
-    Args:
-        is_cube: whether edges count.
-        projection: (3, 4).
-        position, edges_px: (2,) measured.
-        root_weight: of the datum.
-        state: (6,) of the run.
-        derivatives: (6, 6) of the state by that at the segment's start.
-        scratch: (6, 3), overwritten.
-        outermost: see `cube_edges_px`.
-        loss, force, curvature: (2,), (6,), (6, 6) sums of losses and their number, and of derivatives.
+    They depend on place and yaw, so they are summed over these first, in `scratch` (6, 3). `derivatives` (6, 6) are of the
+    run's state by that at the segment's start.
     """
     pull, bend, by_place = scratch[0], scratch[1:4], scratch[4:6]
     for a in range(3):
@@ -238,7 +230,6 @@ def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ign
 @cached_njit
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
     """Gather the data of body i's segment before a time, and move its start there."""
-    # Fields are read once: each reading of a tuple's array is a counted reference.
     frames, positions, edges_px, root_weight, projection = p.frame, p.position, p.edges_px, p.root_weight, p.projection
     motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
     shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf

@@ -41,9 +41,13 @@ fits cost less: without a limit (`inf`) the command prints 2.4 standard deviatio
 
 def trust_region_step(gradient: FloatArray, curvature: FloatArray, radius: float) -> FloatArray:
     """The step (P,) that lowers a quadratic model most and is at most about `radius` long (Moré and Sorensen, 1983)."""
-    multiplier, step = RIDGE * float(curvature.diagonal().max()), np.zeros_like(gradient)
+    damped = np.array(curvature, float)
+    diagonal = damped.reshape(-1)[:: len(gradient) + 1]  # a view
+    undamped = diagonal.copy()
+    multiplier, step = RIDGE * float(undamped.max()), np.zeros_like(gradient)
     for trial in range(MULTIPLIERS):
-        factor, failed = dpotrf(curvature + multiplier * np.eye(len(gradient)), lower=1)
+        diagonal[:] = undamped + multiplier
+        factor, failed = dpotrf(damped.T, lower=1)
         if failed:  # not positive within rounding
             multiplier *= 10
             continue
