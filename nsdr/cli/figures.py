@@ -1,7 +1,5 @@
-"""`nsdr figures`: the paper's figures: question sets, the question parser's ablation, sample results; and training curves."""
+"""`nsdr figures`: question sets and sample results as the paper shows them, and training curves."""
 
-import csv
-import io
 import json
 import warnings
 from pathlib import Path
@@ -13,19 +11,15 @@ from nsdr.io.files import check_installed, check_output_folder
 
 __all__ = ["figures"]
 
-DISTRIBUTION, CURVE, SAMPLE = "question_distribution.png", "program_curve.png", "sample_{:05d}.jpg"
-TRAINING = "training_curves.png"
+DISTRIBUTION, SAMPLE, TRAINING = "question_distribution.png", "sample_{:05d}.jpg", "training_curves.png"
 """Names of the files."""
 METRICS = "metrics.jsonl"
 """File of a run folder with a line of numbers for each of some steps."""
-COLUMNS = ("programs", "question_type", "program_accuracy", "answer_accuracy")
-"""Columns of an ablation's CSV file that the curve shows."""
 
 
 def figures_options(parser: Any) -> None:
     add = parser.add_argument
     add("--questions", default="", help="question file whose distribution is drawn beside the release's")
-    add("--ablation", default="", help="CSV file of `nsdr train question-parser --ablation`, for the curve")
     add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
     add("--videos", default="", help="samples: folder of their videos")
     add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
@@ -45,16 +39,14 @@ def figures(options: Any) -> int:
         raise DataError(f"{', '.join(given)} would do nothing without --samples; leave it out")
     if options.samples and not (options.videos and options.show):
         raise DataError("--samples needs --videos FOLDER and --show SCENE:QUESTION")
-    if not (options.questions or options.ablation or options.samples or options.runs):
-        raise DataError("nsdr figures: expected some of --questions, --ablation, --samples and --runs")
+    if not (options.questions or options.samples or options.runs):
+        raise DataError("nsdr figures: expected some of --questions, --samples and --runs")
     check_output_folder(options.output)
     check_installed("matplotlib", "figures need matplotlib", "visualize")
     output = Path(options.output)
     chosen = _chosen(options.samples, options.show) if options.samples else {}
     if options.questions:
         _write_distribution(options.questions, output / DISTRIBUTION)
-    if options.ablation:
-        _write_curve(options.ablation, output / CURVE)
     if options.runs:
         _write_training(options.runs, output / TRAINING)
     if chosen:
@@ -77,21 +69,6 @@ def _write_distribution(questions: str, path: Path) -> None:
 
 def _total(scenes: Any) -> int:
     return sum(len(scene.questions) for scene in scenes)
-
-
-def _write_curve(ablation: str, path: Path) -> None:
-    from nsdr.io.reading import read_bytes
-    from nsdr.visualize.distributions import program_curve
-
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_bytes(ablation).decode())))
-        if not rows or any(set(COLUMNS) - set(row) for row in rows):
-            raise ValueError(f"expected the columns {', '.join(COLUMNS)}")
-        figure = program_curve(rows)
-    except (ValueError, TypeError, csv.Error) as e:
-        message = f"{ablation}: not the CSV file of an ablation ({e}); see `nsdr train question-parser --ablation`"
-        raise DataError(message) from e
-    _write(path, figure)
 
 
 def _write_training(runs: list[str], path: Path) -> None:

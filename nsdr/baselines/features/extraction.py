@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from safetensors import numpy as safetensors
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d
 from torchvision.ops import roi_align
@@ -82,16 +83,12 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
     common = fingerprint(config=[VERSION, manifest]).encode()
     jobs = []
     for index, video in find_videos(extraction.root).items():
-        output = feature_file(folder, config.kinds[-1], index)
-        jobs.append(Job(video.name, (index, video), output, fingerprint(inputs=[common, video])))
+        jobs.append(Job(video.name, video, feature_file(folder, index), fingerprint(inputs=[common, video])))
     with locked(folder, wait=True):
         if (folder / MANIFEST).is_file():
             FeatureCache(folder).check(config)
         load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
         write_json(folder / MANIFEST, manifest, indent=1)
-        for job in jobs:  # a video that lacks a kind is not finished, though only the last one is looked for
-            if not all(feature_file(folder, kind, job.item[0]).exists() for kind in config.kinds):
-                job.output.unlink(missing_ok=True)
         summary = run_jobs(partial(_extract, config, str(device)), jobs, folder, extraction.engine, extraction.workers)
     return len(summary.succeeded(jobs, folder, keep_going))
 
@@ -116,12 +113,10 @@ def find_videos(root: str | Path) -> dict[int, Path]:
     return found
 
 
-def _extract(config: FeatureConfig, device: str, item: tuple[int, Path], output: Path) -> None:
-    index, video = item
-    found = _extractor(config, device)(frames_of(video))
-    for kind in config.kinds:  # the job's output is of the last kind
-        with atomic_path(feature_file(output.parent.parent, kind, index)) as temporary:
-            np.save(temporary, found[kind])
+def _extract(config: FeatureConfig, device: str, video: Path, output: Path) -> None:
+    content = safetensors.save(_extractor(config, device)(frames_of(video)))
+    with atomic_path(output) as temporary:
+        temporary.write_bytes(content)
 
 
 @lru_cache(maxsize=1)
@@ -191,7 +186,7 @@ class FeatureExtractor:
         if self.parser is not None:
             boxes = best_boxes(self.parser.parse(chosen), c.min_score, c.max_objects)
             features["objects"] = region_features(maps, boxes, c.max_objects)
-        half = {kind: value.to("cpu", torch.float16) for kind, value in features.items()}
+        half = {kind: value.to("cpu", torch.float16).contiguous() for kind, value in features.items()}
         for kind, value in half.items():
             if not bool(value.isfinite().all()):
                 raise DataError(f"{kind}: features beyond the range of float16; give other weights")

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
 
 from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDES
 from nsdr.errors import DataError
@@ -114,9 +115,9 @@ def _content(weights: str, part: str) -> str:
     return fingerprint(weights=[folder / f"{part}.{suffix}" for suffix in ("safetensors", "json")])
 
 
-def feature_file(folder: Path, kind: str, scene_index: int) -> Path:
-    """The file with the features of a video of one kind."""
-    return folder / kind / f"{scene_index:05d}.npy"
+def feature_file(folder: Path, scene_index: int) -> Path:
+    """The file with the features of a video, by kind."""
+    return folder / f"{scene_index:05d}.safetensors"
 
 
 class FeatureCache:
@@ -195,24 +196,22 @@ class FeatureCache:
         Raises:
             DataError: the folder lacks the kind or the video, or a file is damaged; names it.
         """
-        kinds = [kind for kind in KINDS if kind in needs]
+        kinds, path = [kind for kind in KINDS if kind in needs], feature_file(self.folder, scene_index)
         self._check_kinds(kinds)
-        found: dict[str, NDArray[Any]] = {kind: self._read(kind, scene_index) for kind in kinds}
+        again = "delete it and run `nsdr extract-features` again"
+        try:
+            with safe_open(path, "np") as file:
+                stored = {kind: file.get_tensor(kind) for kind in kinds}
+        except FileNotFoundError as e:
+            why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
+            raise DataError(f"{path}: no such file; {why}") from e
+        except (OSError, SafetensorError) as e:
+            raise DataError(f"{path}: damaged ({e}); {again}") from e
+        for kind, value in stored.items():
+            if value.shape != self._shapes[kind]:
+                raise DataError(f"{path}: {kind}: expected {self._shapes[kind]}, got {value.shape}; {again}")
+        found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
         if "objects" in found:
             left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
             found["has_object"] = right > left
         return found
-
-    def _read(self, kind: str, scene_index: int) -> NDArray[np.float32]:
-        path, expected = feature_file(self.folder, kind, scene_index), self._shapes[kind]
-        again = "delete it and run `nsdr extract-features` again"
-        try:
-            stored = np.load(path, mmap_mode="r", allow_pickle=False)
-        except FileNotFoundError as e:
-            why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
-            raise DataError(f"{path}: no such file; {why}") from e
-        except (OSError, ValueError, EOFError) as e:
-            raise DataError(f"{path}: damaged ({e}); {again}") from e
-        if stored.shape != expected or stored.dtype != np.float16:
-            raise DataError(f"{path}: expected {expected} of float16, got {stored.shape} of {stored.dtype}; {again}")
-        return np.asarray(stored, np.float32)
