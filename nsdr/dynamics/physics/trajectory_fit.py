@@ -19,7 +19,14 @@ from nsdr.dynamics.motion_states import (
     detections_in,
 )
 from nsdr.dynamics.physics.contact_geometry import CUBE
-from nsdr.dynamics.physics.fit_objective import MAX_FITTED_REBOUND, REBOUND, FitProblem, cube_edges_px, evaluate
+from nsdr.dynamics.physics.fit_objective import (
+    MAX_FITTED_REBOUND,
+    REBOUND,
+    FitProblem,
+    cube_edges_px,
+    evaluate,
+    rows_of,
+)
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
 from nsdr.dynamics.physics.solver import log_mass_covariance, minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
@@ -133,7 +140,7 @@ class _Problem:
     def __init__(self, states: MotionStates, collisions: Sequence[Event], restarts: int = RESTARTS) -> None:
         self.restarts = restarts
         self.rng = np.random.default_rng(0)
-        self.objects, self.projection = states.objects, states.camera.matrix
+        self.objects, self.projection = states.objects, rows_of(states.camera)
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.frames, self.spacing_frames = states.present.shape[1], states.spacing_frames
@@ -333,7 +340,7 @@ class _Problem:
         )
 
 
-def _edges_px(projection: FloatArray, position: FloatArray, yaw: float) -> FloatArray:
+def _edges_px(projection: tuple[float, ...], position: FloatArray, yaw: float) -> FloatArray:
     """(T, 2) left and right edges of a cube's images at positions (T, 2)."""
     outermost, derivatives = np.zeros((2, 2), np.int64), np.empty((2, 3))
     return np.array([cube_edges_px(projection, x, y, yaw, outermost, derivatives) for x, y in position])
