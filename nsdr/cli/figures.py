@@ -1,11 +1,10 @@
 """`nsdr figures`: question sets and sample results as the paper shows them, and training curves."""
 
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import settings_of, shared_options
+from nsdr.cli.common import frames_of, settings_of, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
@@ -117,8 +116,6 @@ def _chosen(samples: str, show: list[str]) -> dict[Any, list[Any]]:
 
 
 def _write_samples(options: Any, chosen: dict[Any, list[Any]], output: Path) -> None:
-    import numpy as np
-
     from nsdr.pipeline import Pipeline
     from nsdr.visualize.annotate import write_image
     from nsdr.visualize.samples import sample_image
@@ -128,16 +125,13 @@ def _write_samples(options: Any, chosen: dict[Any, list[Any]], output: Path) -> 
     for scene, questions in chosen.items():
         video = Path(options.videos) / scene.video_filename
         perception = pipeline.perceive(video)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # perceiving the video has already shown them
-            frames = np.stack(list(pipeline.frames(video)))
         assert perception.proposals is not None
         assert perception.tracks is not None
         texts = [[choice.text for choice in q.choices] or None for q in questions]
         answers = [
             pipeline.answer(perception.scene, q.text, choices) for q, choices in zip(questions, texts, strict=True)
         ]
-        image = stroboscopic_image(frames, perception.proposals, perception.tracks)
+        image = stroboscopic_image(frames_of(pipeline, video), perception.proposals, perception.tracks)
         path = output / SAMPLE.format(scene.scene_index)
         write_image(path, sample_image(image, list(zip(questions, answers, strict=True))))
         print(path)
