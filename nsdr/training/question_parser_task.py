@@ -56,7 +56,7 @@ class QuestionParserTraining(Settings):
         other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
             another kind, half have their words shuffled, or one left out or put in.
         evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.
-        ablation: numbers of programs such as "10,100,all": one run for each, and a table and a figure of their accuracy.
+        ablation: numbers of programs such as "10,100,all": one run for each, and a table of their accuracy.
         evaluation_questions: question file with programs and answers; for the ablation.
         evaluation_scenes: folder with `truth_N.json` of the scenes of `evaluation_questions`; for the ablation.
         model: the networks.
