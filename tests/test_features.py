@@ -165,7 +165,7 @@ def test_features_of_other_settings_are_refused(videos, config, weights, tmp_pat
         extract_features(FeatureExtraction(str(videos), out, features=other, workers=1))
     with pytest.raises(DataError, match=message):
         FeatureCache(out).check(other)
-    FeatureCache(out).check(replace(config, min_score=0.5))  # of objects, which there are none of
+    FeatureCache(out).check(replace(config, max_objects=3))  # of objects, which there are none of
     state = {name: value + 1 for name, value in FrameClassifier(BackboneConfig()).state_dict().items()}
     save_checkpoint(tmp_path / "trained", "backbone", state, BackboneConfig(), {})
     with pytest.raises(DataError, match=r"other settings \(weights \w+ in place of \w+\)"):
@@ -218,7 +218,7 @@ def proposals(rows: list[tuple[int, float, tuple[int, int, int, int]]], n_frames
 def test_objects_are_the_best_of_each_frame() -> None:
     boxes = [(0, 0.95, (0, 0, 240, 160)), (0, 0.99, (240, 0, 480, 160)), (0, 0.92, (0, 160, 480, 320))]
     found = proposals([*boxes, (2, 0.9, (0, 0, 20, 20))], 3)  # a score of 0.9 is not above it
-    first, *others = extraction.best_boxes(found, 0.9, 2)
+    first, *others = extraction.best_boxes(found, 2)
     np.testing.assert_allclose(first, [[0.5, 0, 1, 0.5], [0, 0, 0.5, 0.5]])
     assert [box.shape for box in others] == [(0, 4), (0, 4)]
 
@@ -259,7 +259,6 @@ def test_frames_are_evenly_spaced() -> None:
         ({"backbone": "vgg"}, "backbone: expected one of resnet18,.*, got 'vgg'"),
         ({"kinds": ("maps", "maps")}, "each once"),
         ({"kinds": ()}, "one or more of pooled, maps, objects"),
-        ({"min_score": 2.0}, r"min_score: expected .* from 0 to 1.* got 2.0"),
         ({"frames": 0}, "frames: expected a whole number from 1 to 65536, got 0"),
     ],
 )

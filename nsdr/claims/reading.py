@@ -11,7 +11,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
-from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.statements import HAPPENING, PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
 from nsdr.language.slots import Slot
@@ -215,6 +215,7 @@ def _complete(said: Statement, later: bool) -> Statement | None:
     return said if valid else None
 
 
+@lru_cache(maxsize=1 << 12)
 def written(statement: Statement) -> str:
     """The sentence that tells a statement; `read_sentence` reads it back."""
     slots: list[_Slot] = []
@@ -238,7 +239,7 @@ def _line(said: Statement, slots: list[_Slot]) -> list[str]:
     def at(frame: int | None, name: str) -> list[str]:
         return [] if frame is None else [slot("F", f"frame {frame}"), name]
 
-    happening = said.kind in (*PAST_KINDS.values(), "future", "counterfactual")
+    happening = said.kind in HAPPENING
     events, number = said.events, said.number if said.kind != "order" else None
     frame = None if said.relation else events[0].frame if happening else said.frame
     kind = "" if happening and number is None else "count" if happening else said.kind

@@ -16,9 +16,8 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
 from nsdr.baselines.features.backbone import (
-    CELL_STAGE,
     MAX_COUNT,
-    STRIDES,
+    STRIDE,
     BackboneConfig,
     FrameClassifier,
     FrameScores,
@@ -79,9 +78,8 @@ class BackboneTraining(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        stride = STRIDES[CELL_STAGE]
-        if any(side % stride for side in self.image_size):
-            raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {stride}")
+        if any(side % STRIDE for side in self.image_size):
+            raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {STRIDE}")
 
 
 class Frame(NamedTuple):
@@ -126,7 +124,7 @@ def decode_videos(
         jobs.append(Job(video.name, video, Path(folder) / f"{index:05d}.npy", key))
     summary = run_jobs(partial(_decode, image_size, frames), jobs, folder, wait=True)
     summary.succeeded(jobs, folder, keep_going=False)
-    cells = image_size[0] // STRIDES[CELL_STAGE], image_size[1] // STRIDES[CELL_STAGE]
+    cells = image_size[0] // STRIDE, image_size[1] // STRIDE
     decoded = {}
     for index, job in zip(indices, jobs, strict=True):
         annotation, images = split.annotation(index), np.load(job.output, mmap_mode="r")

@@ -35,6 +35,8 @@ __all__ = ["FeatureExtraction", "FeatureExtractor", "extract_features", "find_vi
 
 REGION_CELLS = 7
 """Cells along each side of a region, of which the mean is taken."""
+MIN_SCORE = 0.9
+"""Objects with a score up to this are left out (0-1; the paper's threshold for proposals)."""
 REGION_SAMPLES = 2
 """Samples of the map per cell along each axis (`sampling_ratio` of RoIAlign)."""
 
@@ -176,15 +178,15 @@ class FeatureExtractor:
         images = image_batch(list(chosen), c.image_size).to(self.device)
         mixed = self.precision != torch.float32  # some devices have no autocast, even to be disabled
         with torch.autocast(self.device.type, self.precision) if mixed else nullcontext():
-            stages = self.backbone(images)
-        maps = stages[c.stage].float()
+            third, last = self.backbone(images)
+        maps = third.float()
         features: dict[str, Tensor] = {}
         if "pooled" in c.kinds:
-            features["pooled"] = stages["layer4"].float().mean((2, 3))
+            features["pooled"] = last.float().mean((2, 3))
         if "maps" in c.kinds:
             features["maps"] = maps if c.grid is None else adaptive_avg_pool2d(maps, c.grid)
         if self.parser is not None:
-            boxes = best_boxes(self.parser.parse(chosen), c.min_score, c.max_objects)
+            boxes = best_boxes(self.parser.parse(chosen), c.max_objects)
             features["objects"] = region_features(maps, boxes, c.max_objects)
         half = {kind: value.to("cpu", torch.float16).contiguous() for kind, value in features.items()}
         for kind, value in half.items():
@@ -193,13 +195,13 @@ class FeatureExtractor:
         return {kind: value.numpy() for kind, value in half.items()}
 
 
-def best_boxes(proposals: VideoProposals, min_score: float, max_objects: int) -> list[NDArray[np.float32]]:
+def best_boxes(proposals: VideoProposals, max_objects: int) -> list[NDArray[np.float32]]:
     """(N, 4) boxes of at most `max_objects` objects of each frame, best first, as shares of the image."""
     p = proposals
     sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
     boxes = []
     for frame in range(p.n_frames):
-        rows = np.flatnonzero((p.frame_index == frame) & (p.score > min_score) & (p.area_px > 0))
+        rows = np.flatnonzero((p.frame_index == frame) & (p.score > MIN_SCORE) & (p.area_px > 0))
         best = rows[np.argsort(-p.score[rows], kind="stable")][:max_objects]
         boxes.append((p.box_xyxy_px[best] / sides).astype(np.float32))
     return boxes

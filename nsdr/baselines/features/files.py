@@ -12,14 +12,14 @@ from msgspec import Meta
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
-from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDES
+from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDE
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import LEDGER
 from nsdr.io.reading import read_json
-from nsdr.validation import MAX_SIZE, Settings, Share, Size, one_of
+from nsdr.validation import MAX_SIZE, Settings, Size, one_of
 
 __all__ = ["KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
 
@@ -29,7 +29,7 @@ MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
-Side = Annotated[int, Meta(ge=min(STRIDES.values()), le=MAX_SIZE)]
+Side = Annotated[int, Meta(ge=STRIDE, le=MAX_SIZE)]
 """Height or width of an image (pixels)."""
 
 
@@ -38,16 +38,14 @@ class FeatureConfig(Settings):
     """How features are made of a video. The defaults are the paper's settings.
 
     Attributes:
-        backbone: "resnet18", "resnet34" or "resnet50".
+        backbone: "resnet18" or "resnet50".
         weights: "imagenet" (torchvision's, downloaded when first used), or a checkpoint of `nsdr train backbone`.
         frames: number of frames, evenly spaced from the first to the last one.
         image_size: height and width to which frames are scaled (pixels).
-        stage: stage of the maps: "layer2", "layer3" or "layer4", of stride 8, 16 and 32 px.
         grid: height and width to which the maps are pooled by means; None leaves them as they are.
-        kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" and "objects".
+        kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" (of the third stage) and "objects".
         detector: checkpoint of the frame parser that finds the objects.
         max_objects: objects of a frame; those with the best scores.
-        min_score: objects with a score up to this are left out (0-1; the paper's threshold for proposals).
         precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
 
     Raises:
@@ -58,12 +56,10 @@ class FeatureConfig(Settings):
     weights: str = IMAGENET
     frames: Size = 25
     image_size: tuple[Side, Side] = (224, 224)
-    stage: Annotated[str, one_of(STRIDES)] = "layer3"
     grid: tuple[Size, Size] | None = None
     kinds: tuple[str, ...] = KINDS
     detector: str = "default"
     max_objects: Size = 10
-    min_score: Share = 0.9
     precision: Annotated[str, one_of(PRECISIONS)] = "auto"
 
     def __post_init__(self) -> None:
@@ -78,17 +74,17 @@ class FeatureConfig(Settings):
     @property
     def map_size(self) -> tuple[int, int]:
         """Height and width of the maps before they are pooled."""
-        height, width = (math.ceil(side / STRIDES[self.stage]) for side in self.image_size)
+        height, width = (math.ceil(side / STRIDE) for side in self.image_size)
         return height, width
 
     def shape(self, kind: str) -> tuple[int, ...]:
         """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
-        channels = CHANNELS[self.backbone]
+        third, last = CHANNELS[self.backbone]
         if kind == "pooled":
-            return self.frames, channels["layer4"]
+            return self.frames, last
         if kind == "maps":
-            return self.frames, channels[self.stage], *(self.grid or self.map_size)
-        return self.frames, self.max_objects, channels[self.stage] + BOX_NUMBERS
+            return self.frames, third, *(self.grid or self.map_size)
+        return self.frames, self.max_objects, third + BOX_NUMBERS
 
 
 def manifest_of(config: FeatureConfig) -> dict[str, Any]:
@@ -101,8 +97,7 @@ def manifest_of(config: FeatureConfig) -> dict[str, Any]:
     if "objects" in config.kinds:
         values["detector"] = _content(config.detector, "frame_parser")
     else:
-        for name in ("detector", "max_objects", "min_score"):
-            del values[name]
+        del values["detector"], values["max_objects"]
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
 
