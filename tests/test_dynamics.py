@@ -127,9 +127,6 @@ class _Script(StateModel):
         middle = window[:, :, self.config.side_steps]
         return 50 * (0.4 - torch.cdist(middle, middle))
 
-    def folded(self):
-        return self
-
 
 def test_removal_changes_only_what_depends_on_the_removed_object() -> None:
     # Red hits blue at about frame 36, and green rests far away. Without blue, red moves on; without green, nothing changes.
