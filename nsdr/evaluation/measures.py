@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
 
 __all__ = [
     "BINS",
@@ -18,7 +18,7 @@ __all__ = [
     "calibration",
     "calibration_text",
     "difference_interval",
-    "tags_of",
+    "percent",
     "wilson_interval",
 ]
 
@@ -135,14 +135,12 @@ BLIND_HALVES = {"text alone right": True, "text alone wrong": False}
 Row = Mapping[str, Any]
 
 
-def tags_of(question: Question) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What the question file says of the question, and of each of its options: `tag` and `blind`, where they are known."""
-    choices = [_known(tag=c.tag, blind=c.blind) for c in question.choices]
-    return _known(blind=question.blind), choices
-
-
-def _known(**values: Any) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if value is not None}
+def percent(row: Row, name: str, interval: str = "") -> str:
+    """A share (0-1) of a row in %, "-" for None; and its interval in the form `interval`, where that is measured."""
+    if row[name] is None:
+        return "-"
+    limits = row.get("interval" if name == "accuracy" else f"{name}_interval") if interval else None
+    return f"{100 * row[name]:.1f}" + (interval.format(*(100 * v for v in limits)) if limits else "")
 
 
 def by_halves(rows: Sequence[Row], accuracy: Callable[[Sequence[Row]], Row]) -> dict[str, dict[str, Row]]:
@@ -167,6 +165,5 @@ def blind_text(table: Mapping[str, Any]) -> str:
     for kind in QUESTION_TYPES:
         if halves := table[kind].get("blind"):
             name = "accuracy" if kind == "descriptive" else "per_option"
-            shares = [halves[half][name] for half in BLIND_HALVES]
-            parts.append(f"{kind} {' / '.join('-' if s is None else f'{100 * s:.1f}' for s in shares)} %")
+            parts.append(f"{kind} {' / '.join(percent(halves[half], name) for half in BLIND_HALVES)} %")
     return ", ".join(parts)

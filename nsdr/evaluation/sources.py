@@ -18,7 +18,16 @@ from nsdr.io.registry import Registry
 from nsdr.tracking.truth_tracks import tracks_from_annotation
 from nsdr.types import Scene
 
-__all__ = ["SOURCES", "Data", "PerceptionInput", "SceneSource", "SourceFactory", "find_file", "prediction_file"]
+__all__ = [
+    "SOURCES",
+    "Data",
+    "PerceptionInput",
+    "SceneSource",
+    "SourceFactory",
+    "find_file",
+    "prediction_file",
+    "sub_folder",
+]
 
 PerceptionInput = Mapping[str, Any]
 """Arguments of `Pipeline.perceive`: `video`, `proposals` or `tracks`."""
@@ -33,6 +42,12 @@ FOLDER_SIZE = 1000
 """Files in each sub-folder of the official layout."""
 
 
+def sub_folder(stem: str, scene_index: int) -> str:
+    """Name of the official sub-folder of a scene: "video_10000-11000"."""
+    low = scene_index // FOLDER_SIZE * FOLDER_SIZE
+    return f"{stem}_{low:05d}-{low + FOLDER_SIZE:05d}"
+
+
 def find_file(folder: Path, names: Sequence[str], scene_index: int) -> Path:
     """The first file of a scene in a folder, or in its official sub-folders of 1,000.
 
@@ -44,11 +59,9 @@ def find_file(folder: Path, names: Sequence[str], scene_index: int) -> Path:
     Raises:
         DataError: there is none; names the expected files.
     """
-    low = scene_index // FOLDER_SIZE * FOLDER_SIZE
     files = [name.format(scene_index) for name in names]
     for name in files:
-        stem = name.split("_")[0]
-        for path in (folder / name, folder / f"{stem}_{low:05d}-{low + FOLDER_SIZE:05d}" / name):
+        for path in (folder / name, folder / sub_folder(name.split("_")[0], scene_index) / name):
             if path.exists():
                 return path
     raise DataError(f"{folder}: has no {' or '.join(files)}")
@@ -74,8 +87,7 @@ def _videos(data: Data, _: Set[int]) -> SceneSource:
     folder = _folder(data, "videos")
 
     def video(s: SceneQuestions) -> PerceptionInput:
-        low = s.scene_index // FOLDER_SIZE * FOLDER_SIZE
-        inside = folder / f"video_{low:05d}-{low + FOLDER_SIZE:05d}" / s.video_filename
+        inside = folder / sub_folder("video", s.scene_index) / s.video_filename
         return {"video": inside if inside.exists() else folder / s.video_filename}
 
     return video
@@ -151,22 +163,11 @@ def _scenes(data: Data, _: Set[int]) -> SceneSource:
     return lambda s: storage.load(Scene, find_file(folder, ("scene_{:05d}.json",), s.scene_index))
 
 
+_NAMES = ("videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth", "scenes")
 SOURCES: Registry[SourceFactory] = Registry(
     "source",
     "nsdr.scene_sources",
-    {
-        name: f"nsdr.evaluation.sources:_{name.replace('-', '_')}"
-        for name in (
-            "videos",
-            "proposals",
-            "tracks",
-            "predictions",
-            "annotations",
-            "ground-truth",
-            "truth",
-            "scenes",
-        )
-    },
+    {name: f"nsdr.evaluation.sources:_{name.replace('-', '_')}" for name in _NAMES},
 )
 """Scene sources by name; other packages add theirs by entry points of the group `nsdr.scene_sources`.
 
