@@ -1,6 +1,6 @@
-"""Texts a second of the default question parser: a file's distinct texts in batches, and one by one.
+"""Texts a second of the default question parser: a file's distinct texts.
 
-`python benchmarks/parsing.py QUESTIONS.json [--sample 100]`; CPU time on one thread, without loading.
+`python benchmarks/parsing.py QUESTIONS.json`; CPU time on one thread, without loading.
 """
 
 import argparse
@@ -14,7 +14,6 @@ from nsdr.question_parser.auto import AutoParser
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("questions", type=Path)
-    parser.add_argument("--sample", type=int, default=100, help="texts that are parsed one by one")
     options = parser.parse_args()
     texts: dict[str, list[str]] = {"descriptive": [], "multiple_choice": [], "choice": []}
     for question in (q for scene in read_questions(options.questions) for q in scene.questions):
@@ -27,14 +26,8 @@ def main() -> None:
     for kind, listed in distinct.items():
         question_parser.parse_batch(listed, kind)
     at_once = time.process_time() - start
-    start = time.process_time()
-    sample = distinct["descriptive"][: options.sample]
-    for text in sample:
-        question_parser.parse(text, "descriptive")
-    each = (time.process_time() - start) / len(sample)
     n, n_distinct = (sum(len(listed) for listed in t.values()) for t in (texts, distinct))
     print(f"{n} texts, {n_distinct} distinct: {at_once:.1f} s, {n / at_once:.0f} texts/s")
-    print(f"one by one: {1 / each:.0f} texts/s ({n / at_once * each:.0f} times slower)")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How the question parsers read texts in people's words: `python benchmarks/questions.py FILE.json ... --rules 200`.
+"""How the question parsers read texts in people's words: `python benchmarks/questions.py FILE.json ...`.
 
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
 refused; `also` lists other programs that are right. A question file in CLEVRER's format counts, too: its texts and programs.
@@ -13,8 +13,6 @@ import argparse
 import warnings
 from collections.abc import Sequence
 from typing import Any
-
-from rewordings import drawn_rows
 
 from nsdr.clevrer.files.questions import iterate_questions
 from nsdr.errors import DataError, NsdrError, QuestionError
@@ -98,15 +96,11 @@ def main() -> None:
     """Read the sets and print their tables."""
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("files", nargs="*", help="sets of texts")
-    arguments.add_argument("--rules", type=int, default=0, help="also so many texts made by rule")
-    arguments.add_argument("--seed", type=int, default=0, help="seed of these")
     arguments.add_argument("--checkpoint", default="default", help="checkpoint of the networks")
     arguments.add_argument("--parser", nargs="+", choices=PARSERS, default=PARSERS, help="the parsers to measure")
     arguments.add_argument("--list", action="store_true", help="print each failure")
     options = arguments.parse_args()
     sets = {path: read_rows(path) for path in options.files}
-    if options.rules:
-        sets[f"{options.rules} texts by rules, seed {options.seed}"] = drawn_rows(options.rules, options.seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name in options.parser:

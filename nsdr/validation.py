@@ -5,6 +5,7 @@ A field's type says what it may hold: `Literal["adam", "sgd"]`, `Annotated[float
 `frames[3].objects[0].score: expected a number from 0 to 1, got 1.5`.
 """
 
+import math
 import re
 import reprlib
 import sys
@@ -37,6 +38,7 @@ __all__ = [
     "Settings",
     "Share",
     "Size",
+    "check_fields",
     "convert",
     "expect",
     "explained",
@@ -97,7 +99,7 @@ class Array:
         nan: whether NaN is allowed.
     """
 
-    def __init__(self, *shape: int | str, low: float = -LARGEST, high: float = LARGEST, nan: bool = False) -> None:
+    def __init__(self, *shape: int | str, low: float = -math.inf, high: float = math.inf, nan: bool = False) -> None:
         self.shape, self.low, self.high, self.nan = shape, low, high, nan
 
 
@@ -114,15 +116,7 @@ class Checked:
     _is_named: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        where = f"{type(self).__name__}." if self._is_named else ""
-        kind: Any = type(self)
-        struct, arrays = _declared(kind)
-        try:
-            msgspec.convert(vars(self), struct)
-        except msgspec.ValidationError:
-            convert(_plain(vars(self)), struct, where)
-        if arrays:
-            _check_arrays(self, arrays, where)
+        check_fields(self, f"{type(self).__name__}." if self._is_named else "")
 
 
 @dataclass(frozen=True)
@@ -130,6 +124,18 @@ class Settings(Checked):
     """Base of configurations: `Checked`; errors name the field alone, as files and flags do."""
 
     _is_named = False
+
+
+def check_fields(owner: Any, where: str) -> None:
+    """What `Checked` does, of any dataclass; `where` stands before the name of the field in errors."""
+    kind: Any = type(owner)
+    struct, arrays = _declared(kind)
+    try:
+        msgspec.convert(vars(owner), struct)
+    except msgspec.ValidationError:
+        convert(_plain(vars(owner)), struct, where)
+    if arrays:
+        _check_arrays(owner, arrays, where)
 
 
 def convert(document: Any, kind: Any, where: str = "") -> Any:
@@ -178,16 +184,19 @@ def explained(error: msgspec.ValidationError, document: Any, kind: Any, where: s
 
 
 def expect(fits: bool, place: str, expected: str, found: Any) -> None:
-    """Raise `DataError` unless a value fits, for rules that types cannot say.
+    """Raise `DataError` unless a value fits, for rules that types cannot say. What is `found` may be said in words.
 
     In the `__post_init__` of a msgspec structure, a `place` that begins with "." or "[" is one inside it.
     """
     if not fits:
-        raise DataError(f"{place}: expected {expected}, got {shown(found)}")
+        raise DataError(f"{place}: expected {expected}, got {found if isinstance(found, str) else shown(found):.80}")
 
 
 def one_of(words: Iterable[str]) -> Meta:
-    """Metadata of a text that is one of these; where they are few and fixed, `Literal` says the same."""
+    """Metadata of a text that is one of these; where they are few and fixed, `Literal` says the same.
+
+    A union of a text with a pattern and a list or mapping crashes msgspec 0.22.
+    """
     known = list(words)
     return Meta(
         pattern=f"^({'|'.join(map(re.escape, known))})$", title=f"one of {', '.join(w or repr(w) for w in known)}"
@@ -258,7 +267,7 @@ def _described(info: Any) -> str:
     if info.lt is not None:
         return f"{name} from {low:g}, below {info.lt:g}"
     if low is None and high is None:
-        return f"{name}, finite" if info.le is not None else name
+        return name.replace("a", "a finite", 1) if info.le is not None else name
     return f"{name} from {low:.10g} " + ("on" if high is None else f"to {high:.10g}")
 
 
@@ -317,8 +326,9 @@ def _check_arrays(owner: Any, arrays: Mapping[str, tuple[Array, str, bool]], whe
 
 
 def _check_values(array: NDArray[Any], rule: Array, place: str) -> None:
-    if not rule.low <= array.min() <= array.max() <= rule.high:
-        right = (array >= rule.low) & (array <= rule.high) | (rule.nan & np.isnan(array))
+    low, high = array.min(), array.max()
+    if not (rule.low <= low <= high <= rule.high and math.isfinite(low) and math.isfinite(high)):
+        right = (array >= rule.low) & (array <= rule.high) & np.isfinite(array) | (rule.nan & np.isnan(array))
         if not right.all():
-            expected = "finite numbers" if rule.low == -LARGEST else f"{rule.low:g} to {rule.high:g}"
+            expected = "finite numbers" if rule.low == -math.inf else f"{rule.low:g} to {rule.high:g}"
             expect(False, place, expected, array[~right][0])

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import torch
 from accelerate.utils import send_to_device
+from safetensors.numpy import save_file
 
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES, Batch, Sizes
 from nsdr.baselines.data import PAD, Vocabulary, make_batch, training_examples
-from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache
+from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, feature_file
 from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
@@ -89,14 +90,12 @@ def folder(tmp_path):
         "maps": (FRAMES, CHANNELS, *GRID),
         "objects": (FRAMES, OBJECTS, CHANNELS + 4),
     }
-    for kind, shape in shapes.items():
-        (path / kind).mkdir(parents=True)
-        for index in range(10, 16):
-            values = rng.standard_normal(shape) + (-2.0, 2.0)[index % 2]
-            if kind == "objects":
-                values[..., -4:] = (0.1, 0.1, 0.5, 0.5)
-                values[:, 2:] = 0.0  # no third object
-            np.save(path / kind / f"{index:05d}.npy", values.astype(np.float16))
+    path.mkdir()
+    for index in range(10, 16):
+        values = {kind: rng.standard_normal(shape) + (-2.0, 2.0)[index % 2] for kind, shape in shapes.items()}
+        values["objects"][..., -4:] = (0.1, 0.1, 0.5, 0.5)
+        values["objects"][:, 2:] = 0.0  # no third object
+        save_file({kind: value.astype(np.float16) for kind, value in values.items()}, feature_file(path, index))
     (path / MANIFEST).write_text(json.dumps({"features": {"frames": FRAMES}, "shapes": shapes}))
     return path
 
@@ -341,7 +340,7 @@ def test_what_cannot_be_answered_counts_as_wrong_and_says_why(scenes, folder) ->
     errors = [r.get("error", "") for r in report["results"]]
     assert "pyramids" in errors[0]
     assert errors[1:4] == [""] * 3
-    assert all("00099.npy" in error for error in errors[4:])
+    assert all("00099.safetensors" in error for error in errors[4:])
     assert report["errors"] == 5
 
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 
 from nsdr import Answer, DataError, Event, ExecutionError, Scene, SceneObject, minimal_pairs, narrate, verify
 from nsdr.claims.pairs import EDITS
-from nsdr.claims.reading import read_sentence
+from nsdr.claims.reading import read_sentence, written
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.symbolic import Executor
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
@@ -233,6 +233,23 @@ def test_what_fails(small_scene: Scene, text: str, reason: str) -> None:
     found = verify(text, small_scene)
     assert [(c.holds, c.reason) for c in found] == [(False, reason)]
     assert found.failing == found.claims
+
+
+@pytest.mark.parametrize("text", [text for text, _ in (*HOLDS, *FAILS)])
+def test_what_is_read_is_written_and_read_back(small_scene: Scene, text: str) -> None:
+    found = verify(text, small_scene)
+    again = verify(" ".join(written(claim.statement) for claim in found), small_scene)
+    assert [(c.kind, c.holds, c.objects, c.frame) for c in again] == [
+        (c.kind, c.holds, c.objects, c.frame) for c in found
+    ]
+
+
+def test_pairs_of_other_wordings_differ_in_nothing_else(small_scene: Scene) -> None:
+    pairs = minimal_pairs("- So the cube then hits the blue ball at frame 20, and the ball exits!", small_scene)
+    assert {(pair.text, pair.kind) for pair in pairs} == {
+        ("- Frame 20: the cube and the blue ball collide. The ball exits.", kind)
+        for kind in ("attribute", "event", "frame")
+    }
 
 
 UNREAD = [

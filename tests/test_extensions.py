@@ -196,7 +196,7 @@ def test_physics_is_saved_and_old_scenes_load(known: Scene, small_scene: Scene, 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"velocity_world_per_s": np.zeros((4, 128, 3))}, "expected shape"),
+        ({"velocity_world_per_s": np.zeros((4, 128, 3))}, "expected the shape"),
         ({"velocity_error_world_per_s": -1.0}, "expected a number from 0 on"),
         ({"log_mass": None}, "expected log_mass and log_mass_covariance, or neither"),
         ({"log_mass_covariance": -np.eye(4)}, "expected variances"),

@@ -154,7 +154,7 @@ def test_scenes_obey_the_configuration() -> None:
         ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 to 32 objects"),
         ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 combinations for scenes of 6 objects"),
         ({"only": ("red",), "colors": ("blue",)}, "only: .* leave no combination that matches red"),
-        ({"n_frames": 5}, r"n_frames: expected .* from 10 to 10000.* got 5"),
+        ({"n_frames": 5}, r"n_frames: expected .* from 10 on, got 5"),
     ],
 )
 def test_impossible_configurations_are_rejected(values, message) -> None:
@@ -170,7 +170,7 @@ def test_negative_seeds_are_rejected() -> None:
 def test_a_configuration_without_scenes_raises(monkeypatch) -> None:
     monkeypatch.setattr("nsdr.generate.physics.scene.RESTARTS", 2)
     with pytest.raises(DataError, match="seed 1: no scene found in 2 attempts"):
-        simulate_scene(1, SceneConfig(area=(5.0, 5.1, 5.0, 5.1)))
+        simulate_scene(1, SceneConfig(speed=(0.001, 0.002)))
 
 
 def test_the_default_view_is_clevrers_camera() -> None:

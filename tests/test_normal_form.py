@@ -49,7 +49,7 @@ def test_one_wrong_letter_is_corrected_and_reported(typo: str, word: str) -> Non
     assert normal == normal_form(f"How many {word} enter?").__class__(normal.words, ((typo, word),))
 
 
-@pytest.mark.parametrize("word", ["black", "tube", "mental", "world", "more", "same", "bell", "exsits", "cue", "rd"])
+@pytest.mark.parametrize("word", ["black", "mental", "world", "more", "same", "bell", "exsits", "cue", "rd"])
 def test_words_with_another_meaning_and_unclear_ones_are_not_corrected(word: str) -> None:
     assert corrected(word) == ""
     assert normal_form(f"How many {word} cubes enter?").left_out == (word,)

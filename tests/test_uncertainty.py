@@ -38,13 +38,13 @@ def unsure(small_scene: Scene) -> Scene:
 
 
 def test_uncertain_collisions_are_checked(small_scene: Scene) -> None:
-    with pytest.raises(DataError, match=r"UncertainCollision.probability: expected 0 to 1, got 1.5"):
+    with pytest.raises(DataError, match=r"UncertainCollision.probability: expected a number from 0 to 1, got 1.5"):
         UncertainCollision(HIT, 1.5)
     with pytest.raises(DataError, match=r"UncertainCollision.event: expected a collision at a frame"):
         UncertainCollision(Event("in", 3, (0,)), 0.5)
     with pytest.raises(DataError, match=r"Scene.uncertain: expected removed objects from 0 to 3, got 4"):
         replace(small_scene, uncertain=(UncertainCollision(HIT, 0.5, 4),))
-    with pytest.raises(DataError, match="names an object outside 0-3"):
+    with pytest.raises(DataError, match="expected objects from 0 to 3 at a frame"):
         replace(small_scene, uncertain=(UncertainCollision(Event("collision", 3, (0, 7)), 0.5),))
 
 

@@ -93,11 +93,11 @@ class Clips:
                 self._kept.popitem(last=False)
         return clip
 
-    def answer(self, clip: Clip, question: str, choices: Sequence[str] = (), **programs: Any) -> Answer:
+    def answer(self, clip: Clip, question: str, choices: Sequence[str] = ()) -> Answer:
         """`Pipeline.answer` about a clip, with its errors."""
         scene = clip.perception.scene_with_dynamics
         with self._asking:
-            return self.pipeline.answer(scene, question, list(choices) or None, **programs)
+            return self.pipeline.answer(scene, question, list(choices) or None)
 
     def simulate(self, clip: Clip, interventions: Sequence[Intervention], from_frame: int) -> Simulation:
         """`Pipeline.simulate` of a clip, with its errors."""

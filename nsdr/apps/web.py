@@ -268,7 +268,7 @@ class _Page:
             self.shown[clip] = (video, timeline_html(p, frames, "#tracks video"))
         video, timeline = self.shown[clip]
         scene = clip.perception.scene
-        texts = [built.question[0] for built in menus.examples(scene)[:EXAMPLES]]
+        texts = [built.question for built in menus.examples(scene)[:EXAMPLES]]
         buttons = [update(value=text, visible=True) for text in texts]
         buttons += [update(visible=False)] * (EXAMPLES - len(texts))
         kind, change = menus.KINDS[0], next(iter(menus.CHANGES))
@@ -295,7 +295,7 @@ class _Page:
     def _example(self, index: int, path: str) -> tuple[str, str]:
         """Question and choices of an example's button."""
         built = menus.examples(self._clip(path).perception.scene)[index]
-        return built.question[0], "\n".join(text for text, _ in built.choices)
+        return built.question, "\n".join(built.choices)
 
     def _menus(self, path: str, kind: str, about: str, verb: str, time: str) -> dict[Any, Any]:
         """The menus that fit the chosen entries, and the question that these make."""
@@ -311,16 +311,13 @@ class _Page:
         built = menus.build(kind, about, verb, time, scene)
         return {
             **updates,
-            self.built: "\n".join([f"**{built.question[0]}**", "", *(f"- {text}" for text, _ in built.choices)]),
+            self.built: "\n".join([f"**{built.question}**", "", *(f"- {text}" for text in built.choices)]),
         }
 
     def _ask_built(self, path: str, kind: str, about: str, verb: str, time: str) -> str:
         clip = self._clip(path)
         built = menus.build(kind, about, verb, time, clip.perception.scene)
-        texts, programs = [text for text, _ in built.choices], [program for _, program in built.choices]
-        question, program = built.question
-        given = {"program": program, "choice_programs": programs or None}
-        return answer_panel(self.clips.answer(clip, question, texts, **given), clip)
+        return answer_panel(self.clips.answer(clip, built.question, built.choices), clip)
 
     def _change(self, path: str, kind: str) -> dict[Any, Any]:
         """The objects and sliders of a kind of change."""

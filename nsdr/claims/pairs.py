@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from nsdr.claims.judge import ClaimJudge
 from nsdr.claims.reading import written
-from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.statements import HAPPENING, PLACES, EventPhrase, ObjectPhrase, Statement
 from nsdr.claims.verification import TOLERANCE_FRAMES, verify
 from nsdr.errors import DataError
 from nsdr.language.slots import Slot
@@ -98,7 +98,7 @@ def _changed(kind: str, n_frames: int, said: Statement) -> Iterator[Statement]:
         yield from (replace(said, objects=objects) for objects in _each(said.objects, _other_phrases))
         yield from _with_events(said, lambda e: (replace(e, objects=o) for o in _each(e.objects, _other_phrases)))
     elif kind == "event":
-        if said.kind in (*PAST_KINDS.values(), "future", "counterfactual") and not numbered:
+        if said.kind in HAPPENING and not numbered:
             yield replace(said, negated=not said.negated)
         if said.kind in ("motion", "count") and said.words:
             yield replace(said, words=(OPPOSITES[said.words[0]],))

@@ -1,4 +1,4 @@
-"""Reads the statements of a sentence, and writes them, with the rules of `nsdr.claims.grammar`.
+"""Reads the statements of a sentence, and writes them, with the rules in `claims.rules`.
 
 A sentence is read as a whole or not at all: every word of it must be accounted for. So a hedge, a relative clause or a
 condition that the grammar does not know makes the sentence unread, and never a claim that it does not make.
@@ -8,17 +8,28 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib.resources import files
 from typing import Any
 
-from nsdr.claims.grammar import GRAMMAR, NORMAL
-from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
+from nsdr.claims.statements import HAPPENING, PAST_KINDS, EventPhrase, ObjectPhrase, Statement
+from nsdr.language.normal import FORMS
+from nsdr.language.rules import Rules
 from nsdr.language.slots import Slot
 from nsdr.symbolic.phrases import indefinite
 from nsdr.world.nouns import ADJECTIVES, NOUNS
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["STATES", "read_sentence", "written"]
+__all__ = ["read_sentence", "written"]
 
+NORMAL = {
+    **FORMS,
+    **{"bumps": "bump", "bumped": "bump", "runs": "run", "ran": "run", "leads": "lead", "led": "lead"},
+    **{"results": "result", "resulted": "result", "leaves": "leave", "left": "leave"},
+    **{"took": "take", "takes": "take", "entry": "entrance", "removed": "remove"},
+}
+"""Word -> its normal form."""
+SLOTS = {"OBJ": ("N", "A"), **{form: (form,) for form in ("N", "A", "K", "KS", "Q", "QS", "F", "W")}}
+GRAMMAR = Rules(files("nsdr.claims").joinpath("claims.rules").read_text("utf-8"), SLOTS, NORMAL)
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 """Number words, in order."""
 STATES = ("moving", "stationary")
@@ -227,7 +238,7 @@ def _line(said: Statement, slots: list[_Slot]) -> list[str]:
     def at(frame: int | None, name: str) -> list[str]:
         return [] if frame is None else [slot("F", f"frame {frame}"), name]
 
-    happening = said.kind in (*PAST_KINDS.values(), "future", "counterfactual")
+    happening = said.kind in HAPPENING
     events, number = said.events, said.number if said.kind != "order" else None
     frame = None if said.relation else events[0].frame if happening else said.frame
     kind = "" if happening and number is None else "count" if happening else said.kind

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 
-__all__ = ["PAST_KINDS", "PLACES", "EventPhrase", "ObjectPhrase", "Statement"]
+__all__ = ["HAPPENING", "PAST_KINDS", "PLACES", "EventPhrase", "ObjectPhrase", "Statement"]
 
 PAST_KINDS = {"in": "entrance", "out": "exit", "collision": "collision"}
 """Kind of the claim that an event of each kind happens in the video."""
 
+HAPPENING = (*PAST_KINDS.values(), "future", "counterfactual")
+"""Kinds of claims that an event happens, or how many do after the video."""
 PLACES = {"first": 1, "second": 2, "last": -1}
 """Places in a row of events, as in `Statement.number`."""
 

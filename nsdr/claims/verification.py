@@ -9,7 +9,7 @@ from nsdr.claims.judge import ClaimJudge, Verdict
 from nsdr.claims.reading import read_sentence
 from nsdr.claims.statements import Statement
 from nsdr.types import Scene
-from nsdr.types.checks import check, check_whole
+from nsdr.validation import Count, convert, expect
 
 __all__ = ["TOLERANCE_FRAMES", "Claim", "Verification", "verify"]
 
@@ -125,8 +125,8 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
     Raises:
         DataError: `text` is no text, or the tolerance no whole number from 0 on.
     """
-    check(isinstance(text, str), f"verify.text: expected a text, got {text!r:.60}")
-    check_whole("verify", "tolerance_frames", tolerance_frames, 0)
+    expect(isinstance(text, str), "verify.text", "a text", text)
+    convert({"tolerance_frames": tolerance_frames}, dict[str, Count], "verify.")
     judge = ClaimJudge(scene, tolerance_frames)
     claims: list[Claim] = []
     skipped: list[tuple[int, int]] = []

@@ -1,19 +1,23 @@
 """What several commands share: options, the pipeline they ask for, saved scenes, and the line about failures."""
 
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
 from nsdr.errors import DataError
+from nsdr.io.files import check_output
 from nsdr.io.jobs import ENGINES, FAILURES
 from nsdr.io.reading import read_json
 from nsdr.types import Scene
 
 __all__ = [
     "SPLITS",
+    "check_outputs",
     "failures_line",
+    "frames_of",
     "is_scene",
     "left_out",
     "load_scene",
@@ -102,6 +106,24 @@ def make_pipeline(options: Any) -> Any:
     pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings, device=options.device)
     pipeline.progress = sys.stderr.isatty()
     return pipeline
+
+
+def frames_of(pipeline: Any, video: str | Path) -> Any:
+    """(F, 320, 480, 3) uint8, the frames that perception saw, without the warnings that it has given."""
+    import numpy as np
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return np.stack(list(pipeline.frames(video)))
+
+
+def check_outputs(video: str, *outputs: tuple[str | None, tuple[str, ...]]) -> None:
+    """Check files that are to be written, each with its possible endings: none of them is the video or another one."""
+    taken = [video]
+    for path, suffixes in outputs:
+        if path is not None:
+            check_output(path, suffixes, taken)
+            taken.append(path)
 
 
 def is_scene(path: str) -> bool:

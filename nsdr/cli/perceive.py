@@ -1,6 +1,5 @@
 """`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,9 @@ from typing import Any
 from jsonargparse.typing import NonNegativeInt, PositiveInt
 
 from nsdr.cli.common import (
+    check_outputs,
     failures_line,
+    frames_of,
     is_scene,
     load_scene,
     make_pipeline,
@@ -36,16 +37,8 @@ def parse_video_options(parser: Any) -> None:
 
 def parse_video(options: Any) -> int:
     """`nsdr parse-video`: one video as a scene."""
-    outputs = [
-        (options.output, (".json", ".npz")),
-        (options.proposals_out, (".json",)),
-        (options.image, (".png", ".jpg")),
-    ]
-    taken = [options.video]
-    for path, suffixes in outputs:
-        if path is not None:
-            check_output(path, suffixes, taken)
-            taken.append(path)
+    images = (options.image, (".png", ".jpg"))
+    check_outputs(options.video, (options.output, (".json", ".npz")), (options.proposals_out, (".json",)), images)
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
     from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io import storage
@@ -171,7 +164,7 @@ def visualize(options: Any) -> int:
     answers = [pipeline.answer(p.scene, options.question, options.choice or None)] if options.question else []
     frames = None
     if not saved and {"strobe", "last", "mp4", "html"}.intersection(image for _, image in outputs):
-        frames = _frames(pipeline, options.video)
+        frames = frames_of(pipeline, options.video)
     for path, image in outputs:
         _write_picture(path, image, frames, p, answers, options.removed)
         print(path)
@@ -208,15 +201,6 @@ def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
     if impossible:
         raise DataError(f"{options.video}: is a saved scene, which has no frames for {impossible[0]}; give the video")
     return pictures
-
-
-def _frames(pipeline: Any, video: str) -> Any:
-    """The frames that perception saw, without the warnings that it has given."""
-    import numpy as np
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return np.stack(list(pipeline.frames(video)))
 
 
 def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any], removed: int | None) -> None:

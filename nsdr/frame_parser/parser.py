@@ -18,7 +18,7 @@ from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
-from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads, resolve_precision
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -26,7 +26,7 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 __all__ = ["FrameParser"]
 
 
-class FrameParser(PretrainedModel[nn.Module]):
+class FrameParser(PretrainedPart[nn.Module]):
     """Detects objects with their masks and attributes in the frames of a video (paper, section 4.1).
 
     It runs on the device of the network's weights, and its results are on the CPU.

@@ -3,7 +3,6 @@
 import os
 import re
 import sys
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PARTS",
-    "PretrainedModel",
     "PretrainedPart",
     "find_checkpoint",
     "load_checkpoint",
@@ -219,89 +217,18 @@ def _forms(state: Mapping[str, Any]) -> dict[str, str]:
     return {k: f"{'float' if v.is_floating_point() else 'int'} {tuple(v.shape)}" for k, v in state.items()}
 
 
-class PretrainedPart(ABC):
+class PretrainedPart(Generic[Model]):
     """A part of the system with a network. Inputs go to the device of its weights; results come back to the CPU.
 
     Attributes:
         part: name of its files in a checkpoint.
         default_checkpoint: name of the shipped checkpoint that has its weights.
+        built_from: the dataclass of the network's settings, and what builds the network from them.
+        model: the network; `model.config` are its settings. Parts with several have other `from_checkpoint` and `network`.
     """
 
     part: ClassVar[str]
     default_checkpoint: ClassVar[str] = "default"
-
-    @classmethod
-    @abstractmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
-        """The part of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
-
-        Raises:
-            CheckpointError: a file is missing or corrupt, or holds another kind of network.
-        """
-
-    @property
-    @abstractmethod
-    def network(self) -> "nn.Module":
-        """The network, or all networks as one module."""
-
-    @abstractmethod
-    def _description(self) -> tuple[Any, Mapping[str, Any]]:
-        """The dataclass that rebuilds the network, and what else belongs into the JSON."""
-
-    @classmethod
-    def from_pretrained(cls, path_or_id: str | Path = "", device: str = "auto", **options: Any) -> Self:
-        """The part with the weights of a checkpoint.
-
-        Args:
-            path_or_id: a folder, the name of a shipped checkpoint or an address on the Hugging Face hub (see
-                `nsdr.io.checkpoint.find_checkpoint`); "" for the shipped weights.
-            device: as of `to`.
-            options: arguments of the constructor.
-
-        Raises:
-            CheckpointError: not found, incomplete or corrupt.
-            DataError: the device is unknown or not available.
-        """
-        return cls.from_checkpoint(find_checkpoint(path_or_id or cls.default_checkpoint), **options).to(device)
-
-    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
-        """Write the part's weights and description for `from_pretrained(folder)`.
-
-        Args:
-            folder: created if missing; other parts of a checkpoint in it are kept.
-            details: plain values to add to the JSON, such as metrics.
-        """
-        config, more = self._description()
-        save_checkpoint(folder, self.part, self.network.state_dict(), config, {**(details or {}), **more})
-
-    def to(self, device: str) -> Self:
-        """Move the weights to a device; returns the part itself.
-
-        Args:
-            device: a device of torch, such as "cpu" or "cuda:1"; "auto" is CUDA where that is available, else the CPU.
-
-        Raises:
-            DataError: the device is unknown or not available.
-        """
-        self.network.to(resolve_device(device))
-        return self
-
-    @property
-    def device(self) -> "torch.device":
-        """Where the weights are."""
-        import torch
-
-        return next((p.device for p in self.network.parameters()), torch.device("cpu"))
-
-
-class PretrainedModel(PretrainedPart, Generic[Model]):
-    """A part with one network, which its settings rebuild.
-
-    Attributes:
-        built_from: the dataclass of the settings, and what builds the network from them.
-        model: the network; `model.config` are its settings.
-    """
-
     built_from: ClassVar[tuple[type, Callable[[Any], "nn.Module"]]]
     model: Model
 
@@ -315,10 +242,52 @@ class PretrainedModel(PretrainedPart, Generic[Model]):
         make: Callable[..., Self] = cls
         return make(load_network(folder, cls.part, *cls.built_from), **options)
 
+    @classmethod
+    def from_pretrained(cls, path_or_id: str | Path = "", device: str = "auto", **options: Any) -> Self:
+        """The part with the weights of a checkpoint.
+
+        Args:
+            path_or_id: as of `find_checkpoint`; "" for the shipped weights.
+            device: as of `to`.
+            options: arguments of the constructor.
+
+        Raises:
+            CheckpointError: not found, incomplete or corrupt.
+            DataError: the device is unknown or not available.
+        """
+        return cls.from_checkpoint(find_checkpoint(path_or_id or cls.default_checkpoint), **options).to(device)
+
     @property
-    def network(self) -> Model:
-        """The network."""
+    def network(self) -> "nn.Module":
+        """The network, or all networks as one module."""
         return self.model
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
+        """The dataclass that rebuilds the network, and what else belongs into the JSON."""
         return self.model.config, {}
+
+    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
+        """Write the part's weights and description for `from_pretrained(folder)`.
+
+        Args:
+            folder: created if missing; other parts of a checkpoint in it are kept.
+            details: plain values to add to the JSON, such as metrics.
+        """
+        config, more = self._description()
+        save_checkpoint(folder, self.part, self.network.state_dict(), config, {**(details or {}), **more})
+
+    def to(self, device: str) -> Self:
+        """Move the weights to a device of torch; returns the part itself. "auto" is CUDA where that is available, else the CPU.
+
+        Raises:
+            DataError: the device is unknown or not available.
+        """
+        self.network.to(resolve_device(device))
+        return self
+
+    @property
+    def device(self) -> "torch.device":
+        """Where the weights are."""
+        import torch
+
+        return next((p.device for p in self.network.parameters()), torch.device("cpu"))

@@ -7,13 +7,13 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait as wait_for
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from tqdm import tqdm
 
@@ -76,11 +76,13 @@ def run_tasks(
     else:
         waiting, lost = deque(items), deque[Item]()
         while waiting:
-            lost += yield from _side_by_side(
-                _Processes(min(workers or available_cores(), len(waiting))), function, waiting
-            )
+            processes = min(workers or available_cores(), len(waiting))
+            lost += (yield from _side_by_side(_Processes(processes), function, waiting))[0]
         for item in lost:
-            yield from _alone(function, item)
+            died, how = yield from _side_by_side(_Processes(1), function, deque([item]))
+            if died:
+                memory = "; it may need more memory than there is" if "SIGKILL" in how else ""
+                yield Outcome(item, error=f"its worker process died twice, the second time alone ({how}){memory}")
 
 
 def run_in_order(
@@ -114,20 +116,10 @@ def _attempt(function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
         return Outcome(item, error=f"{type(e).__name__}: {e}")
 
 
-class _Pool(Protocol):
-    """Workers; `most` is how many tasks they take at a time."""
-
-    most: int
-
-    def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[Outcome[Item]]":
-        """Begin a task."""
-
-    def close(self) -> None:
-        """End the workers, or what they still do."""
-
-
-def _side_by_side(pool: _Pool, function: Callable[[Item], Any], waiting: deque[Item]) -> Any:
-    """Yields outcomes; returns the items whose tasks were in work when a process died. Then some may still be `waiting`."""
+def _side_by_side(
+    pool: "_Processes | _Ray", function: Callable[[Item], Any], waiting: deque[Item]
+) -> Generator[Outcome[Item], None, tuple[list[Item], str]]:
+    """Yields outcomes. Ends when a process dies, while items may still be waiting; returns those in work, and how it died."""
     from loky.process_executor import BrokenProcessPool
 
     running: dict[Future[Outcome[Item]], Item] = {}
@@ -144,28 +136,12 @@ def _side_by_side(pool: _Pool, function: Callable[[Item], Any], waiting: deque[I
                     item = running.pop(future)
                     yield future.result() if error is None else Outcome(item, error=_untold(error))
             except BrokenProcessPool as e:
-                log.warning("a worker process died (%s); what was in work is done again, one by one", _how(e))
-                return list(running.values())
-    return []
-
-
-def _alone(function: Callable[[Item], Any], item: Item) -> Iterator[Outcome[Item]]:
-    """A task with no other beside it, whose process may die."""
-    from loky.process_executor import BrokenProcessPool
-
-    with closing(_Processes(1)) as pool:
-        try:
-            yield pool.submit(function, item).result()
-        except BrokenProcessPool as e:
-            memory = "; it may need more memory than there is" if "SIGKILL" in _how(e) else ""
-            yield Outcome(item, error=f"its worker process died twice, the second time alone ({_how(e)}){memory}")
-
-
-def _how(error: Exception) -> str:
-    """How a process died, of loky's explanations."""
-    lines = str(error).splitlines()
-    codes = [line.partition("exit codes of the workers are {")[2].strip("}") for line in lines]
-    return next((f"exit code {code}" for code in codes if code), lines[0])
+                lines = str(e).splitlines()
+                codes = [line.partition("exit codes of the workers are {")[2].strip("}") for line in lines]
+                how = next((f"exit code {code}" for code in codes if code), lines[0])
+                log.warning("a worker process died (%s)", how)
+                return list(running.values()), how
+    return [], ""
 
 
 def _untold(error: BaseException) -> str:

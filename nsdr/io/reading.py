@@ -17,8 +17,9 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,12 +41,6 @@ __all__ = [
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
-GZIP_SIZE_BYTES = 4
-"""Last bytes of a gzip file, which say how many bytes it holds (modulo 2 ** 32)."""
-CHUNK_BYTES = 1 << 20
-"""Decompressed bytes that are held where they are only counted."""
-CHUNK_CHARACTERS = 1 << 16
-"""Smallest number of characters that `iterate_json_list` reads at a time."""
 MAX_YAML_DEPTH = 50
 """Nesting of a YAML file: its parser takes minutes for thousands of levels."""
 UNZIP_ERRORS = (
@@ -171,63 +166,16 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
 
 
 def iterate_json_list(path: str | Path) -> Iterator[Any]:
-    """Yield the items of a file that holds one JSON list, without reading the whole file into memory.
+    """Yield the items of a file that holds one JSON list; one item at a time is more than bytes.
 
     Raises:
         DataError: the file is missing, too large, no list or not JSON; names the file and the item.
     """
-    with _named(str(path), "JSON file", DataError):
-        _check_regular(path, "json_bytes")
-        with open(path, encoding="utf-8-sig") as file:
-            yield from _items(file, str(path))
-
-
-def _items(file: IO[str], name: str) -> Iterator[Any]:
-    decoder = json.JSONDecoder(parse_constant=_refuse_constant)
-    text, offset, number = "", 0, 0
-
-    def read_more() -> bool:
-        """Read at least as much again as is left, so that a huge item is decoded only a few times; False at the end."""
-        nonlocal text, offset
-        chunk = file.read(max(CHUNK_CHARACTERS, len(text) - offset))
-        text, offset = text[offset:] + chunk, 0
-        return bool(chunk)
-
-    def next_character() -> str:
-        """The next character that is not white space; empty at the end of the file."""
-        nonlocal offset
-        while True:
-            while offset < len(text) and text[offset].isspace():
-                offset += 1
-            if offset < len(text) or not read_more():
-                return text[offset : offset + 1]
-
-    if next_character() != "[":
-        raise DataError(f"{name}: expected a JSON list")
-    offset += 1
-    closed = next_character() == "]"
-    while not closed:
-        next_character()
-        try:
-            item, end = decoder.raw_decode(text, offset)
-        except json.JSONDecodeError as e:
-            if read_more():
-                continue
-            raise DataError(f"{name}: [{number}]: not valid JSON ({e.msg}); the file may be truncated") from e
-        if end == len(text) and read_more():
-            continue  # a number at the end of the chunk may go on
-        if "\\ud" in text[offset:end].lower():
-            json.dumps(item, ensure_ascii=False).encode()  # lone surrogates cannot be encoded
-        yield item
-        offset, number = end, number + 1
-        character = next_character()
-        closed = character == "]"
-        if not closed and character != ",":
-            raise DataError(f"{name}: [{number}]: expected , or ], got {character!r}; the file may be truncated")
-        offset += not closed
-    offset += 1
-    if next_character():
-        raise DataError(f"{name}: data after the end of the list")
+    data = read_json_bytes(path)
+    with _named(str(path), "JSON list", DataError):
+        items = msgspec.json.decode(data, type=list[msgspec.Raw])
+    for number, item in enumerate(items):
+        yield parse_json(bytes(item), f"{path}: [{number}]")
 
 
 def read_npz(path: str | Path, error: ErrorKind = DataError) -> dict[str, NDArray[Any]]:
@@ -269,25 +217,14 @@ def read_yaml(path: str | Path) -> Any:
 
 
 def _gunzipped(data: bytes, name: str) -> bytes:
-    size = int.from_bytes(data[-GZIP_SIZE_BYTES:], "little")
-    if size > limits().json_bytes:
-        _check_decompressed(data, f"{name}, decompressed")
     stream = zlib.decompressobj(wbits=31)
-    content = stream.decompress(data, min(size, limits().json_bytes) + 1)
+    content = stream.decompress(data, limits().json_bytes + 1)
+    check_limit(len(content), "json_bytes", f"{name}, decompressed")
     if stream.unused_data:
         raise ValueError("data after the end of the compressed data")
-    if not stream.eof or len(content) != size:
-        raise EOFError("compressed data end too early, or are of another size than their end says")
+    if not stream.eof:
+        raise EOFError("compressed data end too early")
     return content
-
-
-def _check_decompressed(data: bytes, what: str) -> None:
-    """Count the decompressed bytes, of which few are held at a time, up to the limit."""
-    stream, count = zlib.decompressobj(wbits=31), 0
-    while data and not stream.eof:
-        count += len(stream.decompress(data, CHUNK_BYTES))
-        check_limit(count, "json_bytes", what)
-        data = stream.unconsumed_tail
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:

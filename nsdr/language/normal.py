@@ -15,6 +15,7 @@ from importlib.resources import files
 from nsdr.language.slots import CATEGORY, Slot, in_order
 from nsdr.language.texts import english
 from nsdr.world.nouns import ADJECTIVES, NOUNS
+from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
     "AMBIGUOUS",
@@ -34,6 +35,7 @@ LONG_LETTERS = 7
 """Misspelt words are corrected to any known word of at least so many letters."""
 _TOKEN = re.compile(r"'s\b|[^\W_]+|[,.;:]")
 _BREAKS = frozenset(",.;:")
+_ORDERS = ("first", "second", "last")
 
 
 @cache
@@ -226,6 +228,7 @@ _POSTMODIFIERS = (
     ("made", "from"),
     ("that", "be"),
     ("which", "be"),
+    (),
 )
 
 
@@ -236,6 +239,8 @@ def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
         for words in _POSTMODIFIERS:
             end = i + 1 + len(words)
             attribute = parts[end] if end < len(parts) else ""
+            if not words and (i == 0 or parts[i - 1] not in ("any", "no")):  # "anything red"
+                continue
             if not isinstance(noun, Slot) or noun.form == "A" or not isinstance(attribute, Slot):
                 continue
             if attribute.form == "A" and tuple(parts[i + 1 : end]) == words:
@@ -249,14 +254,58 @@ def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
 
 def _in_order(parts: list[str | Slot]) -> list[str | Slot]:
     """The question first and a clause in front of it last; without commas and stops."""
+    parts = _without_front(parts)
     split = _question_start(parts) if parts and parts[0] in CLAUSE_STARTS else 0
     ordered = [*parts[split:], *parts[:split]]
     return [part for part in ordered if part not in _BREAKS]
 
 
+def _without_front(parts: list[str | Slot]) -> list[str | Slot]:
+    """A text with what stands before its first break in the place of "it", "its", "then" or "that", if that refers to it.
+
+    "The cube: what is its color?" becomes "what is the cube's color", "The cube enters; what moves then?" "what moves when
+    the cube enters".
+    """
+    end = next((i for i, part in enumerate(parts) if part in _BREAKS), 0)
+    front, rest = parts[:end], [part for part in parts[end:] if part not in _BREAKS]
+    while front and front[0] in ("regarding", "about", "concerning", "consider", "there", "be", "for"):
+        front = front[1:]
+    if front[1:2] == ["to"] and front[0] in _ORDERS:
+        front = [front[0], Slot("O", ()), *front[1:]]
+    if not any(isinstance(part, Slot) for part in front) or set(front) & (
+        QUESTION_STARTS - {"be", "do", "have", "when"}
+    ):
+        return parts
+    if front[0] in ("we", "you", "i"):
+        return [*rest, "if", *front] if {"what", "which"}.intersection(rest) else parts
+    if front[0] in ("a", "one", "any", *_ORDERS) or isinstance(front[0], Slot):
+        front = ["the", *front[front[0] in ("a", "one", "any") :]]
+    if front[0] != "the":
+        return parts
+    if {"it", "its"}.intersection(rest):
+        if front[2:3] == ["be"] and isinstance(front[1], Slot):  # "an object is moving: what is its color"
+            front = [*front[:2], "that", *front[2:]]
+        forms = {"it": front, "its": [*front, "'s"]}
+        return [found for part in rest for found in (forms.get(part, [part]) if isinstance(part, str) else [part])]
+    if len(rest) == 1 and rest[0] in ATTRIBUTES:
+        return ["the", *rest, "of", *front]
+    if rest[-1:] == ["responsible"]:
+        return [*rest, "for", *front]
+    if rest[-2:] == ["for", "that"]:
+        return [*rest[:-1], *front]
+    for words in (["then"], *(["at", that, time] for that in ("that", "the") for time in ("time", "point", "moment"))):
+        if rest[-len(words) :] == words:
+            return [*rest[: -len(words)], "when", *front]
+    return parts
+
+
 def _question_start(parts: Sequence[str | Slot]) -> int:
     for i in range(2, len(parts)):
         if parts[i - 1] in _BREAKS and parts[i] in QUESTION_STARTS:
+            return i
+    for i in range(2, len(parts)):
+        is_subject = parts[i] == "the" or isinstance(parts[i], Slot)
+        if parts[i - 1] in _BREAKS and is_subject and {"what", "which"}.intersection(parts[i:]):
             return i
     for i in range(2, len(parts)):
         if parts[i] in ("how", "what", "which", "why"):

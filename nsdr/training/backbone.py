@@ -16,9 +16,8 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
 from nsdr.baselines.features.backbone import (
-    CELL_STAGE,
     MAX_COUNT,
-    STRIDES,
+    STRIDE,
     BackboneConfig,
     FrameClassifier,
     FrameScores,
@@ -36,12 +35,14 @@ from nsdr.validation import MAX_SIZE, Count, PathName, PositiveCount, Settings, 
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["BackboneTask", "BackboneTraining", "DecodedVideo", "SeenObject", "decode_videos", "frame_targets", "main"]
+__all__ = ["BackboneTask", "BackboneTraining", "Frame", "decode_videos", "frame_targets", "main"]
 
 FOUND_PROBABILITY = 0.5
 """A centre is found in a cell with a higher probability (0-1)."""
 EVALUATION_BATCH = 32
 """Frames that are evaluated at once."""
+MAPS = ("centre", "attributes")
+"""Targets that have columns."""
 
 
 @dataclass(frozen=True)
@@ -77,44 +78,30 @@ class BackboneTraining(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        stride = STRIDES[CELL_STAGE]
-        if any(side % stride for side in self.image_size):
-            raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {stride}")
+        if any(side % STRIDE for side in self.image_size):
+            raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {STRIDE}")
 
 
-class SeenObject(NamedTuple):
-    """An object whose centre is in a frame.
-
-    Attributes:
-        column: of its centre, as a share of the image's width (0-1).
-        row: of its centre, as a share of the image's height (0-1).
-        words: word index of each of `ATTRIBUTES`.
-    """
-
-    column: float
-    row: float
-    words: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class DecodedVideo:
-    """Some frames of a video.
+class Frame(NamedTuple):
+    """A frame and what it shows.
 
     Attributes:
-        index: of the video.
-        images: (F, H, W, 3) uint8 RGB, mapped from a file.
-        objects: those of each frame, the nearest to the camera last.
+        image: (H, W, 3) uint8 RGB, mapped from a file.
+        targets: as of `frame_targets`.
     """
 
-    index: int
-    images: NDArray[np.uint8]
-    objects: tuple[tuple[SeenObject, ...], ...]
+    image: NDArray[np.uint8]
+    targets: dict[str, Tensor]
+
+    def mirrored(self) -> "Frame":
+        """The frame seen from the other side of the plane y = 0."""
+        return Frame(self.image[:, ::-1], {k: v.flip(-1) if k in MAPS else v for k, v in self.targets.items()})
 
 
 def decode_videos(
     root: str | Path, folder: str | Path, image_size: tuple[int, int], frames: int, limit: int = 0
-) -> list[DecodedVideo]:
-    """The training videos of a data set that have annotations, by index. What an earlier call decoded is kept.
+) -> dict[int, list[Frame]]:
+    """Frames of the training videos of a data set that have annotations, by index. What an earlier call decoded is kept.
 
     Args:
         root: the data set, in the official layout.
@@ -130,20 +117,20 @@ def decode_videos(
     indices = sorted(set(split.entries("videos")) & set(split.entries("annotations")))[: limit or None]
     if not indices:
         raise DataError(f"{root}: has no training videos with annotations; make some with `nsdr generate dataset`")
-    folder = Path(folder)
     jobs = []
     for index in indices:
         video = split.video(index)
         key = fingerprint(inputs=[video], config=[image_size, frames])
-        jobs.append(Job(video.name, video, folder / f"{index:05d}.npy", key))
+        jobs.append(Job(video.name, video, Path(folder) / f"{index:05d}.npy", key))
     summary = run_jobs(partial(_decode, image_size, frames), jobs, folder, wait=True)
     summary.succeeded(jobs, folder, keep_going=False)
-    decoded = []
+    cells = image_size[0] // STRIDE, image_size[1] // STRIDE
+    decoded = {}
     for index, job in zip(indices, jobs, strict=True):
-        annotation = split.annotation(index)
+        annotation, images = split.annotation(index), np.load(job.output, mmap_mode="r")
         picked = spaced(len(annotation["motion_trajectory"]), frames)
-        objects = tuple(seen_objects(annotation, int(frame)) for frame in picked)
-        decoded.append(DecodedVideo(index, np.load(job.output, mmap_mode="r"), objects))
+        targets = [frame_targets(annotation, int(frame), cells) for frame in picked]
+        decoded[index] = list(map(Frame, images, targets))
     return decoded
 
 
@@ -155,26 +142,12 @@ def _decode(image_size: tuple[int, int], count: int, video: Path, output: Path) 
         np.save(temporary, np.stack(scaled))
 
 
-def seen_objects(annotation: Mapping[str, Any], frame: int) -> tuple[SeenObject, ...]:
-    """The objects of an annotation whose centres are in a frame, the nearest to the camera last."""
-    words = {
-        row["object_id"]: tuple(known.index(row[name]) for name, known in ATTRIBUTES.items())
-        for row in annotation["object_property"]
-    }
-    found = []
-    for row in annotation["motion_trajectory"][frame]["objects"]:
-        column, line = CLEVRER_CAMERA.pixels(row["location"])
-        share = float(column) / CLEVRER_CAMERA.width, float(line) / CLEVRER_CAMERA.height
-        if row["inside_camera_view"] and 0 <= share[0] < 1 and 0 <= share[1] < 1:
-            found.append((float(CLEVRER_CAMERA.depth(row["location"])), SeenObject(*share, words[row["object_id"]])))
-    return tuple(seen for _, seen in sorted(found, key=lambda item: -item[0]))
-
-
-def frame_targets(objects: Sequence[SeenObject], cells: tuple[int, int]) -> dict[str, Tensor]:
-    """What a frame shows.
+def frame_targets(annotation: Mapping[str, Any], frame: int, cells: tuple[int, int]) -> dict[str, Tensor]:
+    """What a frame shows: the objects whose centres are in it; of several in a cell, the nearest to the camera counts there.
 
     Args:
-        objects: whose centres are in the frame; of several in a cell, the last one counts there.
+        annotation: of the video.
+        frame: index of the frame.
         cells: height and width of the map.
 
     Returns:
@@ -186,14 +159,20 @@ def frame_targets(objects: Sequence[SeenObject], cells: tuple[int, int]) -> dict
     centre = torch.zeros(cells, dtype=torch.bool)
     attributes = torch.zeros(len(ATTRIBUTES), *cells, dtype=torch.int64)
     present = [torch.zeros(len(words), dtype=torch.bool) for words in ATTRIBUTES.values()]
-    for seen in objects:
-        row, column = int(seen.row * cells[0]), int(seen.column * cells[1])
-        centre[row, column] = True
-        attributes[:, row, column] = torch.tensor(seen.words)
-        for flags, word in zip(present, seen.words, strict=True):
-            flags[word] = True
-    number = torch.tensor(min(len(objects), MAX_COUNT))
-    return {"centre": centre, "attributes": attributes, "present": torch.cat(present), "number": number}
+    names = {row["object_id"]: row for row in annotation["object_property"]}
+    objects = [o for o in annotation["motion_trajectory"][frame]["objects"] if o["inside_camera_view"]]
+    number = 0
+    for seen in sorted(objects, key=lambda o: -float(CLEVRER_CAMERA.depth(o["location"]))):
+        column, row = (float(value) for value in CLEVRER_CAMERA.pixels(seen["location"]))
+        x, y = int(column / CLEVRER_CAMERA.width * cells[1] // 1), int(row / CLEVRER_CAMERA.height * cells[0] // 1)
+        if 0 <= x < cells[1] and 0 <= y < cells[0]:
+            number += 1
+            centre[y, x] = True
+            for k, (name, words) in enumerate(ATTRIBUTES.items()):
+                attributes[k, y, x] = word = words.index(names[seen["object_id"]][name])
+                present[k][word] = True
+    counted = torch.tensor(min(number, MAX_COUNT))
+    return {"centre": centre, "attributes": attributes, "present": torch.cat(present), "number": counted}
 
 
 class BackboneTask(Task):
@@ -207,14 +186,11 @@ class BackboneTask(Task):
         self.config = config
         torch.manual_seed(config.loop.seed)
         self.model: nn.Module = FrameClassifier(config.model).to(memory_format=torch.channels_last)
-        height, width = config.image_size
-        self.cells = height // STRIDES[CELL_STAGE], width // STRIDES[CELL_STAGE]
         folder = Path(config.run_dir) / "frames"
         videos = decode_videos(config.root, folder, config.image_size, config.frames_per_video, config.videos)
-        is_held_out = held_out(np.array([v.index for v in videos]), config.held_out_every, config.root)
-        self.training = [video for video, held in zip(videos, is_held_out, strict=True) if not held]
-        evaluated = [video for video, held in zip(videos, is_held_out, strict=True) if held]
-        every = [(video, frame) for video in evaluated for frame in range(config.frames_per_video)]
+        is_held_out = held_out(np.array(list(videos)), config.held_out_every, config.root)
+        self.training = [frames for frames, held in zip(videos.values(), is_held_out, strict=True) if not held]
+        every = [frame for frames, held in zip(videos.values(), is_held_out, strict=True) if held for frame in frames]
         self.held_out = [every[i] for i in np.unique(spaced(len(every), config.evaluation_frames))]
 
     def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int, bool]]:
@@ -226,19 +202,12 @@ class BackboneTask(Task):
 
     def collate(self, examples: Sequence[tuple[int, int, bool]]) -> dict[str, Tensor]:
         """B frames: `images` (B, 3, H, W), as of `image_batch`, and the targets of `frame_targets`, stacked."""
-        return self._batch([(self.training[video], frame, flip) for video, frame, flip in examples])
+        frames = [(self.training[video][frame], flip) for video, frame, flip in examples]
+        return self._batch([frame.mirrored() if flip else frame for frame, flip in frames])
 
-    def _batch(self, frames: Sequence[tuple[DecodedVideo, int, bool]]) -> dict[str, Tensor]:
-        images, targets = [], []
-        for video, frame, flip in frames:
-            image, objects = video.images[frame], video.objects[frame]
-            if flip:
-                image = image[:, ::-1]
-                objects = tuple(seen._replace(column=np.nextafter(1, 0) - seen.column) for seen in objects)
-            images.append(image)
-            targets.append(frame_targets(objects, self.cells))
-        joined = {name: torch.stack([t[name] for t in targets]) for name in targets[0]}
-        return {"images": image_batch(images, self.config.image_size), **joined}
+    def _batch(self, frames: Sequence[Frame]) -> dict[str, Tensor]:
+        targets = {name: torch.stack([frame.targets[name] for frame in frames]) for name in frames[0].targets}
+        return {"images": image_batch([frame.image for frame in frames], self.config.image_size), **targets}
 
     def losses(self, model: nn.Module, batch: dict[str, Tensor]) -> dict[str, LossTerm]:
         """Means per frame of centres, words and number of objects, per object of attributes; `images` are (B, 3, H, W)."""
@@ -267,7 +236,7 @@ class BackboneTask(Task):
         device = next(model.parameters()).device
         totals: Counter[str] = Counter()
         for start in range(0, len(self.held_out), EVALUATION_BATCH):
-            frames = [(*example, False) for example in self.held_out[start : start + EVALUATION_BATCH]]
+            frames = self.held_out[start : start + EVALUATION_BATCH]
             batch = {k: v.to(device) for k, v in self._batch(frames).items()}
             scores: FrameScores = model(batch["images"])
             found, centre = scores.centre.sigmoid() > FOUND_PROBABILITY, batch["centre"]

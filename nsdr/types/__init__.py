@@ -11,8 +11,7 @@ Arrays are stored as read-only views of the arrays passed in.
 
 from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
 from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelocity
-from nsdr.types.object_physics import ObjectPhysics
-from nsdr.types.scenes import DynamicsPrediction, Event, Rollout, Scene, UncertainCollision
+from nsdr.types.scenes import DynamicsPrediction, Event, ObjectPhysics, Rollout, Scene, UncertainCollision
 from nsdr.types.simulations import EventChange, Simulation
 from nsdr.types.tracks import Camera, SceneObject, Track, VideoProposals, VideoTracks
 

@@ -21,7 +21,7 @@ __all__ = [
     "CHANNELS",
     "IMAGENET",
     "MAX_COUNT",
-    "STRIDES",
+    "STRIDE",
     "Backbone",
     "BackboneConfig",
     "FrameClassifier",
@@ -32,18 +32,12 @@ __all__ = [
 
 IMAGENET = "imagenet"
 """Stands for torchvision's weights, in place of a checkpoint."""
-CHANNELS = {
-    "resnet18": {"layer2": 128, "layer3": 256, "layer4": 512},
-    "resnet34": {"layer2": 128, "layer3": 256, "layer4": 512},
-    "resnet50": {"layer2": 512, "layer3": 1024, "layer4": 2048},
-}
-"""Channels after each stage of torchvision's networks."""
-STRIDES = {"layer2": 8, "layer3": 16, "layer4": 32}
-"""Strides of the stages (pixels)."""
+CHANNELS = {"resnet18": (256, 512), "resnet50": (1024, 2048)}
+"""Channels of torchvision's networks after their third stage, which gives the maps, and after their last one."""
+STRIDE = 16
+"""Stride of the third stage (pixels)."""
 IMAGE_MEAN, IMAGE_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and standard deviation of the RGB channels with which torchvision's weights were trained (0-1)."""
-CELL_STAGE = "layer3"
-"""Stage whose cells are classified in training."""
 MAX_COUNT = 10
 """Frames with more objects count as frames with so many."""
 
@@ -53,17 +47,14 @@ class BackboneConfig(Settings):
     """Architecture of the backbone.
 
     Attributes:
-        name: torchvision's "resnet18", "resnet34" or "resnet50" (paper).
+        name: torchvision's "resnet18" or "resnet50" (paper).
     """
 
     name: Annotated[str, one_of(CHANNELS)] = "resnet18"
 
 
 class Backbone(nn.Module):
-    """A ResNet that gives the maps of its stages.
-
-    `forward(images (B, 3, H, W))`, normalised as `image_batch` does, returns `{"layer2": (B, C, H/8, W/8), "layer3":
-    (B, C, H/16, W/16), "layer4": (B, C, H/32, W/32)}`, sizes rounded up; `CHANNELS` has each C.
+    """A ResNet that gives the maps of its last two stages.
 
     Args:
         resnet: torchvision's network.
@@ -74,14 +65,12 @@ class Backbone(nn.Module):
         resnet.fc = nn.Identity()
         self.resnet = resnet
 
-    def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """Normalised images (B, 3, H, W) -> maps (B, C, h, w) by stage."""
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Images (B, 3, H, W) of `image_batch` -> maps (B, C, H/16, W/16) and (B, C, H/32, W/32), sizes rounded up."""
         net = self.resnet
         x = net.layer1(net.maxpool(net.relu(net.bn1(net.conv1(images)))))  # type: ignore[operator]
-        maps = {}
-        for stage in STRIDES:
-            x = maps[stage] = getattr(net, stage)(x)
-        return maps
+        third = net.layer3(net.layer2(x))  # type: ignore[operator]
+        return third, net.layer4(third)  # type: ignore[operator]
 
 
 class FrameScores(NamedTuple):
@@ -110,16 +99,16 @@ class FrameClassifier(nn.Module):
         super().__init__()
         self.config = config
         self.backbone = Backbone(models.get_model(config.name, weights=None))
-        channels, words = CHANNELS[config.name], sum(map(len, ATTRIBUTES.values()))
-        self.cells = nn.Conv2d(channels[CELL_STAGE], 1 + words, 1)
-        self.frame = nn.Linear(channels["layer4"], words + MAX_COUNT + 1)
+        (third, last), words = CHANNELS[config.name], sum(map(len, ATTRIBUTES.values()))
+        self.cells = nn.Conv2d(third, 1 + words, 1)
+        self.frame = nn.Linear(last, words + MAX_COUNT + 1)
 
     def forward(self, images: Tensor) -> FrameScores:
         """Normalised images (B, 3, H, W) -> scores."""
-        maps = self.backbone(images)
+        third, last = self.backbone(images)
         sizes = [len(words) for words in ATTRIBUTES.values()]
-        centre, *attributes = self.cells(maps[CELL_STAGE]).float().split([1, *sizes], 1)
-        present, number = self.frame(maps["layer4"].mean((2, 3))).float().split([sum(sizes), MAX_COUNT + 1], 1)
+        centre, *attributes = self.cells(third).float().split([1, *sizes], 1)
+        present, number = self.frame(last.mean((2, 3))).float().split([sum(sizes), MAX_COUNT + 1], 1)
         return FrameScores(centre[:, 0], dict(zip(ATTRIBUTES, attributes, strict=True)), present, number)
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from safetensors import numpy as safetensors
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d
 from torchvision.ops import roi_align
@@ -34,6 +35,8 @@ __all__ = ["FeatureExtraction", "FeatureExtractor", "extract_features", "find_vi
 
 REGION_CELLS = 7
 """Cells along each side of a region, of which the mean is taken."""
+MIN_SCORE = 0.9
+"""Objects with a score up to this are left out (0-1; the paper's threshold for proposals)."""
 REGION_SAMPLES = 2
 """Samples of the map per cell along each axis (`sampling_ratio` of RoIAlign)."""
 
@@ -82,16 +85,12 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
     common = fingerprint(config=[VERSION, manifest]).encode()
     jobs = []
     for index, video in find_videos(extraction.root).items():
-        output = feature_file(folder, config.kinds[-1], index)
-        jobs.append(Job(video.name, (index, video), output, fingerprint(inputs=[common, video])))
+        jobs.append(Job(video.name, video, feature_file(folder, index), fingerprint(inputs=[common, video])))
     with locked(folder, wait=True):
         if (folder / MANIFEST).is_file():
             FeatureCache(folder).check(config)
         load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
         write_json(folder / MANIFEST, manifest, indent=1)
-        for job in jobs:  # a video that lacks a kind is not finished, though only the last one is looked for
-            if not all(feature_file(folder, kind, job.item[0]).exists() for kind in config.kinds):
-                job.output.unlink(missing_ok=True)
         summary = run_jobs(partial(_extract, config, str(device)), jobs, folder, extraction.engine, extraction.workers)
     return len(summary.succeeded(jobs, folder, keep_going))
 
@@ -116,12 +115,10 @@ def find_videos(root: str | Path) -> dict[int, Path]:
     return found
 
 
-def _extract(config: FeatureConfig, device: str, item: tuple[int, Path], output: Path) -> None:
-    index, video = item
-    found = _extractor(config, device)(frames_of(video))
-    for kind in config.kinds:  # the job's output is of the last kind
-        with atomic_path(feature_file(output.parent.parent, kind, index)) as temporary:
-            np.save(temporary, found[kind])
+def _extract(config: FeatureConfig, device: str, video: Path, output: Path) -> None:
+    content = safetensors.save(_extractor(config, device)(frames_of(video)))
+    with atomic_path(output) as temporary:
+        temporary.write_bytes(content)
 
 
 @lru_cache(maxsize=1)
@@ -181,30 +178,30 @@ class FeatureExtractor:
         images = image_batch(list(chosen), c.image_size).to(self.device)
         mixed = self.precision != torch.float32  # some devices have no autocast, even to be disabled
         with torch.autocast(self.device.type, self.precision) if mixed else nullcontext():
-            stages = self.backbone(images)
-        maps = stages[c.stage].float()
+            third, last = self.backbone(images)
+        maps = third.float()
         features: dict[str, Tensor] = {}
         if "pooled" in c.kinds:
-            features["pooled"] = stages["layer4"].float().mean((2, 3))
+            features["pooled"] = last.float().mean((2, 3))
         if "maps" in c.kinds:
             features["maps"] = maps if c.grid is None else adaptive_avg_pool2d(maps, c.grid)
         if self.parser is not None:
-            boxes = best_boxes(self.parser.parse(chosen), c.min_score, c.max_objects)
+            boxes = best_boxes(self.parser.parse(chosen), c.max_objects)
             features["objects"] = region_features(maps, boxes, c.max_objects)
-        half = {kind: value.to("cpu", torch.float16) for kind, value in features.items()}
+        half = {kind: value.to("cpu", torch.float16).contiguous() for kind, value in features.items()}
         for kind, value in half.items():
             if not bool(value.isfinite().all()):
                 raise DataError(f"{kind}: features beyond the range of float16; give other weights")
         return {kind: value.numpy() for kind, value in half.items()}
 
 
-def best_boxes(proposals: VideoProposals, min_score: float, max_objects: int) -> list[NDArray[np.float32]]:
+def best_boxes(proposals: VideoProposals, max_objects: int) -> list[NDArray[np.float32]]:
     """(N, 4) boxes of at most `max_objects` objects of each frame, best first, as shares of the image."""
     p = proposals
     sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
     boxes = []
     for frame in range(p.n_frames):
-        rows = np.flatnonzero((p.frame_index == frame) & (p.score > min_score) & (p.area_px > 0))
+        rows = np.flatnonzero((p.frame_index == frame) & (p.score > MIN_SCORE) & (p.area_px > 0))
         best = rows[np.argsort(-p.score[rows], kind="stable")][:max_objects]
         boxes.append((p.box_xyxy_px[best] / sides).astype(np.float32))
     return boxes

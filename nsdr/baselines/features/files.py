@@ -10,15 +10,16 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
 
-from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDES
+from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDE
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import LEDGER
 from nsdr.io.reading import read_json
-from nsdr.validation import MAX_SIZE, Settings, Share, Size, one_of
+from nsdr.validation import MAX_SIZE, Settings, Size, one_of
 
 __all__ = ["KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
 
@@ -28,7 +29,7 @@ MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
-Side = Annotated[int, Meta(ge=min(STRIDES.values()), le=MAX_SIZE)]
+Side = Annotated[int, Meta(ge=STRIDE, le=MAX_SIZE)]
 """Height or width of an image (pixels)."""
 
 
@@ -37,16 +38,14 @@ class FeatureConfig(Settings):
     """How features are made of a video. The defaults are the paper's settings.
 
     Attributes:
-        backbone: "resnet18", "resnet34" or "resnet50".
+        backbone: "resnet18" or "resnet50".
         weights: "imagenet" (torchvision's, downloaded when first used), or a checkpoint of `nsdr train backbone`.
         frames: number of frames, evenly spaced from the first to the last one.
         image_size: height and width to which frames are scaled (pixels).
-        stage: stage of the maps: "layer2", "layer3" or "layer4", of stride 8, 16 and 32 px.
         grid: height and width to which the maps are pooled by means; None leaves them as they are.
-        kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" and "objects".
+        kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" (of the third stage) and "objects".
         detector: checkpoint of the frame parser that finds the objects.
         max_objects: objects of a frame; those with the best scores.
-        min_score: objects with a score up to this are left out (0-1; the paper's threshold for proposals).
         precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
 
     Raises:
@@ -57,12 +56,10 @@ class FeatureConfig(Settings):
     weights: str = IMAGENET
     frames: Size = 25
     image_size: tuple[Side, Side] = (224, 224)
-    stage: Annotated[str, one_of(STRIDES)] = "layer3"
     grid: tuple[Size, Size] | None = None
     kinds: tuple[str, ...] = KINDS
     detector: str = "default"
     max_objects: Size = 10
-    min_score: Share = 0.9
     precision: Annotated[str, one_of(PRECISIONS)] = "auto"
 
     def __post_init__(self) -> None:
@@ -77,17 +74,17 @@ class FeatureConfig(Settings):
     @property
     def map_size(self) -> tuple[int, int]:
         """Height and width of the maps before they are pooled."""
-        height, width = (math.ceil(side / STRIDES[self.stage]) for side in self.image_size)
+        height, width = (math.ceil(side / STRIDE) for side in self.image_size)
         return height, width
 
     def shape(self, kind: str) -> tuple[int, ...]:
         """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
-        channels = CHANNELS[self.backbone]
+        third, last = CHANNELS[self.backbone]
         if kind == "pooled":
-            return self.frames, channels["layer4"]
+            return self.frames, last
         if kind == "maps":
-            return self.frames, channels[self.stage], *(self.grid or self.map_size)
-        return self.frames, self.max_objects, channels[self.stage] + BOX_NUMBERS
+            return self.frames, third, *(self.grid or self.map_size)
+        return self.frames, self.max_objects, third + BOX_NUMBERS
 
 
 def manifest_of(config: FeatureConfig) -> dict[str, Any]:
@@ -100,8 +97,7 @@ def manifest_of(config: FeatureConfig) -> dict[str, Any]:
     if "objects" in config.kinds:
         values["detector"] = _content(config.detector, "frame_parser")
     else:
-        for name in ("detector", "max_objects", "min_score"):
-            del values[name]
+        del values["detector"], values["max_objects"]
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
 
@@ -114,9 +110,9 @@ def _content(weights: str, part: str) -> str:
     return fingerprint(weights=[folder / f"{part}.{suffix}" for suffix in ("safetensors", "json")])
 
 
-def feature_file(folder: Path, kind: str, scene_index: int) -> Path:
-    """The file with the features of a video of one kind."""
-    return folder / kind / f"{scene_index:05d}.npy"
+def feature_file(folder: Path, scene_index: int) -> Path:
+    """The file with the features of a video, by kind."""
+    return folder / f"{scene_index:05d}.safetensors"
 
 
 class FeatureCache:
@@ -195,24 +191,22 @@ class FeatureCache:
         Raises:
             DataError: the folder lacks the kind or the video, or a file is damaged; names it.
         """
-        kinds = [kind for kind in KINDS if kind in needs]
+        kinds, path = [kind for kind in KINDS if kind in needs], feature_file(self.folder, scene_index)
         self._check_kinds(kinds)
-        found: dict[str, NDArray[Any]] = {kind: self._read(kind, scene_index) for kind in kinds}
+        again = "delete it and run `nsdr extract-features` again"
+        try:
+            with safe_open(path, "np") as file:
+                stored = {kind: file.get_tensor(kind) for kind in kinds}
+        except FileNotFoundError as e:
+            why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
+            raise DataError(f"{path}: no such file; {why}") from e
+        except (OSError, SafetensorError) as e:
+            raise DataError(f"{path}: damaged ({e}); {again}") from e
+        for kind, value in stored.items():
+            if value.shape != self._shapes[kind]:
+                raise DataError(f"{path}: {kind}: expected {self._shapes[kind]}, got {value.shape}; {again}")
+        found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
         if "objects" in found:
             left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
             found["has_object"] = right > left
         return found
-
-    def _read(self, kind: str, scene_index: int) -> NDArray[np.float32]:
-        path, expected = feature_file(self.folder, kind, scene_index), self._shapes[kind]
-        again = "delete it and run `nsdr extract-features` again"
-        try:
-            stored = np.load(path, mmap_mode="r", allow_pickle=False)
-        except FileNotFoundError as e:
-            why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
-            raise DataError(f"{path}: no such file; {why}") from e
-        except (OSError, ValueError, EOFError) as e:
-            raise DataError(f"{path}: damaged ({e}); {again}") from e
-        if stored.shape != expected or stored.dtype != np.float16:
-            raise DataError(f"{path}: expected {expected} of float16, got {stored.shape} of {stored.dtype}; {again}")
-        return np.asarray(stored, np.float32)

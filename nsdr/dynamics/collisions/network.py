@@ -16,7 +16,7 @@ from nsdr.dynamics.collisions.features import (
     network_inputs,
 )
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import Event
 from nsdr.validation import Settings, Size
@@ -100,7 +100,7 @@ class _Block(nn.Module):
         return x + self.mix(F.relu(self.wide(F.relu(x))))
 
 
-class TrackCollisionDetector(PretrainedModel[CollisionNetwork]):
+class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
     """Collisions in observed motion, by a temporal network over whole tracks.
 
     Differs from the paper: the paper's network sees image patches of few frames.

@@ -22,7 +22,7 @@ from nsdr.dynamics.propnet.patch_model import (
 from nsdr.dynamics.propnet.patches import MAX_VALUE, object_patches, patch_boxes
 from nsdr.dynamics.track_smoothing import rollout_in_image, smooth_tracks, with_smoothed_tracks
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -33,7 +33,7 @@ FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 
 
-class PatchPredictor(PretrainedModel[PatchNetwork]):
+class PatchPredictor(PretrainedPart[PatchNetwork]):
     """PropNet over patches (paper, section 4.2).
 
     Collisions of the video are judged on the observed samples. The future is rolled out from the last samples; with an object

@@ -17,7 +17,7 @@ from nsdr.dynamics.track_smoothing import (
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.checkpoint import PretrainedModel
+from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
@@ -30,7 +30,7 @@ OBSERVED_AT_ONCE = 32
 """Frames that the observer sees in one call: so many fit into a processor's cache. Results do not depend on it."""
 
 
-class StatePredictor(PretrainedModel[StateModel]):
+class StatePredictor(PretrainedPart[StateModel]):
     """Propagation networks over ground-plane states (paper, section 4.2).
 
     Differs from the paper: states instead of image patches; observed collisions are read from motion before and after;
