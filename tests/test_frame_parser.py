@@ -127,7 +127,7 @@ def test_coco_files_are_read_like_json_lines(tiny_frames) -> None:
     assert torch.equal(found[2][1]["masks"], expected[2][1]["masks"])
     assert torch.equal(found[2][1]["color"], expected[2][1]["color"])
     path.write_text(json.dumps({"images": images, "annotations": [], "categories": [{"id": 1, "name": "person"}]}))
-    with pytest.raises(DataError, match="category 1: expected a name like"):
+    with pytest.raises(DataError, match=r"categories\[0\]\.name: expected a name like"):
         FrameDataset(tiny_frames, "all")
 
 
@@ -245,9 +245,9 @@ def test_dataset_items_depend_on_seed_epoch_and_index_only(tiny_frames) -> None:
     assert torch.equal(image, dataset[1][0])
     with pytest.raises(IndexError):
         dataset[4]
-    with pytest.raises(DataError, match="seed is -1; expected 0 or more"):
+    with pytest.raises(DataError, match="seed: expected 0 or more, got -1"):
         FrameDataset(tiny_frames, seed=-1)
-    with pytest.raises(DataError, match="epoch is -1; expected 0 or more"):
+    with pytest.raises(DataError, match="epoch: expected 0 or more, got -1"):
         dataset.set_epoch(-1)
 
 

@@ -495,10 +495,10 @@ def frame_line(**changes: Any) -> dict[str, Any]:
     [
         ({"file_name": "../../a.jpg"}, "file_name: expected a file below images/"),
         ({"file_name": "/a.jpg"}, "file_name: expected a file below images/"),
-        ({"scene": -1}, "scene: expected 0"),
+        ({"scene": -1}, "scene: expected a whole number from 0"),
         ({"objects": [{**RED, "segmentation": {"size": [10**6, 10**6], "counts": "1"}}]}, "image_pixels, more than"),
         ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": "11"}}]}, "expected runs of the image's 4x6"),
-        ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": 5}}]}, "counts: expected str"),
+        ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": 5}}]}, "counts: expected a text"),
     ],
 )
 def test_bad_frame_records(changes, message, tmp_path) -> None:
@@ -514,7 +514,7 @@ def test_bad_frame_records(changes, message, tmp_path) -> None:
     ("segmentation", "message"),
     [
         ([[0, 0, 3]], "expected a list of x and y of 3 or more corners"),
-        ([[0, 0, 3, 0, 3, 1e9]], "expected a number from -1 to 7"),
+        ([[0, 0, 3, 0, 3, 1e9]], "expected numbers from -1 to 7"),
         ([], "expected at least one polygon"),
         ({"size": [4, 6], "counts": [3, -3, 24]}, "counts: expected runs of the image's 4x6"),
         ({"size": [4, 6], "counts": [3, 4]}, "counts: expected runs of the image's 4x6"),

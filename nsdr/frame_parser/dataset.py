@@ -18,7 +18,7 @@ from torch.utils.data import Dataset
 from nsdr.errors import DataError
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import check_limit
-from nsdr.validation import Settings, Share
+from nsdr.validation import Settings, Share, expect
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["AugmentConfig", "FrameDataset", "augment", "collate", "image_tensor"]
@@ -111,25 +111,14 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
     """
 
     def __init__(
-        self,
-        folder: str | Path,
-        part: str = "train",
-        augmentation: AugmentConfig | None = None,
-        seed: int = 0,
+        self, folder: str | Path, part: str = "train", augmentation: AugmentConfig | None = None, seed: int = 0
     ) -> None:
-        if seed < 0:
-            raise DataError(f"seed is {seed}; expected 0 or more")
-        self.folder = Path(folder)
-        self.augmentation = augmentation
-        self.seed = seed
-        self.epoch = 0
-        if part not in ("train", "evaluation", "all"):
-            raise DataError(f"part is {part!r}; expected train, evaluation or all")
-        self.records = [
-            r
-            for r in read_frame_records(self.folder)
-            if part == "all" or (r["scene"] % EVALUATION_EVERY == 0) != (part == "train")
-        ]
+        expect(seed >= 0, "seed", "0 or more", seed)
+        expect(part in ("train", "evaluation", "all"), "part", "train, evaluation or all", part)
+        self.folder, self.augmentation, self.seed, self.epoch = Path(folder), augmentation, seed, 0
+        kept = {"train": (False,), "evaluation": (True,), "all": (False, True)}[part]
+        records = read_frame_records(self.folder)
+        self.records = [r for r in records if (r["scene"] % EVALUATION_EVERY == 0) in kept]
         if not self.records:
             raise DataError(
                 f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl or COCO *.json, and images/"
@@ -143,8 +132,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
 
         Call it before iterating over a `DataLoader`; persistent workers keep the epoch that they started with.
         """
-        if epoch < 0:
-            raise DataError(f"epoch is {epoch}; expected 0 or more")
+        expect(epoch >= 0, "epoch", "0 or more", epoch)
         self.epoch = epoch
 
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:

@@ -55,18 +55,12 @@ def _bar(image: FloatArray) -> int:
     """Width of the bar at the left side (pixels)."""
     color = np.median(image[:, 0], 0)
     deviation = np.quantile(np.abs(image - color).max(2), 1 - OUTLIERS, axis=0)
-    width = _first(deviation > MAX_DEVIATION)
+    width = int(np.argmax(deviation > MAX_DEVIATION))
     inside = min(width + EDGE_PX, image.shape[1] - 1)
     step = np.quantile(np.abs(image[:, inside] - color).mean(1), STEP_QUANTILE)
     if step > MIN_STEP:
         return width
-    flat = _first(deviation > FLAT)
-    return _first(deviation > MAX_DEVIATION / 2) if flat >= MIN_FLAT_PX else 0
-
-
-def _first(condition: NDArray[np.bool_]) -> int:
-    """Index of the first true value; 0 if there is none."""
-    return int(np.argmax(condition))
+    return int(np.argmax(deviation > MAX_DEVIATION / 2)) if np.argmax(deviation > FLAT) >= MIN_FLAT_PX else 0
 
 
 def _middle_of(reference: FloatArray, aspect: float) -> FloatArray:
