@@ -29,14 +29,9 @@ RESAMPLES = 2000
 
 
 def wilson_interval(accuracy: float, n: int, z: float = Z_95) -> tuple[float, float]:
-    """Wilson's score interval (low, high) of a proportion.
+    """Wilson's score interval (low, high) of a proportion 0-1 in `n` independent trials; `z` is a standard normal quantile.
 
     Source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 1927.
-
-    Args:
-        accuracy: measured proportion, 0-1.
-        n: number of independent trials.
-        z: standard normal quantile.
     """
     if n == 0:
         return 0.0, 1.0
@@ -66,15 +61,12 @@ def difference_interval(first: Sequence[bool], second: Sequence[bool], scenes: S
     """95 % interval (low, high) of the second system's accuracy minus the first one's on the same questions.
 
     The wider of a bootstrap over scenes, which keeps both answers to a question together, and of Agresti and Min's interval of
-    independent questions, which holds for few scenes and few differences. Where both are right on the same questions, it
-    reaches as far as Wilson's interval of no difference in as many questions.
-
-    Source: A. Agresti and Y. Min, "Simple improved confidence intervals for comparing matched proportions", Statistics in
-    Medicine 2005: Wald's interval after half a question is added to each of the four outcomes.
+    independent questions, which holds for few scenes and few differences ("Simple improved confidence intervals for comparing
+    matched proportions", Statistics in Medicine 2005: Wald's interval after half a question is added to each of the four
+    outcomes). Where both are right on the same questions, it reaches as far as Wilson's of no difference in as many.
 
     Args:
-        first: whether the first system is right, for each question.
-        second: the same for the second system.
+        first, second: whether each system is right, for each question.
         scenes: index of each question's scene.
     """
     difference = np.asarray(second, float) - np.asarray(first, float)

@@ -10,13 +10,13 @@ from nsdr.clevrer.files.predictions import PredictionFile, read_predictions, sce
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.files.schema import shown
 from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.registry import Registry
 from nsdr.tracking.truth_tracks import tracks_from_annotation
 from nsdr.types import Scene
+from nsdr.validation import expect
 
 __all__ = [
     "SOURCES",
@@ -38,6 +38,8 @@ Data = Path | Split
 SourceFactory = Callable[[Data, Set[int]], SceneSource]
 """(data, indices of the wanted scenes) -> source."""
 
+ANNOTATION = "annotation_{:05d}.json"
+SIMULATION = ("sim_{:05d}.json", "sim_{:05d}.json.gz")
 FOLDER_SIZE = 1000
 """Files in each sub-folder of the official layout."""
 
@@ -93,48 +95,53 @@ def _videos(data: Data, _: Set[int]) -> SceneSource:
     return video
 
 
-_PROPOSAL_NAMES = tuple(f"{stem}_{{:05d}}.json{end}" for end in ("", ".gz") for stem in ("proposal", "sim"))
-
-
 def _proposals(data: Data, wanted: Set[int]) -> SceneSource:
     if isinstance(data, Split):
         return lambda s: {"proposals": data.proposals(s.scene_index)}
     path = _folder(data, "proposals")
     if path.is_dir():
-        return lambda s: {"proposals": read_proposals(find_file(path, _PROPOSAL_NAMES, s.scene_index))}
+        names = tuple(f"{stem}_{{:05d}}.json{end}" for end in ("", ".gz") for stem in ("proposal", "sim"))
+        return lambda s: {"proposals": read_proposals(find_file(path, names, s.scene_index))}
     found = {video: proposals for video, proposals in read_compact_proposals(path) if video in wanted}
     return lambda s: {"proposals": _of(found, s.scene_index, path)}
 
 
-def _annotation(data: Data, source: str) -> Callable[[SceneQuestions], Any]:
-    if isinstance(data, Split):
+def _documents(
+    data: Data, source: str, name: str, read: Callable[[Path], dict[str, Any]]
+) -> Callable[[SceneQuestions], Any]:
+    """What the file of a scene holds, which must be of the scene."""
+    if isinstance(data, Split) and name == ANNOTATION:
         return lambda s: data.annotation(s.scene_index)
     folder = _folder(data, source)
-    return lambda s: _of_scene(read_annotation, find_file(folder, ("annotation_{:05d}.json",), s.scene_index), s)
 
+    def document(s: SceneQuestions) -> dict[str, Any]:
+        path = find_file(folder, (name,), s.scene_index)
+        content = read(path)
+        index = content.get("scene_index", s.scene_index)
+        expect(index == s.scene_index, f"{path}: scene_index", str(s.scene_index), index)
+        return content
 
-def _of_scene(read: Callable[[Path], dict[str, Any]], path: Path, scene: SceneQuestions) -> dict[str, Any]:
-    """The content of a file, which must be of the scene."""
-    content = read(path)
-    index = content.get("scene_index", scene.scene_index)
-    if index != scene.scene_index:
-        raise DataError(f"{path}: scene_index: expected {scene.scene_index}, got {shown(index)}")
-    return content
+    return document
 
 
 def _tracks(data: Data, _: Set[int]) -> SceneSource:
-    annotation = _annotation(data, "tracks")
+    annotation = _documents(data, "tracks", ANNOTATION, read_annotation)
     return lambda s: {"tracks": tracks_from_annotation(annotation(s))}
 
 
 def _annotations(data: Data, _: Set[int]) -> SceneSource:
-    annotation = _annotation(data, "annotations")
+    annotation = _documents(data, "annotations", ANNOTATION, read_annotation)
     return lambda s: scene_from_annotation(annotation(s))
+
+
+def _truth(data: Data, _: Set[int]) -> SceneSource:
+    truth = _documents(data, "truth", "truth_{:05d}.json", read_truth_file)
+    return lambda s: scene_from_truth(truth(s))
 
 
 def prediction_file(folder: Path, scene_index: int) -> PredictionFile:
     """The prediction file of a scene, plain or gzipped; raises `DataError` as `find_file` and `read_predictions`."""
-    return read_predictions(find_file(folder, ("sim_{:05d}.json", "sim_{:05d}.json.gz"), scene_index))
+    return read_predictions(find_file(folder, SIMULATION, scene_index))
 
 
 def _predictions(data: Data, _: Set[int]) -> SceneSource:
@@ -147,15 +154,8 @@ def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
     if path.is_file():
         blocks = read_truth(path)
         return lambda s: scene_from_ground_truth(_of(blocks, s.scene_index, path), blocks[s.scene_index]["n_frames"])
-    names = ("sim_{:05d}.json", "sim_{:05d}.json.gz")
+    names = SIMULATION
     return lambda s: scene_from_ground_truth(*read_ground_truth(find_file(path, names, s.scene_index)))
-
-
-def _truth(data: Data, _: Set[int]) -> SceneSource:
-    folder = _folder(data, "truth")
-    return lambda s: scene_from_truth(
-        _of_scene(read_truth_file, find_file(folder, ("truth_{:05d}.json",), s.scene_index), s)
-    )
 
 
 def _scenes(data: Data, _: Set[int]) -> SceneSource:

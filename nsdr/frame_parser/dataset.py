@@ -14,6 +14,7 @@ from PIL import Image
 from pycocotools import mask as rle
 from torch import Tensor
 from torch.utils.data import Dataset
+from torchvision.ops import box_convert
 
 from nsdr.errors import DataError
 from nsdr.frame_parser.frame_files import read_frame_records
@@ -170,15 +171,11 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def _target(objects: list[dict[str, Any]], masks: NDArray[np.uint8]) -> Target:
-    boxes = np.zeros((len(objects), 4), np.float32)
-    for box, mask in zip(boxes, masks, strict=True):
-        x, y, w, h = cv2.boundingRect(mask)
-        box[:] = x, y, x + w, y + h
+    boxes_xywh = np.array([cv2.boundingRect(mask) for mask in masks], np.float32).reshape(-1, 4)
     target = {
-        "boxes": torch.from_numpy(boxes),
+        "boxes": box_convert(torch.from_numpy(boxes_xywh), "xywh", "xyxy"),
         "labels": torch.ones(len(objects), dtype=torch.int64),
         "masks": torch.from_numpy(np.ascontiguousarray(masks)),
     }
-    for name, words in ATTRIBUTES.items():
-        target[name] = torch.tensor([words.index(o[name]) for o in objects], dtype=torch.int64)
-    return target
+    words = {name: [known.index(o[name]) for o in objects] for name, known in ATTRIBUTES.items()}
+    return target | {name: torch.tensor(indices, dtype=torch.int64) for name, indices in words.items()}

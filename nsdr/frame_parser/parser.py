@@ -116,7 +116,10 @@ def _batches(
         for frame, index in frames:
             if last is not None and frame is last[1]:
                 continue
-            _check_frame(frame, index)
+            shape = (HEIGHT_PX, WIDTH_PX, 3)
+            if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.shape != shape:
+                got = f"{frame.shape} {frame.dtype}" if isinstance(frame, np.ndarray) else type(frame).__name__
+                raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
             last = (index, frame)
             if index >= following:
                 following = index + stride
@@ -127,13 +130,6 @@ def _batches(
     iterator = chosen()
     while batch := list(islice(iterator, size)):
         yield batch
-
-
-def _check_frame(frame: Any, index: int) -> None:
-    shape = (HEIGHT_PX, WIDTH_PX, 3)
-    if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.shape != shape:
-        got = f"{frame.shape} {frame.dtype}" if isinstance(frame, np.ndarray) else type(frame).__name__
-        raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
 
 
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:

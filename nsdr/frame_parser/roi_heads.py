@@ -94,10 +94,13 @@ class AttributeRoIHeads(RoIHeads):
 
         positive = [label > 0 for label in labels]
         logits = self.attribute_predictor(box_features[torch.cat(positive)])
+        words = [[target[name] for name in ATTRIBUTES] for target in targets]
+        combined = [(color * len(MATERIALS) + material) * len(SHAPES) + shape for color, material, shape in words]
         for name, logit in logits.items():
             # A frame without objects has no positives, so that its `matched` indices are never used.
-            words = torch.cat([_labels(t, name)[m[p]] for t, m, p in zip(targets, matched, positive, strict=True)])
-            losses[f"loss_{name}"] = F.cross_entropy(logit, words, reduction="sum") / max(len(words), 1)
+            true = combined if name == "attribute" else [target[name] for target in targets]
+            label = torch.cat([t[m[p]] for t, m, p in zip(true, matched, positive, strict=True)])
+            losses[f"loss_{name}"] = F.cross_entropy(logit, label, reduction="sum") / max(len(label), 1)
 
         mask_proposals = [boxes[p] for boxes, p in zip(proposals, positive, strict=True)]
         mask_logits = self.mask_predictor(self.mask_head(self.mask_roi_pool(features, mask_proposals, image_shapes)))
@@ -134,11 +137,3 @@ class AttributeRoIHeads(RoIHeads):
         for result, masks in zip(results, maskrcnn_inference(mask_logits, [r["labels"] for r in results]), strict=True):
             result["masks"] = masks
         return results
-
-
-def _labels(target: dict[str, Tensor], name: str) -> Tensor:
-    """(N,) true indices of an attribute, or of the combination (`name` is "attribute")."""
-    if name != "attribute":
-        return target[name]
-    color, material, shape = (target[n] for n in ATTRIBUTES)
-    return (color * len(MATERIALS) + material) * len(SHAPES) + shape

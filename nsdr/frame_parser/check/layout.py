@@ -94,11 +94,9 @@ def find_layout(
     doubts, box = [], None
     if image.shape != median.shape:
         scale = np.array(size_px)[[0, 1, 0, 1]] / np.array(median.shape)[[1, 0, 1, 0]]
-        x0, y0, x1, y1 = (int(v) for v in np.round(scale * inner))
-        box = (x0, y0, x1, y1)
-        doubts.append(
-            f"bars around the image are cut off: {x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
-        )
+        x0, y0, x1, y1 = box = tuple(int(v) for v in np.round(scale * inner))
+        left_over = f"{x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
+        doubts.append(f"bars around the image are cut off: {left_over}")
     aspect = (right - left) / (bottom - top) * (size_px[0] / median.shape[1]) / (size_px[1] / median.shape[0])
     if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
         return inner, Layout(box, stretched=True), known, doubts
