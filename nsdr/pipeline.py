@@ -135,7 +135,7 @@ class Pipeline:
     """Frame parser, tracker, dynamics backend, question parser and executor, composed.
 
     Every part is an attribute and can be replaced by an object with the same method. Perceptions of the most recent videos are
-    kept, so further questions about a video cost little; after a part is replaced, the video is perceived again.
+    kept, as long as no part is replaced.
 
     Args:
         frame_parser: `parse(frames) -> VideoProposals`.
@@ -256,9 +256,7 @@ class Pipeline:
 
         Args:
             video: a video file.
-            proposals: result of the frame parser, to use instead of computing it.
-            tracks: result of the tracker, to use instead of computing it.
-            dynamics: result of the dynamics backend, to use instead of computing it.
+            proposals, tracks, dynamics: results of stages, to use instead of computing them.
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
         Raises:

@@ -127,6 +127,16 @@ def test_errors_that_need_no_weights_come_before_torch(arguments) -> None:
     assert (done.returncode, done.stderr[:7]) == (2, "error: "), done.stderr
 
 
+def test_a_question_is_parsed_without_heavy_libraries() -> None:
+    code = (
+        "import sys; from nsdr.cli.main import main; main(['parse-question', 'How many collisions happen?']); "
+        "sys.exit(str({'torch', 'cv2', 'numba', 'scipy', 'loky'} & set(sys.modules) or ''))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "events objects filter_collision count\n"
+    assert not done.stderr.strip()
+
+
 @pytest.mark.parametrize(
     ("arguments", "names"), [(["answer", "answer.mp4"], "question"), (["export", "."], "format, output")]
 )

@@ -18,6 +18,7 @@ from nsdr.dynamics.physics.fit_objective import (
     ROBUST_SCALE,
     cube_edges_px,
     evaluate,
+    rows_of,
 )
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate, simulate_perturbed
 from nsdr.dynamics.physics.solver import trust_region_step
@@ -120,7 +121,7 @@ def test_edges_are_found_from_any_start_of_the_climb() -> None:
     for _ in range(50):
         position, yaw = rng.uniform(-2, 2, 2), float(rng.uniform(-4, 4))
         start = rng.integers(0, len(CUBE_OUTLINE), (2, 2))
-        edges = cube_edges_px(CLEVRER_CAMERA.matrix, *position, yaw, start, np.empty((2, 3)))
+        edges = cube_edges_px(rows_of(CLEVRER_CAMERA), *position, yaw, start, np.empty((2, 3)))
         np.testing.assert_allclose(edges, outline_px(position, yaw), atol=1e-6)
 
 

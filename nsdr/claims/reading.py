@@ -215,6 +215,7 @@ def _complete(said: Statement, later: bool) -> Statement | None:
     return said if valid else None
 
 
+@lru_cache(maxsize=1 << 12)
 def written(statement: Statement) -> str:
     """The sentence that tells a statement; `read_sentence` reads it back."""
     slots: list[_Slot] = []

@@ -1,73 +1,24 @@
 """Annotations of frames in files: `annotations_*.jsonl`, or COCO's JSON."""
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated, Any, NotRequired, TypedDict
+from pathlib import Path, PurePosixPath
+from typing import Any
 
-from msgspec import Meta
+import msgspec
 from pycocotools import mask as rle
 
 from nsdr.clevrer.files.masks import check_mask
-from nsdr.clevrer.files.schema import check_new
+from nsdr.clevrer.files.schema import check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import parse_json_lines, read_bytes, read_json
-from nsdr.validation import Count, PositiveCount, convert, expect, one_of
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
+from nsdr.io.reading import parse_json_lines, read_bytes, read_typed
+from nsdr.validation import Count, PositiveCount, convert, expect, shown
+from nsdr.world.vocabulary import ATTRIBUTES, Color, Material, Shape
 
 __all__ = ["read_frame_records"]
 
 MIN_POLYGON_NUMBERS = 6
 """Coordinates of a polygon with three corners."""
-FileName = Annotated[str, Meta(pattern=r"^(?!/|(.*/)?\.\.(/|$))[^\x00]+$", title="a file below images/")]
-_NAME = r"\s+".join(f"({'|'.join(words)})" for words in ATTRIBUTES.values())
-CategoryName = Annotated[str, Meta(pattern=rf"^\s*{_NAME}\s*$", title='a name like "red metal cube"')]
-
-
-class _Mask(TypedDict):
-    """A run-length mask: its height and width, and the runs as COCO's text or as numbers."""
-
-    size: Annotated[list[PositiveCount], Meta(min_length=2, max_length=2)]
-    counts: str | list[int]
-
-
-class _Object(TypedDict):
-    color: Annotated[str, one_of(COLORS)]
-    material: Annotated[str, one_of(MATERIALS)]
-    shape: Annotated[str, one_of(SHAPES)]
-    segmentation: _Mask
-
-
-class _Frame(TypedDict):
-    file_name: FileName
-    scene: Count
-    frame: NotRequired[Count]
-    objects: list[_Object]
-
-
-class _CocoCategory(TypedDict):
-    id: Count
-    name: CategoryName
-
-
-class _CocoImage(TypedDict):
-    id: Count
-    video_id: NotRequired[Count]
-    file_name: FileName
-    height: PositiveCount
-    width: PositiveCount
-
-
-class _CocoAnnotation(TypedDict):
-    image_id: int
-    category_id: int
-    segmentation: Annotated[list[list[float]], Meta(min_length=1, title="at least one polygon")] | _Mask
-
-
-class _CocoFile(TypedDict):
-    categories: list[_CocoCategory]
-    images: list[_CocoImage]
-    annotations: list[_CocoAnnotation]
 
 
 def read_frame_records(folder: Path) -> Iterator[dict[str, Any]]:
@@ -78,59 +29,125 @@ def read_frame_records(folder: Path) -> Iterator[dict[str, Any]]:
     """
     lines = sorted(folder.glob("annotations_*.jsonl"))
     for path in lines:
-        for number, document in parse_json_lines(read_bytes(path, kind="JSON Lines file"), str(path)):
-            where = f"{path}, line {number}: "
-            record: dict[str, Any] = convert(document, _Frame, where)
-            objects = record["objects"]
-            check_limit(len(objects), "frame_objects", f"{where}objects")
-            for i, mask in enumerate(o["segmentation"] for o in objects):
-                place, (height, width) = f"{where}objects[{i}].segmentation", objects[0]["segmentation"]["size"]
-                check_limit(height * width, "image_pixels", f"{place}.size")
-                check_mask(mask["size"], mask["counts"], height, width, place)
+        for number, record in parse_json_lines(read_bytes(path, kind="JSON Lines file"), str(path)):
+            where = f"{path}, line {number}"
+            convert(record, _Record, f"{where}: ")
             yield record
     if not lines:
         for path in sorted(folder.glob("*.json")):
             yield from _coco_records(path)
 
 
+class _Segmentation(msgspec.Struct):
+    size: tuple[PositiveCount, PositiveCount]
+    counts: str
+
+
+class _Object(msgspec.Struct):
+    color: Color
+    material: Material
+    shape: Shape
+    segmentation: _Segmentation
+
+
+class _Record(msgspec.Struct):
+    file_name: str
+    scene: Count
+    objects: list[_Object]
+
+    def __post_init__(self) -> None:
+        _check_file_name(self.file_name)
+        check_limit(len(self.objects), "frame_objects", ".objects")
+        for i, o in enumerate(self.objects):
+            mask, place = o.segmentation, f".objects[{i}].segmentation"
+            same = mask.size == self.objects[0].segmentation.size
+            expect(same, f"{place}.size", "that of the first object", list(mask.size))
+            check_limit(mask.size[0] * mask.size[1], "image_pixels", f"{place}.size")
+            check_mask(list(mask.size), mask.counts, *mask.size, place)
+
+
+class _Category(msgspec.Struct):
+    id: Count
+    name: str
+
+    def __post_init__(self) -> None:
+        words = self.name.split()
+        fits = len(words) == len(ATTRIBUTES) and all(w in k for w, k in zip(words, ATTRIBUTES.values(), strict=True))
+        expect(fits, f" category {self.id}", 'a name like "red metal cube"', self.name)
+
+
+class _Image(msgspec.Struct):
+    id: Count
+    file_name: str
+    height: PositiveCount
+    width: PositiveCount
+    video_id: Count | None = None
+
+    def __post_init__(self) -> None:
+        _check_file_name(self.file_name)
+        check_limit(self.height * self.width, "image_pixels", ".height and width")
+
+
+class _Annotation(msgspec.Struct):
+    image_id: int
+    category_id: int
+    segmentation: dict[str, Any] | list[Any]
+
+
+class _Coco(msgspec.Struct):
+    categories: list[_Category]
+    images: list[_Image]
+    annotations: list[_Annotation]
+
+    def __post_init__(self) -> None:
+        check_unique([row.id for row in self.categories], ".categories", ".id")
+        check_unique([row.id for row in self.images], ".images", ".id")
+
+
+def _check_file_name(name: str) -> None:
+    check_lines(file_name=name)
+    path = PurePosixPath(name)
+    expect(not path.is_absolute() and ".." not in path.parts, ".file_name", "a file below images/", name)
+
+
 def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
     """Frame records of a COCO file; an image's `scene` is its `video_id` if it has one, else its own `id`."""
-    content = convert(read_json(path), _CocoFile, f"{path}: ")
-    words: dict[int, dict[str, str]] = {}
-    images: dict[int, tuple[dict[str, Any], tuple[int, int]]] = {}
-    for i, row in enumerate(content["categories"]):
-        check_new(row["id"], words, f"{path}: categories[{i}].id")
-        words[row["id"]] = dict(zip(ATTRIBUTES, row["name"].split(), strict=True))
-    for i, row in enumerate(content["images"]):
-        check_new(row["id"], images, f"{path}: images[{i}].id")
-        check_limit(row["height"] * row["width"], "image_pixels", f"{path}: images[{i}]")
-        record = {"file_name": row["file_name"], "scene": row.get("video_id", row["id"]), "objects": []}
-        images[row["id"]] = record, (row["height"], row["width"])
-    for i, row in enumerate(content["annotations"]):
-        where, image, category = f"{path}: annotations[{i}]", row["image_id"], row["category_id"]
+    content: _Coco = read_typed(path, _Coco)
+    words = {row.id: dict(zip(ATTRIBUTES, row.name.split(), strict=True)) for row in content.categories}
+    images = {row.id: row for row in content.images}
+    records: dict[int, dict[str, Any]] = {
+        row.id: {"file_name": row.file_name, "scene": row.id if row.video_id is None else row.video_id, "objects": []}
+        for row in content.images
+    }
+    for i, row in enumerate(content.annotations):
+        where, image, category = f"{path}: annotations[{i}]", row.image_id, row.category_id
         if image not in images or category not in words:
             raise DataError(f"{where}: image_id {image} or category_id {category} is not in the file")
-        record, size = images[image]
-        mask = _compressed(row["segmentation"], *size, f"{where}.segmentation")
-        record["objects"].append({**words[category], "segmentation": mask})
-        check_limit(len(record["objects"]), "frame_objects", f"{path}: image {image}")
-    yield from (record for record, _ in images.values())
+        mask = _coco_mask(row.segmentation, images[image].height, images[image].width, f"{where}.segmentation")
+        records[image]["objects"].append({**words[category], "segmentation": mask})
+        check_limit(len(records[image]["objects"]), "frame_objects", f"{path}: image {image}")
+    yield from records.values()
 
 
-def _compressed(segmentation: Any, height: int, width: int, where: str) -> dict[str, Any]:
+def _coco_mask(segmentation: Any, height: int, width: int, where: str) -> dict[str, Any]:
     """A compressed run-length mask from any of COCO's three forms."""
     if isinstance(segmentation, list):
-        far = max(height, width) + 1
+        if not segmentation:
+            raise DataError(f"{where}: expected at least one polygon, got none")
         for i, polygon in enumerate(segmentation):
-            is_whole = len(polygon) >= MIN_POLYGON_NUMBERS and len(polygon) % 2 == 0
-            expect(is_whole, f"{where}[{i}]", "a list of x and y of 3 or more corners", polygon)
-            expect(all(-1 <= n <= far for n in polygon), f"{where}[{i}]", f"numbers from -1 to {far}", polygon)
+            place = f"{where}[{i}]"
+            if not isinstance(polygon, list) or len(polygon) < MIN_POLYGON_NUMBERS or len(polygon) % 2:
+                raise DataError(f"{place}: expected a list of x and y of 3 or more corners, got {shown(polygon)}")
+            for k, value in enumerate(convert(polygon, list[float], place)):
+                most = max(height, width) + 1
+                expect(-1 <= value <= most, f"{place}[{k}]", f"a number from -1 to {most}", value)
         return dict(rle.merge(rle.frPyObjects(segmentation, height, width)))
-    size, counts = segmentation["size"], segmentation["counts"]
-    if isinstance(counts, str):
-        check_mask(size, counts, height, width, where)
+    counts = segmentation.get("counts")
+    if not isinstance(counts, list):
+        check_mask(segmentation.get("size"), counts, height, width, where)
         return dict(segmentation)
-    expect(size == [height, width], f"{where}.size", f"[{height}, {width}]", size)
-    is_whole = min(counts, default=0) >= 0 and sum(counts) == height * width
-    expect(is_whole, f"{where}.counts", f"runs of the image's {height}x{width} pixels", counts)
+    if any(type(n) is not int or n < 0 for n in counts) or sum(counts) != height * width:
+        raise DataError(f"{where}.counts: expected runs of the image's {height}x{width} pixels, got {shown(counts)}")
+    if segmentation.get("size") != [height, width]:
+        raise DataError(f"{where}.size: expected [{height}, {width}], got {shown(segmentation.get('size'))}")
     return dict(rle.frPyObjects(segmentation, height, width))

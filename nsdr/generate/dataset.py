@@ -20,7 +20,6 @@ from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.annotations import read_truth_file, write_annotation
 from nsdr.clevrer.files.questions import without_answers, write_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
-from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
@@ -35,9 +34,9 @@ from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.reading import read_json
+from nsdr.io.reading import read_typed
 from nsdr.io.video import write_video
-from nsdr.validation import Count, Settings, Share, one_of
+from nsdr.validation import Count, Settings, Share, convert, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
@@ -180,7 +179,8 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     manifest = _manifest(config)
     path = root / "manifest.json"
     if path.exists():
-        existing = get(read_json(path), "config", dict, str(path))
+        existing = read_typed(path, dict[str, Any]).get("config")
+        existing = convert(existing, dict[str, Any], f"{path}: config: ")
         changed = sorted(k for k in manifest["config"] if existing.get(k) != manifest["config"][k])
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")

@@ -36,12 +36,15 @@ class Writer:
             return [(start + 1, ((name, int(self.program[start][1:])),))] if fits else []
         if (name, start) not in self.known:
             self.known[name, start] = []  # a rule that only adds words to its own symbol writes nothing new
-            found = []
+            found: dict[int, Words] = {}  # the first text of each end
             for rule in self.rules[name]:
+                if not all(token.isupper() or token in self.program for token in rule.program):
+                    continue
                 for end, bound in self.sequence(rule.program, start, {}):
-                    text = self.text(rule.parts, {symbol: words for symbol, (words, _) in bound.items()})
-                    found += [(end, text)] if text is not None else []
-            self.known[name, start] = found
+                    if end not in found:
+                        text = self.text(rule.parts, {symbol: words for symbol, (words, _) in bound.items()})
+                        found |= {} if text is None else {end: text}
+            self.known[name, start] = list(found.items())
         return self.known[name, start]
 
     def sequence(

@@ -31,20 +31,6 @@ NAMED_MODELS = 5
 KEY_VARIABLE = "OPENAI_API_KEY"
 """Environment variable with the key that the server wants, if it wants one."""
 LEAVE_OUT = "or leave --parser out: the shipped parser needs no server"
-_RULES = f"""You translate English about a video of colliding objects into programs.
-
-{reference_page()}
-## Rules
-
-- Reply with the tokens of one program in postfix order on one line, and with nothing else. Do not answer the question.
-- Use tokens of the first table and of the words only.
-- A program says exactly what the text says. Leave out nothing and add nothing: colors, materials, shapes, "first", "last",
-  "not", times and conditions. If no program has exactly the text's meaning, or it is no such text, reply {NO_PROGRAM}.
-- Filter by color, then material, then shape. `unique` makes the only member of a set of it: "the red cube" is
-  `objects red filter_color cube filter_shape unique`, "red cubes" is the same without `unique`.
-- descriptive: a question by itself. multiple_choice: a question about a choice that is given elsewhere; its program ends in
-  `belong_to` (with `negate` after it for "not"), whose first argument is left open for the choice. choice: an event or object.
-"""
 _TOKENS = frozenset([*(name for name, module in MODULES.items() if module.in_data_set), *WORDS])
 
 
@@ -82,6 +68,7 @@ class LanguageModelParser(Parser):
             max_retries=0,
             http_client=openai.DefaultHttpxClient(follow_redirects=False),
         )
+        self.model = model  # named in errors
         self.model = model or self._only_model()
         self._kept = lru_cache(KEPT_TEXTS)(self._asked)
 
@@ -153,9 +140,7 @@ class LanguageModelParser(Parser):
             if isinstance(e, openai.AuthenticationError | openai.PermissionDeniedError):
                 remedy = f"set {KEY_VARIABLE} to a key that it takes"
             elif isinstance(e, openai.NotFoundError):
-                remedy = (
-                    f"is the address right (it mostly ends in /v1), and does the server have the model {self._name()}?"
-                )
+                remedy = f"is the address right (it mostly ends in /v1), and does it have the model {self.model!r:.80}?"
             raise EndpointError(
                 f"{self.url}: the server answers {e.status_code} to {path}: {said!r:.{QUOTED_CHARACTERS}}; {remedy}"
             ) from e
@@ -164,9 +149,6 @@ class LanguageModelParser(Parser):
             raise EndpointError(
                 f"{self.url}: no server answers ({cause!r:.{QUOTED_CHARACTERS}}); start it, {LEAVE_OUT}"
             ) from e
-
-    def _name(self) -> str:
-        return repr(getattr(self, "model", ""))[:QUOTED_CHARACTERS]
 
 
 def examples() -> dict[str, dict[str, str]]:
@@ -178,7 +160,8 @@ def examples() -> dict[str, dict[str, str]]:
 
 
 def _messages(text: str, kind: str) -> list[dict[str, str]]:
-    messages = [{"role": "system", "content": _RULES}]
+    rules = files("nsdr.question_parser").joinpath("prompt.md").read_text("utf-8").replace("MODULES", reference_page())
+    messages = [{"role": "system", "content": rules}]
     for example, program in examples()[kind].items():
         messages.append({"role": "user", "content": f"{kind}: {example}"})
         messages.append({"role": "assistant", "content": program})

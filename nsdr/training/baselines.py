@@ -178,8 +178,7 @@ class BaselineTrainer:
     def fingerprint(self, file: str) -> str:
         """Of the settings but for the device, the questions and the features' settings."""
         config = self._config(file)
-        values = resolved(replace(config, loop=replace(config.loop, device="auto")))
-        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()])
+        return fingerprint(config=resolved(config), inputs=[config.data_fingerprint().encode()])
 
     def features(self, file: str) -> str:
         """Folder of the features of the training; "" for a system that sees no video."""

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.clevrer.files.questions import iterate_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
 from nsdr.language.normal import normal_form
@@ -56,7 +56,7 @@ class QuestionParserTraining(Settings):
         other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
             another kind, half have their words shuffled, or one left out or put in.
         evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.
-        ablation: numbers of programs such as "10,100,all": one run for each, and a table and a figure of their accuracy.
+        ablation: numbers of programs such as "10,100,all": one run for each, and a table of their accuracy.
         evaluation_questions: question file with programs and answers; for the ablation.
         evaluation_scenes: folder with `truth_N.json` of the scenes of `evaluation_questions`; for the ablation.
         model: the networks.
@@ -198,7 +198,7 @@ def read_pairs(path: str) -> dict[str, list[Pair]]:
         DataError: a missing or unreadable file.
     """
     programs: dict[str, dict[str, list[str]]] = {kind: {} for kind in TEXT_KINDS}
-    for scene in iterate_questions(path):
+    for scene in read_questions(path):
         for q in scene.questions:
             question_kind = "multiple_choice" if q.choices else "descriptive"
             rows = [(question_kind, q.text, q.program), *(("choice", c.text, c.program) for c in q.choices)]

@@ -105,7 +105,7 @@ class RunFolder:
         writes: whether this process writes; with several, one does.
 
     Raises:
-        DataError: the folder's checkpoints come from another configuration; its device may be another.
+        DataError: the folder's checkpoints come from another configuration.
     """
 
     def __init__(self, path: str | Path, resolved: Mapping[str, Any], writes: bool = True) -> None:
@@ -118,8 +118,8 @@ class RunFolder:
         resolved = json.loads(json.dumps(resolved))
         config = self.path / "config.json"
         if _checkpoints(self.path) and config.exists():
-            before, now = _without_device(read_json(config)["config"]), _without_device(resolved)
-            changed = sorted(k for k in {*before, *now} if before.get(k) != now.get(k))
+            before = read_json(config)["config"]
+            changed = sorted(k for k in {*before, *resolved} if before.get(k) != resolved.get(k))
             if changed:
                 raise DataError(
                     f"{path}: was started with another configuration ({', '.join(changed)}); use a new run_dir"
@@ -254,9 +254,3 @@ def _now() -> tuple[float, ...]:
 def _checkpoints(path: Path) -> list[Path]:
     """The JSON files of the checkpoints, the newest first."""
     return sorted(path.glob("step_*.json"), reverse=True)
-
-
-def _without_device(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration without `loop.device`, which does not say what is trained."""
-    loop = config.get("loop")
-    return {**config, "loop": {**loop, "device": ""}} if isinstance(loop, dict) else dict(config)

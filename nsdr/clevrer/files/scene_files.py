@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from nsdr.clevrer.files.annotations import check_annotation, check_truth
+from nsdr.clevrer.files.annotations import check_annotation, check_truth, check_truth_blocks
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.files.schema import checked, get_scene_index
-from nsdr.clevrer.files.truth_blocks import check_truth_blocks
+from nsdr.clevrer.files.schema import Id
 from nsdr.errors import DataError
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 from nsdr.types import Scene
+from nsdr.validation import convert
 
 __all__ = ["iterate_scenes"]
 
@@ -40,9 +40,9 @@ def iterate_scenes(path: str | Path) -> Iterator[tuple[int, str, Scene]]:
         for index, block in check_truth_blocks(content, str(path)).items():
             yield index, f"video_{index:05d}.mp4", scene_from_ground_truth(block, block["n_frames"])
     elif isinstance(content, dict) and "motion_trajectory" in content:
-        annotation = checked(content, path, check_annotation)
-        yield annotation["scene_index"], annotation["video_filename"], scene_from_annotation(annotation)
+        check_annotation(content, where=f"{path}: ")
+        yield content["scene_index"], content["video_filename"], scene_from_annotation(content)
     else:
-        truth = checked(content, path, check_truth)
-        index = get_scene_index(truth, "scene_index", str(path))
-        yield index, f"video_{index:05d}.mp4", scene_from_truth(truth)
+        check_truth(content, where=f"{path}: ")
+        video: int = convert(content.get("scene_index"), Id, f"{path}: scene_index: ")
+        yield video, f"video_{video:05d}.mp4", scene_from_truth(content)

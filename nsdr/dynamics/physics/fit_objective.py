@@ -4,7 +4,7 @@ The curvature is that of Gauss and Newton. Both are gathered segment by segment:
 six numbers of the state at its start, so a segment's data are summed in six dimensions and carried to the parameters once.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,10 @@ from nsdr.dynamics.physics.sensitive_run import (
     state_at,
 )
 from nsdr.dynamics.physics.simulator import NO_CONTACT
+from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
-__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "REBOUND", "FitProblem", "cube_edges_px", "evaluate"]
+__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "REBOUND", "FitProblem", "cube_edges_px", "evaluate", "rows_of"]
 
 MAX_FITTED_REBOUND = 0.8
 """Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
@@ -45,6 +46,11 @@ _MIN_DEPTH_WORLD = 0.1
 """Nearest depth that is projected (world units)."""
 
 
+def rows_of(camera: Camera) -> tuple[float, ...]:
+    """(8,) rows of the projection that give an image's columns and depths, as numbers, which Numba reads fastest."""
+    return tuple(camera.matrix[[0, 2]].ravel().tolist())
+
+
 class FitProblem(NamedTuple):
     """What was measured, and what each parameter stands for. Parameters are in units of `unit`.
 
@@ -52,15 +58,13 @@ class FitProblem(NamedTuple):
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
         reference_s: (n,) seconds, when positions and velocities are those of the parameters.
         first: (n + 1,) int, first datum of each object.
-        frame: (D,) int, in order within an object.
-        position: (D, 2) world units.
-        root_weight: (D,) square roots of the weights.
-        edges_px: (D, 2) left and right edges of cubes' boxes.
+        frame, position, root_weight, edges_px: (D,), (D, 2), (D,) and (D, 2), in order within an object: measured positions,
+            square roots of their weights, and left and right edges of cubes' boxes.
         unit: (P,) of the parameters.
         position_at, velocity_at, log_mass_at, yaw_at: (n,) int, each object's (first) parameter of that kind; -1 for none.
         rebound_at: (n, n) int, parameter of the pair's rebound; -1 for none.
         prior: (P, 2) mean and standard deviation; infinite without a prior.
-        projection: (3, 4) `Camera.matrix`.
+        projection: see `rows_of`.
     """
 
     shape: NDArray[np.int64]
@@ -77,20 +81,15 @@ class FitProblem(NamedTuple):
     yaw_at: NDArray[np.int64]
     rebound_at: NDArray[np.int64]
     prior: NDArray[np.float64]
-    projection: NDArray[np.floating[Any]]
+    projection: tuple[float, ...]
 
 
 class Sums(NamedTuple):
     """What is gathered along a run; arrays that the functions below change.
 
-    Attributes:
-        loss: (2,) sum of the robust losses, and number of residuals.
-        gradient: (P,) of the sum.
-        curvature: (P, P) of the sum.
-        motion: (n, F, 6) states at every frame.
-        next_frame: (n,) int, first frame that was not gathered yet.
-        next_datum: (n,) int, the same for data.
-        outermost: (n, 2, 2) int, outermost points of each cube's image at its last datum, see `cube_edges_px`.
+    The sum of the robust losses and the number of residuals (2,), its gradient (P,) and curvature (P, P); states at every frame
+    (n, F, 6); the first frame and datum of each object that are not gathered yet (n,); and the outermost points of each cube's
+    image at its last datum (n, 2, 2), see `cube_edges_px`.
     """
 
     loss: NDArray[np.float64]
@@ -107,9 +106,9 @@ def _column(projection, x, y, c, s, k, z):  # type: ignore[no-untyped-def]
     """Image column and depth of point k of a cube's outline at a height."""
     kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
     px, py = x + c * kx - s * ky, y + s * kx + c * ky
-    depth = projection[2, 0] * px + projection[2, 1] * py + projection[2, 2] * z + projection[2, 3]
+    depth = projection[4] * px + projection[5] * py + projection[6] * z + projection[7]
     depth = max(depth, _MIN_DEPTH_WORLD)
-    column = projection[0, 0] * px + projection[0, 1] * py + projection[0, 2] * z + projection[0, 3]
+    column = projection[0] * px + projection[1] * py + projection[2] * z + projection[3]
     return column / depth, depth
 
 
@@ -120,7 +119,7 @@ def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no
     The outline is convex, so its outermost points are found by climbing along it.
 
     Args:
-        projection: (3, 4) `Camera.matrix`.
+        projection: see `rows_of`.
         x, y, yaw: of the cube (world units, radians).
         start: (2, 2) int, points of the left and right edges, below and above, where the climb begins; changed to the result.
         derivatives: (2, 3), filled with those of the edges by x, y and yaw.
@@ -142,8 +141,8 @@ def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no
             start[side, top] = k
             if sign * column > best:
                 best = sign * column
-                by_x = (projection[0, 0] - column * projection[2, 0]) / depth
-                by_y = (projection[0, 1] - column * projection[2, 1]) / depth
+                by_x = (projection[0] - column * projection[4]) / depth
+                by_y = (projection[1] - column * projection[5]) / depth
                 kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
                 derivatives[side, 0], derivatives[side, 1] = by_x, by_y
                 derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
@@ -173,18 +172,10 @@ def _add_datum(  # type: ignore[no-untyped-def]
     force,
     curvature,
 ):
-    """Add the residuals of a datum to a segment's sums. They depend on place and yaw, so they are summed over these first.
+    """Add the residuals of a datum, measured (2,) and (2,), to a segment's sums of losses, their number, and derivatives.
 
-    Args:
-        is_cube: whether edges count.
-        projection: (3, 4).
-        position, edges_px: (2,) measured.
-        root_weight: of the datum.
-        state: (6,) of the run.
-        derivatives: (6, 6) of the state by that at the segment's start.
-        scratch: (6, 3), overwritten.
-        outermost: see `cube_edges_px`.
-        loss, force, curvature: (2,), (6,), (6, 6) sums of losses and their number, and of derivatives.
+    They depend on place and yaw, so they are summed over these first, in `scratch` (6, 3). `derivatives` (6, 6) are of the
+    run's state by that at the segment's start.
     """
     pull, bend, by_place = scratch[0], scratch[1:4], scratch[4:6]
     for a in range(3):
@@ -238,7 +229,6 @@ def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ign
 @cached_njit
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
     """Gather the data of body i's segment before a time, and move its start there."""
-    # Fields are read once: each reading of a tuple's array is a counted reference.
     frames, positions, edges_px, root_weight, projection = p.frame, p.position, p.edges_px, p.root_weight, p.projection
     motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
     shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf

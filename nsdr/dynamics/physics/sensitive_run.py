@@ -38,8 +38,7 @@ class Bodies(NamedTuple):
     """The bodies' current segments; arrays that the functions below change.
 
     Attributes:
-        shape: (n,) int.
-        mass: (n,).
+        shape, mass: (n,).
         start: (n,) seconds, when the segment starts.
         end: (n,) seconds, when a spinning segment ends; infinite otherwise.
         state: (n, 6) at the segment's start.
@@ -290,13 +289,8 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
 def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ignore[no-untyped-def]
     """Apply the contact of bodies i and j, both at their segments' starts, to their states and sensitivities.
 
-    Args:
-        bodies: changed.
-        i, j: which two.
-        rebound: share of the approach speed that they part with.
-        parameters: (3,) int, those of the masses of i and j and of the rebound; -1 for none.
-        d_mass: (2,) derivatives of the masses by their parameters.
-        d_rebound: the same for the rebound.
+    `parameters` (3,) are those of the masses of i and j and of the rebound, -1 for none; `d_mass` (2,) and `d_rebound` the
+    derivatives by them.
     """
     shape = np.array([bodies.shape[i], bodies.shape[j]])
     mass = np.array([bodies.mass[i], bodies.mass[j]])

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
+from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.fit_objective import FitProblem, evaluate
 from nsdr.world.physics_constants import LOG_MASS_STD
@@ -39,20 +39,17 @@ MAX_COST = 1.0
 fits cost less: without a limit (`inf`) the command prints 2.4 standard deviations in place of 1.6."""
 
 
-def trust_region_step(gradient: FloatArray, curvature: FloatArray, radius: float) -> FloatArray:
+@cached_njit
+def trust_region_step(gradient, curvature, radius):  # type: ignore[no-untyped-def]
     """The step (P,) that lowers a quadratic model most and is at most about `radius` long (Moré and Sorensen, 1983)."""
-    multiplier, step = RIDGE * float(curvature.diagonal().max()), np.zeros_like(gradient)
+    step, multiplier = np.zeros_like(gradient), RIDGE * np.diag(curvature).max()
     for trial in range(MULTIPLIERS):
-        factor, failed = dpotrf(curvature + multiplier * np.eye(len(gradient)), lower=1)
-        if failed:  # not positive within rounding
-            multiplier *= 10
-            continue
-        step = -dpotrs(factor, gradient, lower=1)[0]
-        length = float(np.sqrt(step @ step))
+        damped = curvature + multiplier * np.eye(len(gradient))
+        step = np.linalg.solve(damped, -gradient)
+        length = np.sqrt(step @ step)
         if length <= radius * (1 + BOUNDARY) and (trial == 0 or length >= radius * (1 - BOUNDARY)):
             break
-        bent = dtrtrs(factor, step, lower=1)[0]
-        change = length * length / float(bent @ bent) * (length - radius) / radius
+        change = length * length / (step @ np.linalg.solve(damped, step)) * (length - radius) / radius
         multiplier = max(multiplier + change, multiplier / 10)
     return step
 

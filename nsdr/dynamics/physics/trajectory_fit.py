@@ -19,7 +19,14 @@ from nsdr.dynamics.motion_states import (
     detections_in,
 )
 from nsdr.dynamics.physics.contact_geometry import CUBE
-from nsdr.dynamics.physics.fit_objective import MAX_FITTED_REBOUND, REBOUND, FitProblem, cube_edges_px, evaluate
+from nsdr.dynamics.physics.fit_objective import (
+    MAX_FITTED_REBOUND,
+    REBOUND,
+    FitProblem,
+    cube_edges_px,
+    evaluate,
+    rows_of,
+)
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
 from nsdr.dynamics.physics.solver import log_mass_covariance, minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
@@ -133,7 +140,7 @@ class _Problem:
     def __init__(self, states: MotionStates, collisions: Sequence[Event], restarts: int = RESTARTS) -> None:
         self.restarts = restarts
         self.rng = np.random.default_rng(0)
-        self.objects, self.projection = states.objects, states.camera.matrix
+        self.objects, self.projection = states.objects, rows_of(states.camera)
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.frames, self.spacing_frames = states.present.shape[1], states.spacing_frames
@@ -187,41 +194,35 @@ class _Problem:
 
     def start(self) -> FloatArray:
         """First guess: stretches before the first collisions, velocities around each, and cubes' turns by their edges."""
-        log_mass, rebound = self._exchanges()
-        guess = {
-            "position": lambda i, k: self.first[i][0][k],
-            "velocity": lambda i, k: self.first[i][1][k],
-            "yaw": lambda i, _: self._first_yaw(i),
-            "log_mass": lambda i, _: log_mass[i],
-            "rebound": lambda i, j: rebound[i, j],
-        }
-        return np.array([guess[kind](i, k) for kind, i, k in self.names]) / self.unit
+        position, velocity = np.array([f[0] for f in self.first]), np.array([f[1] for f in self.first])
+        yaw = np.array([self._first_yaw(i) if shape == CUBE else 0.0 for i, shape in enumerate(self.shape)])
+        return self._values(position, velocity, yaw, *self._exchanges())
 
     def parameters(self, fit: TrajectoryFit) -> FloatArray:
         """Those of a fit with other collisions."""
-        bodies, values = fit.bodies, []
-        for kind, i, k in self.names:
-            speed = float(np.hypot(*bodies.velocity[i]))
-            seconds = np.array(self.reference[i] * FRAME_SECONDS)
-            distance, later = slide(self.objects[i].shape, np.array(speed), seconds)
-            direction = bodies.velocity[i] / max(speed, 1e-9)
-            if kind == "position":
-                values.append(bodies.position[i, k] + float(distance) * direction[k])
-            elif kind == "velocity":
-                values.append(float(later) * direction[k])
-            elif kind == "yaw":
-                values.append(bodies.yaw[i])
-            elif kind == "log_mass":
-                values.append(np.log(bodies.mass[i]))
-            else:
-                values.append(REBOUND if np.isnan(fit.rebound[i, k]) else fit.rebound[i, k])
-        return np.array(values) / self.unit
+        position, velocity = fit.bodies.position.copy(), np.zeros_like(fit.bodies.velocity)
+        for i, o in enumerate(self.objects):
+            speed = float(np.hypot(*fit.bodies.velocity[i]))
+            direction = fit.bodies.velocity[i] / max(speed, 1e-9)
+            distance, later = slide(o.shape, np.array(speed), np.array(self.reference[i] * FRAME_SECONDS))
+            position[i] += float(distance) * direction
+            velocity[i] = float(later) * direction
+        rebound = np.where(np.isnan(fit.rebound), REBOUND, fit.rebound)
+        return self._values(position, velocity, fit.bodies.yaw, np.log(fit.bodies.mass), rebound)
 
-    def _exchanges(self) -> tuple[FloatArray, dict[tuple[int, ...], float]]:
+    def _values(
+        self, position: FloatArray, velocity: FloatArray, yaw: FloatArray, log_mass: FloatArray, rebound: FloatArray
+    ) -> FloatArray:
+        """Parameters (P,) of what is known of the objects (n, …) and pairs (n, n)."""
+        of = {"position": position, "velocity": velocity, "rebound": rebound}
+        of |= {"yaw": yaw[:, None], "log_mass": log_mass[:, None]}
+        return np.array([of[kind][i, k] for kind, i, k in self.names], float) / self.unit
+
+    def _exchanges(self) -> tuple[FloatArray, FloatArray]:
         """Log masses and rebounds by the velocities before and after each collision."""
-        rows, values, rebound = [np.eye(len(self.objects))], [np.zeros(len(self.objects))], {}
+        n = len(self.objects)
+        rows, values, rebound = [np.eye(n)], [np.zeros(n)], np.full((n, n), REBOUND)
         for e in self.collisions:
-            rebound[e.objects] = REBOUND
             stretches = [f for f in (self._around(i, e.frame) for i in e.objects) if f is not None]
             if len(stretches) < 2:
                 continue
@@ -231,7 +232,7 @@ class _Problem:
             approach, parting = (before_i - before_j) @ normal, (after_j - after_i) @ normal
             if approach > MIN_APPROACH_SPEED and min(change_i, change_j) > MIN_SPEED_CHANGE:
                 rebound[e.objects] = float(np.clip(parting / approach, 0.0, MAX_REBOUND))
-                row = np.zeros((1, len(self.objects)))
+                row = np.zeros((1, n))
                 row[0, list(e.objects)] = (1, -1)
                 rows.append(MASS_RATIO_WEIGHT * row)
                 values.append(np.array([MASS_RATIO_WEIGHT * np.log(change_j / change_i)]))
@@ -339,7 +340,7 @@ class _Problem:
         )
 
 
-def _edges_px(projection: FloatArray, position: FloatArray, yaw: float) -> FloatArray:
+def _edges_px(projection: tuple[float, ...], position: FloatArray, yaw: float) -> FloatArray:
     """(T, 2) left and right edges of a cube's images at positions (T, 2)."""
     outermost, derivatives = np.zeros((2, 2), np.int64), np.empty((2, 3))
     return np.array([cube_edges_px(projection, x, y, yaw, outermost, derivatives) for x, y in position])

@@ -132,7 +132,7 @@ class StatePredictor(PretrainedPart[StateModel]):
         if not self.shortcut:  # only the first samples of each object are observed
             free_from[1:] = np.minimum(free_from[1:], ((first + stride - 1) // stride + past - 1) * stride)
         collisions: list[list[Event]] = [[] for _ in range(n_rollouts)]
-        met = [{e.objects for e in observed} if rollout == 0 else set() for rollout in range(n_rollouts)]
+        met = [{e.objects for e in observed}, *(set() for _ in range(1, n_rollouts))]
         collisions[0] = list(observed)
         pending = [list(observed) for _ in range(n_rollouts)]
         scores = np.zeros((n, n))
@@ -141,7 +141,13 @@ class StatePredictor(PretrainedPart[StateModel]):
         for t in range(0, total - 1, stride) if n else ():
             for rollout in range(1, n_rollouts):
                 while pending[rollout] and pending[rollout][0].frame <= t + stride:
-                    self._observed_event(pending[rollout].pop(0), rollout, t, exists, free_from, collisions, met)
+                    event = pending[rollout].pop(0)
+                    pair = list(event.objects)
+                    if exists[rollout, pair].all() and (free_from[rollout, pair] > t).all():  # both move as observed
+                        collisions[rollout].append(event)
+                        met[rollout].add(event.objects)
+                    else:
+                        free_from[rollout, pair] = np.minimum(free_from[rollout, pair], t)
             free = (free_from <= t) & exists
             at_work = np.flatnonzero(free.any(1))  # in the other rollouts all still move as observed
             if not len(at_work):
@@ -186,38 +192,13 @@ class StatePredictor(PretrainedPart[StateModel]):
         location[~exists] = np.nan
         for event in observed:  # a pair collides once
             scores[event.objects] = scores[event.objects[::-1]] = 0.0
-        return [
-            Rollout(
-                location[k],
-                visible[k],
-                tuple(sorted(collisions[k], key=lambda e: e.frame)),
-                scores if k == 0 else None,
-            )
-            for k in range(n_rollouts)
-        ]
+        in_order = [tuple(sorted(events, key=lambda e: e.frame)) for events in collisions]
+        return [Rollout(location[k], visible[k], in_order[k], None if k else scores) for k in range(n_rollouts)]
 
     def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
         """Outputs of a network on the CPU, computed on the device of its weights."""
         outputs = network(*(x.to(self.device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
-
-    def _observed_event(
-        self,
-        event: Event,
-        rollout: int,
-        t: int,
-        exists: NDArray[np.bool_],
-        free_from: NDArray[Any],
-        collisions: list[list[Event]],
-        met: list[set[Any]],
-    ) -> None:
-        """Keep an observed collision in a counterfactual rollout when both objects still move as observed."""
-        pair = list(event.objects)
-        if exists[rollout, pair].all() and (free_from[rollout, pair] > t).all():
-            collisions[rollout].append(event)
-            met[rollout].add(event.objects)
-        else:
-            free_from[rollout, pair] = np.minimum(free_from[rollout, pair], t)
 
 
 def windows(states: MotionStates, index: NDArray[Any]) -> tuple[torch.Tensor, torch.Tensor]:

@@ -8,16 +8,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypedDict
 
 from msgspec import Meta
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
-from nsdr.clevrer.files.questions import Question, SceneQuestions, iterate_questions
+from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scene_files import iterate_scenes
-from nsdr.clevrer.files.schema import get, get_whole
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
 from nsdr.generate.export.records import Record, reasoner, scene_records
@@ -31,9 +30,9 @@ from nsdr.io.files import (
     writing,
 )
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.reading import read_json
+from nsdr.io.reading import read_json, read_typed
 from nsdr.io.registry import Registry
-from nsdr.validation import Count, Settings, one_of
+from nsdr.validation import Count, Settings, convert, one_of
 
 __all__ = [
     "EXPORTERS",
@@ -154,7 +153,7 @@ class Export:
     def questions(self, split: str) -> Iterator[SceneQuestions]:
         """Yield the split's videos that have questions, one by one."""
         path = self._question_file(split)
-        found = (scene for scene in iterate_questions(path) if scene.questions)
+        found = (scene for scene in read_questions(path) if scene.questions)
         return islice(found, self.config.limit or None)
 
     def scenes(self, split: str) -> Iterator[ExportedScene]:
@@ -300,9 +299,13 @@ def _first_seed(root: CLEVRER) -> int | None:
     if root.manifest is None or "config" not in root.manifest:
         return None
     where = f"{root.root / 'manifest.json'}: config"
-    config = get(root.manifest, "config", dict, where)
-    seed, first = (get_whole(config, name, where, 0, LARGEST_SEED) for name in ("seed", "first_scene"))
-    return seed * SCENES_PER_SEED + first
+    config: _SeedConfig = convert(root.manifest["config"], _SeedConfig, f"{where}.")
+    return config["seed"] * SCENES_PER_SEED + config["first_scene"]
+
+
+class _SeedConfig(TypedDict):
+    seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+    first_scene: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
 
 
 EXPORTERS: Registry[Exporter] = Registry(
@@ -358,7 +361,7 @@ def _write(export: Export, exporter: Exporter) -> None:
         "splits": {name: asdict(summary) for name, summary in export.splits.items()},
     }
     if path.exists():
-        existing = get(read_json(path), "settings", dict, str(path))
+        existing = convert(read_typed(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
         changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)
         if changed:
             raise DataError(f"{path}: was made with other settings ({', '.join(changed)}); choose another folder")
