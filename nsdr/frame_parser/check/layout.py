@@ -91,10 +91,12 @@ def find_layout(
     inner = content_box(median)
     left, top, right, bottom = inner
     image = part_of(median, inner)
-    doubts, box = [], None
+    doubts: list[str] = []
+    box: Box | None = None
     if image.shape != median.shape:
         scale = np.array(size_px)[[0, 1, 0, 1]] / np.array(median.shape)[[1, 0, 1, 0]]
-        x0, y0, x1, y1 = box = tuple(int(v) for v in np.round(scale * inner))
+        x0, y0, x1, y1 = (int(v) for v in np.round(scale * inner))
+        box = x0, y0, x1, y1
         left_over = f"{x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
         doubts.append(f"bars around the image are cut off: {left_over}")
     aspect = (right - left) / (bottom - top) * (size_px[0] / median.shape[1]) / (size_px[1] / median.shape[0])
