@@ -16,7 +16,7 @@ from tqdm import tqdm
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
-from nsdr.clevrer.files.scene_files import iterate_scenes
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
 from nsdr.generate.export.records import Record, reasoner, scene_records
