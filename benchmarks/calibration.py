@@ -20,10 +20,9 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from nsdr import Event, Scene, load
-from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.annotations import read_truth, read_truth_file
 from nsdr.clevrer.files.questions import QUESTION_TYPES
 from nsdr.clevrer.files.scenes import scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.evaluation.measures import calibration, wilson_interval
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision

@@ -10,7 +10,6 @@ from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, by_type, read_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
-from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.statistics import (
     FRAME_BIN,
@@ -65,7 +64,7 @@ def facts_page(folder: str | Path) -> str:
     """
     folder = Path(folder)
     manifest = read_json(folder / "manifest.json")
-    config = get(manifest, "config", dict, str(folder / "manifest.json"))
+    config = manifest.get("config", {})
     questions = {split: _questions(folder, split) for split in SPLITS}
     every = [scene for scenes in questions.values() for scene in scenes]
     truths = [path for split in SPLITS for path in find_files(folder / "truth" / split, "truth_*.json")]

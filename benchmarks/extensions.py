@@ -27,8 +27,8 @@ from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import ExecutionError
 from nsdr.evaluation.measures import accuracy_interval
 from nsdr.generate.physics.changed import TruthWorlds
-from nsdr.generate.questions.extensions import EXTENSION_KINDS, ExtensionSelection
-from nsdr.generate.questions.selection import find_candidates
+from nsdr.generate.questions.candidates import EXTENSION_KINDS
+from nsdr.generate.questions.selection import ExtensionSelection, QuestionConfig, find_candidates
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.symbolic import Executor
@@ -48,7 +48,7 @@ def questions_of(path: Path, selection: ExtensionSelection, n_changed: int) -> l
     """Questions beyond CLEVRER about a truth file."""
     truth = read_truth_file(path)
     item = (truth["scene_index"], "", scene_from_truth(truth), TruthWorlds(truth))
-    found = find_candidates(item, 0, True, n_changed)
+    found = find_candidates(item, QuestionConfig(extensions=True, changed_per_video=n_changed))
     return selection.questions(found.extensions, found.changed, 0)
 
 
@@ -160,7 +160,7 @@ def main() -> None:
     options = parser.parse_args()
     backend: Any = load_backend(find_checkpoint("default"), "physics")
     question_parser = GrammarParser(extensions=True)
-    selection, outcomes, pairs = ExtensionSelection(0), list[Outcome](), []
+    selection, outcomes, pairs = ExtensionSelection(0, 4), list[Outcome](), []
     for index in range(options.first, options.first + options.scenes):
         path = next(options.data.glob(f"truth/*/truth_{index:05d}.json"))
         tracks = track(read_proposals(options.proposals / f"proposal_{index:05d}.json"))

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from nsdr.clevrer.files.questions import iterate_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.reading import read_json
@@ -44,7 +44,7 @@ def read_rows(path: str) -> list[dict[str, Any]]:
     if content and "questions" not in content[0]:
         return content
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for q in (q for scene in iterate_questions(path) for q in scene.questions):
+    for q in (q for scene in read_questions(path) for q in scene.questions):
         found = [("multiple_choice" if q.choices else "descriptive", q.text, q.program)]
         for kind, text, program in [*found, *(("choice", c.text, c.program) for c in q.choices)]:
             if program:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import cv2
 import numpy as np
@@ -17,13 +17,13 @@ from torch.utils.data import Dataset
 
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, read_truth_file
-from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.io.configuration import config_of
 from nsdr.io.limits import check_limit
 from nsdr.io.video import sample_frames
+from nsdr.validation import convert
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import rendered_rotation
 from nsdr.world.timeline import FPS
@@ -266,10 +266,18 @@ def _truth_of(
     )
 
 
+class _ManifestConfig(TypedDict):
+    render: dict[str, Any]
+
+
+class _Manifest(TypedDict):
+    config: _ManifestConfig
+
+
 def _render_config(manifest: Mapping[str, Any], root: Path) -> RenderConfig:
     """The rendering options of a generated data set."""
     where = f"{root / 'manifest.json'}"
-    values = get(get(manifest, "config", dict, where), "render", dict, f"{where}: config")
+    values = convert(manifest, _Manifest, f"{where}: ")["config"]["render"]
     try:
         config = config_of(RenderConfig, {f.name: values[f.name] for f in fields(RenderConfig) if f.name in values})
     except DataError as e:

@@ -25,7 +25,7 @@ from nsdr.io.video import check_is_video
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
-from nsdr.tracking.size_check import size_doubt
+from nsdr.tracking.localization import size_warning
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
@@ -135,7 +135,7 @@ class Pipeline:
     """Frame parser, tracker, dynamics backend, question parser and executor, composed.
 
     Every part is an attribute and can be replaced by an object with the same method. Perceptions of the most recent videos are
-    kept, so further questions about a video cost little; after a part is replaced, the video is perceived again.
+    kept, as long as no part is replaced.
 
     Args:
         frame_parser: `parse(frames) -> VideoProposals`.
@@ -256,9 +256,7 @@ class Pipeline:
 
         Args:
             video: a video file.
-            proposals: result of the frame parser, to use instead of computing it.
-            tracks: result of the tracker, to use instead of computing it.
-            dynamics: result of the dynamics backend, to use instead of computing it.
+            proposals, tracks, dynamics: results of stages, to use instead of computing them.
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
         Raises:
@@ -285,8 +283,8 @@ class Pipeline:
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
                 hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
                 raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
-            if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
-                warnings.warn(f"{video}: {doubt}", stacklevel=2)
+            if video is not None and self.video.check != "off" and (warning := size_warning(tracks)):
+                warnings.warn(f"{video}: {warning}", stacklevel=2)
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
             more: list[Any] = [] if observed is None else [observed]
             if getattr(self.dynamics, "reads_images", False):

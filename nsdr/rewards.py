@@ -19,7 +19,6 @@ from nsdr.claims.verification import Claim, Verification, verify
 from nsdr.clevrer.answers.responses import TAG, Response, read_response
 from nsdr.clevrer.files.annotations import check_annotation, check_truth
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
@@ -153,15 +152,13 @@ def read_scene(path: str) -> Scene:
     known = content if isinstance(content, dict) else {}
     if known.get("type") == "Scene":
         return load(Scene, path)
-    try:
-        if "motion_trajectory" in known:
-            check_annotation(known, len(get(known, "motion_trajectory", list, "annotation")))
-            return scene_from_annotation(known)
-        if "counterfactual" in known:
-            check_truth(known)
-            return scene_from_truth(known)
-    except DataError as e:
-        raise DataError(f"{path}: {e}") from e
+    if "motion_trajectory" in known:
+        frames = known["motion_trajectory"]
+        check_annotation(known, len(frames) if isinstance(frames, list) else 0, f"{path}: ")
+        return scene_from_annotation(known)
+    if "counterfactual" in known:
+        check_truth(known, where=f"{path}: ")
+        return scene_from_truth(known)
     raise DataError(f"{path}: expected a truth file, an annotation or a saved scene")
 
 

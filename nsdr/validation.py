@@ -177,7 +177,11 @@ def explained(error: msgspec.ValidationError, document: Any, kind: Any, where: s
     if error.__cause__ is None:
         missing = re.fullmatch(r"Object missing required field `(\w+)`", reason)
         expected = f"keys that are {_expected(_inside(kind, '0'))}" if key else _expected(kind)
-        reason = f"missing key {missing[1]!r}" if missing else f"expected {expected}, got {shown(value)}"
+        reason = (
+            f"missing key {missing[1]!r}"
+            if missing
+            else f"expected {expected}, got {shown(list(value) if key else value)}"
+        )
     elif reason.startswith((".", "[")):
         return f"{where}{(place + reason).removeprefix('.')}"
     return where + (f"{place.removeprefix('.')}: {reason}" if place else reason)
@@ -318,7 +322,7 @@ def _check_arrays(owner: Any, arrays: Mapping[str, tuple[Array, str, bool]], whe
         shape = tuple(n if isinstance(n, int) else lengths.setdefault(n, found.get(n, -1)) for n in rule.shape)
         expect(value.shape == shape, place, f"the shape {shape}", value.shape)
         expect(value.dtype.kind in dtypes, place, f"dtype kind {dtypes!r}", value.dtype)
-        if "b" not in dtypes and value.size:
+        if value.size and (value.dtype.kind == "f" or rule.low > -math.inf):
             _check_values(value, rule, place)
         view = value.view()  # the caller's own array stays writable
         view.flags.writeable = False

@@ -171,10 +171,10 @@ def test_malformed_proposals_name_the_location(tmp_path) -> None:
     with pytest.raises(DataError, match=r"p\.json: frames\[0\]\.objects\[0\]"):
         read_proposals(path)
     path.write_text('{"frames": [{"frame_index": 1, "objects": []}, {"frame_index": 1, "objects": []}]}')
-    with pytest.raises(DataError, match="frame_index must ascend"):
+    with pytest.raises(DataError, match="frame_index: expected ascending frames"):
         read_proposals(path)
     path.write_text("[]")
-    with pytest.raises(DataError, match=r"p\.json: expected an object, got list"):
+    with pytest.raises(DataError, match=r"p\.json: expected an object, got"):
         read_proposals(path)
     with pytest.raises(DataError, match="no such file"):
         read_proposals(tmp_path / "none.json")
@@ -197,16 +197,25 @@ def test_questions_of_the_example() -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({}, "expected a JSON list"),
+        ({}, "expected a list, got"),
         ([{"scene_index": 1, "video_filename": "a"}], r"\[0\]: missing key 'questions'"),
-        ([{"scene_index": "1", "video_filename": "a", "questions": []}], r"\[0\]\.scene_index: expected int"),
         (
-            [{"scene_index": 1, "video_filename": "a", "questions": [{"question_type": "odd"}]}],
-            r"questions\[0\]\.question_type: 'odd'",
+            [{"scene_index": "1", "video_filename": "a", "questions": []}],
+            r"\[0\]\.scene_index: expected a whole number",
         ),
         (
-            [{"scene_index": 1, "video_filename": "a", "questions": [{"question_type": "predictive"}]}],
-            "a predictive question with 0 choices",
+            [{"scene_index": 1, "video_filename": "a", "questions": [{"question_type": "odd"}]}],
+            r"questions\[0\]\.question_type: expected one of .*got 'odd'",
+        ),
+        (
+            [
+                {
+                    "scene_index": 1,
+                    "video_filename": "a",
+                    "questions": [{"question_id": 0, "question": "Q?", "question_type": "predictive"}],
+                }
+            ],
+            "choices: expected those of a predictive question, got 0 choices",
         ),
     ],
 )

@@ -176,7 +176,7 @@ def test_more_objects_than_rows_are_refused(root) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(seed="x"), "truth_00000.json: truth.seed: expected"),
+        (lambda d: d.update(seed="x"), "truth_00000.json: seed: expected"),
         (lambda d: d["objects"][1].update(mass=-1.0), r"objects\[1\].mass"),
         (
             lambda d: d["frames"][2]["objects"][0].pop("orientation"),

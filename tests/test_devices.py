@@ -179,7 +179,7 @@ def test_bfloat16_is_refused_on_processors_without_it(monkeypatch) -> None:
     "command",
     [
         ["answer", str(VIDEO), "-q", "How many collisions happen?"],
-        ["parse-question", "How many collisions happen?"],
+        ["parse-question", "Cube how many sphere?"],
         ["parse-video", str(VIDEO), "-o", "scene.json"],
         ["parse-videos", str(VIDEO.parent), "-o", "scenes"],
         ["predict-dynamics", "PROPOSALS", "-o", "predictions"],

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from nsdr import DataError, Event, StatePredictor
-from nsdr.clevrer.files.truth_blocks import read_truth
+from nsdr.clevrer.files.annotations import read_truth
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
 from nsdr.dynamics.propnet.data import read_motion_dataset
@@ -126,9 +126,6 @@ class _Script(StateModel):
     def observe(self, window, reliable, static, exists):
         middle = window[:, :, self.config.side_steps]
         return 50 * (0.4 - torch.cdist(middle, middle))
-
-    def folded(self):
-        return self
 
 
 def test_removal_changes_only_what_depends_on_the_removed_object() -> None:

@@ -23,7 +23,7 @@ from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
-from nsdr.generate.questions.extensions import EXTENSION_KINDS, changed_questions
+from nsdr.generate.questions.candidates import EXTENSION_KINDS, changed_questions
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
 from nsdr.generate.records import annotation_document, truth_document
 from nsdr.io import storage
@@ -440,7 +440,7 @@ def test_what_if_questions_are_simulated_by_bullet(truths) -> None:
     found = next(changed_questions(scene, worlds, random.Random(0), 1))
     executor = Executor(scene, simulate=worlds)
     assert all(executor.run([*o.program, *found.program]) is o.correct for o in found.options)
-    candidates = find_candidates((0, "v", scene, worlds), 0, True, 1)
+    candidates = find_candidates((0, "v", scene, worlds), QuestionConfig(extensions=True, changed_per_video=1))
     (questions,) = select_questions([candidates], QuestionConfig(extensions=True, changed_per_video=1))
     assert all(isinstance(c, Choice) for q in questions.questions for c in q.choices)
 

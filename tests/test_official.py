@@ -196,7 +196,7 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
         Executor(predictions_from_document(document), "paper")
     with pytest.raises(ExecutionError, match="collisions 'velocity' need the official semantics"):
         Executor(small_scene, collisions="velocity")
-    with pytest.raises(DataError, match="file: missing key 'predictions'"):
+    with pytest.raises(DataError, match="missing key 'predictions'"):
         executor_of({"objects": []})
     with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, got"):
         executor_of(document, "guessed")
@@ -335,8 +335,8 @@ def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], t
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.pop("objects"), "file: missing key 'objects'"),
-        (lambda d: d["objects"][0].update(color="pink"), r"objects\[0\]\.color: 'pink'; expected one of gray"),
+        (lambda d: d.pop("objects"), "missing key 'objects'"),
+        (lambda d: d["objects"][0].update(color="pink"), r"objects\[0\]\.color: expected one of .*, got 'pink'"),
         (lambda d: d["predictions"][0].update(what_if=0), r"predictions\[0\]\.what_if: expected -1"),
         (lambda d: d["predictions"][1].update(what_if=7), r"predictions\[1\]\.what_if: expected 0 to 2, got 7"),
         (
@@ -345,7 +345,7 @@ def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], t
         ),
         (
             lambda d: d["predictions"][0]["collisions"][0]["objects"].pop(),
-            r"predictions\[0\]\.collisions\[0\]\.objects: expected 2 objects, got 1",
+            r"predictions\[0\]\.collisions\[0\]\.objects: expected a list of 2 items, got",
         ),
     ],
 )

@@ -3,7 +3,7 @@
 import pytest
 
 from nsdr import Executor, QuestionParser, Scene
-from nsdr.clevrer.files.questions import iterate_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.question_parser.grammar import readings
 
 
@@ -38,7 +38,7 @@ def test_no_real_text_is_refused(shared) -> None:
     parser = QuestionParser.from_pretrained()
     texts: dict[tuple[str, str], list[str]] = {}
     files = [*sorted((shared / "real/questions").glob("*.json")), shared / "clips/questions.json"]
-    for scene in (scene for path in files for scene in iterate_questions(path)):
+    for scene in (scene for path in files for scene in read_questions(path)):
         for q in scene.questions:
             kind = "multiple_choice" if q.choices else "descriptive"
             for text_kind, text, program in [

@@ -19,7 +19,6 @@ from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
-from nsdr.generate.questions.inferential import CounterfactualConfig
 from nsdr.generate.questions.selection import (
     Candidates,
     QuestionConfig,
@@ -240,7 +239,7 @@ def counterfactual_options(share: float | None, n_scenes: int = 60, per_video: f
         Candidates(i, name, (), tuple(multiple_choice_questions(scene, random.Random(i))))
         for i, name, scene in many_scenes(n_scenes)
     ]
-    config = QuestionConfig({"counterfactual": per_video}, counterfactual=CounterfactualConfig(share))
+    config = QuestionConfig({"counterfactual": per_video}, inferential_share=share)
     questions = [q for s in select_questions(candidates, config) for q in s.questions]
     assert len(questions) >= per_video * n_scenes - 12
     assert all(2 <= len(q.choices) <= 4 for q in questions)
@@ -267,7 +266,7 @@ def test_a_share_that_the_scenes_do_not_allow_is_reported() -> None:
     unchanged = [
         (i, name, Scene(s.objects, 128, s.visible, s.moving, s.events, s.unseen, None)) for i, name, s in many_scenes(3)
     ]
-    config = QuestionConfig(counterfactual=CounterfactualConfig(0.5))
+    config = QuestionConfig(inferential_share=0.5)
     with pytest.warns(UserWarning, match=r"0\.5 was asked for, no option was found"):
         list(generate_questions(unchanged, config))
 
@@ -354,7 +353,7 @@ def test_invalid_question_options_are_rejected(values, message) -> None:
 
 def test_a_share_is_between_0_and_1() -> None:
     with pytest.raises(DataError, match=r"inferential_share: expected .* from 0 to 1.* got 1\.5"):
-        CounterfactualConfig(1.5)
+        QuestionConfig(inferential_share=1.5)
 
 
 def test_question_command_writes_file_and_statistics(truths, tmp_path, capsys) -> None:
@@ -363,7 +362,7 @@ def test_question_command_writes_file_and_statistics(truths, tmp_path, capsys) -
     for truth in truths[:3]:
         (folder / f"truth_{truth['scene_index']:05d}.json").write_text(json.dumps(truth))
     output = tmp_path / "questions.json"
-    share = ["--questions.counterfactual.inferential_share", "0.3"]
+    share = ["--questions.inferential_share", "0.3"]
     assert main(["generate", "questions", "--scenes", str(folder), "-o", str(output), "--workers", "1", *share]) == 0
     scenes = read_questions(output)
     assert [s.scene_index for s in scenes] == [0, 1, 2]

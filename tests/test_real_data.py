@@ -6,12 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from nsdr.clevrer.files.annotations import check_ground_truth, read_annotation
+from nsdr.clevrer.files.annotations import check_ground_truth, read_annotation, read_truth
 from nsdr.clevrer.files.predictions import read_predictions
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
-from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.generate.physics.bullet import Simulator

@@ -4,7 +4,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from threading import Lock
@@ -218,7 +218,7 @@ class AgentTools:
             s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
         known = s.probabilities
         differences = [
-            DifferenceView(d.kind, EventView(*_event_fields(d.event, s.objects), d.probability), d.before)
+            DifferenceView(d.kind, replace(_event(d.event, s.objects, None), probability=d.probability), d.before)
             for d in s.differences()
         ]
         done = [intervention_text(change) for change in s.interventions]
@@ -276,14 +276,10 @@ def check_folder(folder: str | Path) -> None:
         raise DataError(f"{folder}: no such folder")
 
 
-def _event_fields(event: Event, objects: Sequence[SceneObject]) -> tuple[str, int, list[str]]:
-    return event.kind, event.frame, [objects[i].name for i in event.objects]
-
-
 def _event(event: Event, objects: Sequence[SceneObject], known: Mapping[Event, float] | None) -> EventView:
     """An event with its probability: 1 for collisions that are certain, None where no probability is known."""
     probability = known.get(event, 1.0) if event.kind == "collision" and known is not None else None
-    return EventView(*_event_fields(event, objects), probability)
+    return EventView(event.kind, event.frame, [objects[i].name for i in event.objects], probability)
 
 
 def _answer(found: Answer, scene: Scene) -> AnswerView:

@@ -131,9 +131,10 @@ class _Narration:
             event = chosen.value
             self.events |= {e for e in self.scene.events if e.objects == event.objects and e.kind == event.kind}
             if group.module == "unseen_events":
-                self._unseen(event)
+                self._elsewhere(event, self.scene.unseen or ())
             elif group.module == "get_counterfact":
-                self._without(event, trace[group.inputs[1]].value)
+                removed = trace[group.inputs[1]].value
+                self._elsewhere(event, (self.scene.counterfactual or {}).get(removed, ()), removed)
 
     def _responsible(self, chosen: Any, target: Event) -> None:
         """What led to an event: the chosen event or object, with the chain of events in between."""
@@ -158,24 +159,16 @@ class _Narration:
             self.events.add(event)
             self.conclusions.append(Statement("cause", True, events=(self.event(event, event.frame), effect)))
 
-    def _unseen(self, event: Event) -> None:
-        unseen = self.scene.unseen or ()
+    def _elsewhere(self, event: Event, events: Sequence[Event], removed: int | None = None) -> None:
+        """Whether a collision happens after the video, or without an object; a long text tells all that happens then."""
         last, moving = self.scene.n_frames - 1, self.scene.moving
-        if self.long:
-            for i in event.objects:
-                if moving is not None and self.scene.visible[i, last]:
-                    self.states.append(self._motion(i, "moving" if moving[i, last] else "stationary", last))
-            self.conclusions += [Statement("future", events=(self.event(e),)) for e in unseen]
-        happens = any(e.objects == event.objects for e in unseen)
-        self.conclusions.append(Statement("future", not happens, events=(self.event(event),)))
-
-    def _without(self, event: Event, removed: int) -> None:
-        events = (self.scene.counterfactual or {}).get(removed, ())
+        if self.long and removed is None and moving is not None:
+            seen = [i for i in event.objects if self.scene.visible[i, last]]
+            self.states += [self._motion(i, "moving" if moving[i, last] else "stationary", last) for i in seen]
+        kind, gone = ("future", None) if removed is None else ("counterfactual", self.name(removed))
         told = [(e, False) for e in events] if self.long else []
-        told.append((event, not any(e.objects == event.objects for e in events)))
-        for one, negated in told:
-            phrases = (self.event(one),)
-            self.conclusions.append(Statement("counterfactual", negated, events=phrases, removed=self.name(removed)))
+        for one, negated in (*told, (event, all(e.objects != event.objects for e in events))):
+            self.conclusions.append(Statement(kind, negated, events=(self.event(one),), removed=gone))
 
     def _motion(self, index: int, state: str, frame: int | None) -> Statement:
         return Statement("motion", objects=(self.name(index),), words=(state,), frame=frame)

@@ -26,9 +26,13 @@ from .files.annotations import (
     check_annotation as check_annotation,
     check_ground_truth as check_ground_truth,
     check_truth as check_truth,
+    check_truth_blocks as check_truth_blocks,
     read_annotation as read_annotation,
+    read_truth as read_truth,
     read_truth_file as read_truth_file,
+    truth_block as truth_block,
     write_annotation as write_annotation,
+    write_truth as write_truth,
 )
 from .files.masks import check_mask as check_mask, mask_numbers as mask_numbers
 from .files.parsed_programs import with_parsed_programs as with_parsed_programs
@@ -58,15 +62,14 @@ from .files.questions import (
     Question as Question,
     SceneQuestions as SceneQuestions,
     by_type as by_type,
-    iterate_questions as iterate_questions,
     read_questions as read_questions,
     without_answers as without_answers,
     write_questions as write_questions,
 )
-from .files.scene_files import iterate_scenes as iterate_scenes
 from .files.scenes import (
     collisions_in_view as collisions_in_view,
     enter_exit_events as enter_exit_events,
+    iterate_scenes as iterate_scenes,
     scene_from_annotation as scene_from_annotation,
     scene_from_ground_truth as scene_from_ground_truth,
     scene_from_truth as scene_from_truth,
@@ -76,10 +79,4 @@ from .files.submissions import (
     read_submission as read_submission,
     submission_document as submission_document,
     write_submission as write_submission,
-)
-from .files.truth_blocks import (
-    check_truth_blocks as check_truth_blocks,
-    read_truth as read_truth,
-    truth_block as truth_block,
-    write_truth as write_truth,
 )

@@ -10,10 +10,9 @@ import numpy as np
 from tqdm import tqdm
 
 from nsdr.clevrer.dataset import CLEVRER, Entry
-from nsdr.clevrer.files.annotations import check_annotation, check_truth
+from nsdr.clevrer.files.annotations import check_annotation, check_truth, truth_block, write_truth
 from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, proposals_from_document
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.files.truth_blocks import truth_block, write_truth
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, locked
 from nsdr.io.fingerprint import fingerprint
@@ -97,14 +96,11 @@ def _write_video(n_frames: int, video: tuple[int, Entry, Entry | None], output: 
 def _block(entry: Entry, n_frames: int) -> dict[str, Any]:
     """The ground-truth block of an annotation, or of a generated video's truth file."""
     content = parse_json(entry.read(), str(entry))
-    try:
-        if isinstance(content, dict) and "motion_trajectory" not in content:
-            check_truth(content)
-            return truth_block(scene_from_truth(content))
-        check_annotation(content, n_frames)
-        return truth_block(scene_from_annotation(content))
-    except DataError as e:
-        raise DataError(f"{entry}: {e}") from e
+    if isinstance(content, dict) and "motion_trajectory" not in content:
+        check_truth(content, where=f"{entry}: ")
+        return truth_block(scene_from_truth(content))
+    check_annotation(content, n_frames, f"{entry}: ")
+    return truth_block(scene_from_annotation(content))
 
 
 def _join(parts: Sequence[Path], folder: Path) -> None:

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
-from nsdr.clevrer.files.scene_files import iterate_scenes
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.cli.common import left_out
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
@@ -87,9 +87,7 @@ def _questions(argv: Sequence[str]) -> str:
     options = parse_config(QuestionOptions, argv, "nsdr generate questions")
     check_output(options.output, [".json"], _listed(options.scenes))
     wanted = options.questions
-    find = partial(
-        find_candidates, seed=wanted.seed, extensions=wanted.extensions, changed_per_video=wanted.changed_per_video
-    )
+    find = partial(find_candidates, config=wanted)
     scenes = _scenes(_listed(options.scenes), wanted.changed_per_video > 0)
     found = run_in_order(find, scenes, options.engine, options.workers)
     bar = tqdm(found, total=len(scenes), unit="scene", desc="questions")

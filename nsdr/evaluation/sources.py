@@ -5,18 +5,17 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer.dataset import Split
-from nsdr.clevrer.files.annotations import read_annotation, read_truth_file
+from nsdr.clevrer.files.annotations import read_annotation, read_truth, read_truth_file
 from nsdr.clevrer.files.predictions import PredictionFile, read_predictions, scene_from_predictions
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.files.schema import shown
-from nsdr.clevrer.files.truth_blocks import read_truth
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.registry import Registry
 from nsdr.tracking.truth_tracks import tracks_from_annotation
 from nsdr.types import Scene
+from nsdr.validation import shown
 
 __all__ = ["SOURCES", "Data", "PerceptionInput", "SceneSource", "SourceFactory", "find_file", "prediction_file"]
 

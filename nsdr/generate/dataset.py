@@ -1,6 +1,6 @@
 """Complete data sets in CLEVRER's layout, with the ground truth that the release withholds."""
 
-import logging
+import json
 import platform
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +20,6 @@ from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.annotations import read_truth_file, write_annotation
 from nsdr.clevrer.files.questions import without_answers, write_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
-from nsdr.clevrer.files.schema import get
 from nsdr.errors import DataError
 from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
@@ -35,9 +34,9 @@ from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.reading import read_json
+from nsdr.io.reading import read_typed
 from nsdr.io.video import write_video
-from nsdr.validation import Count, Settings, Share, one_of
+from nsdr.validation import Count, Settings, Share, convert, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
@@ -53,7 +52,6 @@ MAX_SHARDS = 10_000
 """Most shards of a command."""
 VIDEOS_PER_FOLDER = 1000
 """Videos in each sub-folder, as in the release."""
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,8 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     manifest = _manifest(config)
     path = root / "manifest.json"
     if path.exists():
-        existing = get(read_json(path), "config", dict, str(path))
+        existing = read_typed(path, dict[str, Any]).get("config")
+        existing = convert(existing, dict[str, Any], f"{path}: config: ")
         changed = sorted(k for k in manifest["config"] if existing.get(k) != manifest["config"][k])
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
@@ -217,10 +216,9 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
 
 def _scene_candidates(config: QuestionConfig, path: Path) -> Candidates:
     truth = read_truth_file(path)
-    index = truth["scene_index"]
     simulate = TruthWorlds(truth) if config.changed_per_video else None
-    item = (index, f"video_{index:05d}.mp4", scene_from_truth(truth), simulate)
-    return find_candidates(item, config.seed, config.extensions, config.changed_per_video)
+    index = truth["scene_index"]
+    return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth), simulate), config)
 
 
 def _manifest(config: DatasetConfig) -> dict[str, Any]:
@@ -228,14 +226,8 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     for name in ("output", "shards", "first_shard", "engine", "workers"):
         values.pop(name)
     values["render"]["assets"] = Path(config.render.assets).name
-    values["scene"]["objects"] = {str(k): v for k, v in values["scene"]["objects"].items()}
-    values = _as_json(values)
-    splits = {name: [r.start, r.stop] for name, r in config.indices().items()}
-    written = {
-        "videos": config.renderer != "none",
-        "proposals": config.masks,
-        "questions": config.questions is not None,
-    }
+    kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
+    kinds["questions"] = config.questions is not None
     versions = {"python": platform.python_version()}
     for name in VERSIONS_OF:
         try:
@@ -244,9 +236,9 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
             continue
     return {
         "generator": "nsdr generate dataset",
-        "config": values,
-        "splits": splits,
-        "kinds": ["annotations", *(kind for kind, is_written in written.items() if is_written)],
+        "config": json.loads(json.dumps(values)),  # as `read_json` gives it
+        "splits": {name: [r.start, r.stop] for name, r in config.indices().items()},
+        "kinds": [kind for kind, is_written in kinds.items() if is_written],
         "n_frames": config.scene.n_frames,
         "versions": versions,
     }
@@ -255,12 +247,6 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
 def _fingerprint(config: DatasetConfig) -> str:
     """Of everything that a video depends on beside its index."""
     return fingerprint(config=[VERSION, _manifest(config)["config"]])
-
-
-def _as_json(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {k: _as_json(v) for k, v in value.items()}
-    return [_as_json(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def _task(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:

@@ -22,6 +22,10 @@ __all__ = [
     "without_compiler",
 ]
 
+PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
+"""Idle threads of GNU's OpenMP (in torch's wheels for Linux) and of LLVM's or Intel's sleep at once."""
+WAITING = (*PASSIVE, "GOMP_SPINCOUNT")
+"""Environment variables with which users decide how idle OpenMP threads wait."""
 PRECISIONS = ("auto", "float32", "bfloat16")
 """Number formats of convolutions."""
 CPU_CHECK = "_is_amx_tile_supported"
@@ -86,12 +90,6 @@ def has_bfloat16() -> bool:
     import torch
 
     return not torch.backends.mkldnn.is_available() or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
-
-
-PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
-"""Idle threads of GNU's OpenMP (in torch's wheels for Linux) and of LLVM's or Intel's sleep at once."""
-WAITING = (*PASSIVE, "GOMP_SPINCOUNT")
-"""Environment variables with which users decide how idle OpenMP threads wait."""
 
 
 def wait_passively() -> None:

@@ -16,6 +16,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +26,19 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
+from nsdr.validation import convert
 
 __all__ = [
     "UNZIP_ERRORS",
-    "iterate_json_list",
     "parse_json",
     "parse_json_lines",
+    "parse_typed",
     "read_bytes",
     "read_json",
     "read_json_bytes",
     "read_npz",
     "read_text",
+    "read_typed",
     "read_yaml",
 ]
 
@@ -165,17 +168,28 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
             yield number, parse_json(line, f"{name}, line {number}", unique=True)
 
 
-def iterate_json_list(path: str | Path) -> Iterator[Any]:
-    """Yield the items of a file that holds one JSON list; one item at a time is more than bytes.
+def read_typed(path: str | Path, kind: Any) -> Any:
+    """The content of a JSON file, which may be gzipped, as a value of a type (`nsdr.validation.convert`).
 
     Raises:
-        DataError: the file is missing, too large, no list or not JSON; names the file and the item.
+        DataError: the file is missing, not JSON, or does not fit; names the file, the place, what was expected and found.
     """
-    data = read_json_bytes(path)
-    with _named(str(path), "JSON list", DataError):
-        items = msgspec.json.decode(data, type=list[msgspec.Raw])
-    for number, item in enumerate(items):
-        yield parse_json(bytes(item), f"{path}: [{number}]")
+    return parse_typed(read_bytes(path, "json_bytes", DataError, "JSON file"), str(path), kind)
+
+
+def parse_typed(data: bytes, name: str, kind: Any) -> Any:
+    """As `read_typed`, from bytes; `name` says where they come from."""
+    with _named(name, "JSON file", DataError):
+        content = _gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data
+    try:
+        return _decoder(kind).decode(content.removeprefix(codecs.BOM_UTF8))
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
+        return convert(parse_json(content, name), kind, f"{name}: ")  # says what is wrong, and where
+
+
+@lru_cache(maxsize=32)
+def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
+    return msgspec.json.Decoder(kind)
 
 
 def read_npz(path: str | Path, error: ErrorKind = DataError) -> dict[str, NDArray[Any]]:

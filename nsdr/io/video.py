@@ -32,6 +32,14 @@ __all__ = [
     "write_video",
 ]
 
+RATES = (1.0, 1000.0)
+"""Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
+RATE_TOLERANCE = 0.1
+"""Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
+UNEVEN = 1.0
+"""Frames that are shown so much earlier or later than at an even rate make a variable frame rate (frames of CLEVRER)."""
+REPRODUCIBLE = {"threads": "1", "mbtree": "0"}
+"""Options without which x264 encodes the same frames differently from run to run, or from one number of cores to another."""
 HEAD_BYTES = 4096
 """Bytes at a file's start that tell its kind."""
 CONVERT = "convert it to H.264, for example: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
@@ -47,75 +55,6 @@ KINDS = {
     "gzip file": (b"\x1f\x8b",),
 }
 """How files begin that are certainly no videos."""
-
-
-def check_is_video(path: Path) -> None:
-    """Refuse what is certainly no video, by the file's first bytes.
-
-    Raises:
-        VideoError: no such file, a folder or device, an empty file, or an image, sound, text or archive; says which.
-    """
-    if path.is_dir():
-        raise VideoError(f"{path}: is a folder; expected a video (`nsdr parse-videos` takes folders)")
-    if not path.is_file():
-        raise VideoError(f"{path}: {'is a device or a pipe; expected a video' if path.exists() else 'no such file'}")
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    if not head:
-        raise VideoError(f"{path}: is empty (0 bytes); expected a video")
-    if (found := _other_kind(head)) is not None:
-        hint = "; nsdr.load(nsdr.Scene, ...) reads a saved scene" if path.suffix == ".json" else ""
-        raise VideoError(f"{path}: is a {found}; expected a video{hint}")
-
-
-def _other_kind(head: bytes) -> str | None:
-    """What a file with these first bytes is, if it is no video."""
-    if head[:4] == b"RIFF" and head[8:12] in (b"WAVE", b"WEBP"):
-        return "WAV sound" if head[8:12] == b"WAVE" else "WebP image"
-    if head[4:11] in (b"ftypM4A", b"ftypM4B"):
-        return "M4A sound"
-    return next(
-        (kind for kind, starts in KINDS.items() if head.startswith(starts)), "text file" if _is_text(head) else None
-    )
-
-
-def _is_text(head: bytes) -> bool:
-    try:
-        text = head.decode("utf-8") if len(head) < HEAD_BYTES else head[:-4].decode("utf-8", "ignore")
-    except UnicodeDecodeError:
-        return False
-    return all(c.isprintable() or c in "\n\r\t\f" for c in text)
-
-
-def _undecodable(path: Path) -> VideoError:
-    """The error about a file that OpenCV cannot open or decode; PyAV, which is an extra, knows more of it."""
-    reason = "not a video that OpenCV can read"
-    try:
-        import av
-
-        with av.open(str(path)) as container:
-            videos, sounds = (
-                [s.codec_context.name for s in found] for found in (container.streams.video, container.streams.audio)
-            )
-        if videos:
-            reason = f"{videos[0]} video, which OpenCV cannot decode here"
-        elif sounds:
-            return VideoError(f"{path}: holds sound ({sounds[0]}) but no video")
-    except ImportError:
-        pass
-    except (OSError, ValueError):
-        reason = "is not a video, or is damaged or cut off"
-    return VideoError(f"{path}: {reason}; {CONVERT}")
-
-
-RATES = (1.0, 1000.0)
-"""Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
-RATE_TOLERANCE = 0.1
-"""Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
-UNEVEN = 1.0
-"""Frames that are shown so much earlier or later than at an even rate make a variable frame rate (frames of CLEVRER)."""
-REPRODUCIBLE = {"threads": "1", "mbtree": "0"}
-"""Options without which x264 encodes the same frames differently from run to run, or from one number of cores to another."""
 
 
 @dataclass(frozen=True)
@@ -350,3 +289,62 @@ def write_video(
             if stream is None:
                 raise DataError(f"{path}: no frames to write")
             container.mux(stream.encode())
+
+
+def check_is_video(path: Path) -> None:
+    """Refuse what is certainly no video, by the file's first bytes.
+
+    Raises:
+        VideoError: no such file, a folder or device, an empty file, or an image, sound, text or archive; says which.
+    """
+    if path.is_dir():
+        raise VideoError(f"{path}: is a folder; expected a video (`nsdr parse-videos` takes folders)")
+    if not path.is_file():
+        raise VideoError(f"{path}: {'is a device or a pipe; expected a video' if path.exists() else 'no such file'}")
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if not head:
+        raise VideoError(f"{path}: is empty (0 bytes); expected a video")
+    if (found := _other_kind(head)) is not None:
+        hint = "; nsdr.load(nsdr.Scene, ...) reads a saved scene" if path.suffix == ".json" else ""
+        raise VideoError(f"{path}: is a {found}; expected a video{hint}")
+
+
+def _other_kind(head: bytes) -> str | None:
+    """What a file with these first bytes is, if it is no video."""
+    if head[:4] == b"RIFF" and head[8:12] in (b"WAVE", b"WEBP"):
+        return "WAV sound" if head[8:12] == b"WAVE" else "WebP image"
+    if head[4:11] in (b"ftypM4A", b"ftypM4B"):
+        return "M4A sound"
+    return next(
+        (kind for kind, starts in KINDS.items() if head.startswith(starts)), "text file" if _is_text(head) else None
+    )
+
+
+def _is_text(head: bytes) -> bool:
+    try:
+        text = head.decode("utf-8") if len(head) < HEAD_BYTES else head[:-4].decode("utf-8", "ignore")
+    except UnicodeDecodeError:
+        return False
+    return all(c.isprintable() or c in "\n\r\t\f" for c in text)
+
+
+def _undecodable(path: Path) -> VideoError:
+    """The error about a file that OpenCV cannot open or decode; PyAV, which is an extra, knows more of it."""
+    reason = "not a video that OpenCV can read"
+    try:
+        import av
+
+        with av.open(str(path)) as container:
+            videos, sounds = (
+                [s.codec_context.name for s in found] for found in (container.streams.video, container.streams.audio)
+            )
+        if videos:
+            reason = f"{videos[0]} video, which OpenCV cannot decode here"
+        elif sounds:
+            return VideoError(f"{path}: holds sound ({sounds[0]}) but no video")
+    except ImportError:
+        pass
+    except (OSError, ValueError):
+        reason = "is not a video, or is damaged or cut off"
+    return VideoError(f"{path}: {reason}; {CONVERT}")

@@ -56,7 +56,7 @@ class BaselineTraining(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        expect(self.system in BASELINES.names(), "system", f"one of {', '.join(BASELINES.names())}", self.system)
+        expect(self.system in BASELINES.names(), "system", f"one of {', '.join(BASELINES.names())}", repr(self.system))
         self.model_config()
         wanted = ", ".join(sorted(BASELINES[self.system].needs & set(KINDS)))
         if wanted and not self.features:

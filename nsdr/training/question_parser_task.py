@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.clevrer.files.questions import iterate_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
 from nsdr.language.normal import normal_form
@@ -198,7 +198,7 @@ def read_pairs(path: str) -> dict[str, list[Pair]]:
         DataError: a missing or unreadable file.
     """
     programs: dict[str, dict[str, list[str]]] = {kind: {} for kind in TEXT_KINDS}
-    for scene in iterate_questions(path):
+    for scene in read_questions(path):
         for q in scene.questions:
             question_kind = "multiple_choice" if q.choices else "descriptive"
             rows = [(question_kind, q.text, q.program), *(("choice", c.text, c.program) for c in q.choices)]

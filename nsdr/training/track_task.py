@@ -83,7 +83,7 @@ class DynamicsTraining(Settings):
         super().__post_init__()
         on_images = self.network == "paper_images"
         for name in ("data", "run_dir") if on_images else ("proposals", "truth", "run_dir"):
-            expect(bool(getattr(self, name).strip()), name, "a path", getattr(self, name))
+            expect(bool(getattr(self, name).strip()), name, "a path", repr(getattr(self, name)))
         useless = ("proposals", "truth") if on_images else ("data",)
         given = [name for name in useless if getattr(self, name)]
         if given:

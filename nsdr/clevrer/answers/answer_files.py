@@ -14,11 +14,11 @@ from nsdr.clevrer.answers.answer_forms import UnreadableError
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.answers.responses import Response, read_response_to
 from nsdr.clevrer.files.questions import Question
-from nsdr.clevrer.files.schema import shown
 from nsdr.clevrer.files.submissions import read_submission
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.reading import parse_json_lines, read_json_bytes
+from nsdr.validation import shown
 
 __all__ = ["RESPONSE_KEYS", "GivenAnswer", "read_answers", "read_given", "write_responses"]
 

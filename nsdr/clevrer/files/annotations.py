@@ -1,29 +1,31 @@
 """True motion and events in files: CLEVRER's annotations (`annotation_N.json`), the `ground_truth` block of the released
-code's proposal files, and the truth files of generated videos (`truth_N.json`)."""
+code's proposal files, lists of such blocks, and the truth files of generated videos (`truth_N.json`)."""
 
-import math
+import gzip
+import json
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NotRequired, TypedDict
+
+from msgspec import Meta
 
 from nsdr.clevrer.files.schema import (
-    LARGEST_COORDINATE,
-    check_new,
+    FileName,
+    Id,
+    Pair,
+    Vector,
+    Words,
+    check_frame,
     check_objects,
-    get,
-    get_frame,
-    get_name,
-    get_number,
-    get_pair,
-    get_scene_index,
-    get_whole,
-    read_checked,
-    shown,
+    check_pair,
+    check_unique,
 )
 from nsdr.errors import DataError
-from nsdr.io.files import write_json
+from nsdr.io.files import atomic_path, write_json
 from nsdr.io.limits import check_limit
+from nsdr.io.reading import read_json
+from nsdr.types import Scene
+from nsdr.validation import Count, PositiveCount, convert, expect
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = [
@@ -31,20 +33,99 @@ __all__ = [
     "check_annotation",
     "check_ground_truth",
     "check_truth",
+    "check_truth_blocks",
     "read_annotation",
+    "read_truth",
     "read_truth_file",
+    "truth_block",
     "write_annotation",
+    "write_truth",
 ]
 
 IRREGULAR_VIDEOS = (7648, 9777, 10800)
 """Indices of released videos that do not have 128 frames. Their length also differs between video and proposal file, so it is
 not checked."""
-LARGEST_MASS = 1e6
-"""Largest relative mass of an object in a file; CLEVRER's are around 1."""
-VECTORS = ("location", "orientation", "velocity", "angular_velocity")
-"""Keys of the 3-vectors of each object in each frame."""
-VECTOR_LENGTH = 3
-"""Numbers in each of `VECTORS`: x, y, z."""
+
+
+class _Object(Words):
+    object_id: int
+    mass: NotRequired[Annotated[float, Meta(gt=0, le=1e6)]]  # CLEVRER's are around 1
+
+
+class _Velocity(TypedDict):
+    object_id: int
+    inside_camera_view: bool
+    velocity: Vector
+
+
+class _Motion(_Velocity):
+    location: Vector
+    orientation: Vector
+    angular_velocity: Vector
+
+
+class _Frame(TypedDict):
+    frame_id: NotRequired[int]
+    objects: list[_Velocity]
+
+
+class _FullFrame(TypedDict):
+    frame_id: int
+    objects: list[_Motion]
+
+
+class _Collision(TypedDict):
+    object_ids: Pair
+    frame_id: int
+
+
+class _Annotation(TypedDict):
+    scene_index: Id
+    video_filename: FileName
+    object_property: list[_Object]
+    motion_trajectory: list[_FullFrame]
+    collision: list[_Collision]
+
+
+class _Truth(TypedDict):
+    objects: list[_Object]
+    frames: list[_Frame]
+    collisions: list[_Collision]
+    counterfactual: dict[str, list[_Collision]]
+    n_frames: NotRequired[PositiveCount]
+
+
+class _FullTruth(TypedDict):
+    scene_index: Id
+    seed: Count
+    objects: list[_Object]
+    frames: list[_FullFrame]
+
+
+class _BlockObject(Words):
+    id: int
+
+
+class _InOut(TypedDict):
+    type: Literal["in", "out"]
+    object: int
+    frame: int
+
+
+class _BlockCollision(TypedDict):
+    object: Pair
+    frame: int
+
+
+class _Block(TypedDict):
+    objects: list[_BlockObject]
+    in_outs: list[_InOut]
+    collisions: list[_BlockCollision]
+
+
+class _VideoBlock(TypedDict):
+    video: Id
+    n_frames: PositiveCount
 
 
 def read_annotation(path: str | Path) -> dict[str, Any]:
@@ -53,7 +134,9 @@ def read_annotation(path: str | Path) -> dict[str, Any]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    return read_checked(path, check_annotation)
+    content: dict[str, Any] = read_json(path)
+    check_annotation(content, where=f"{path}: ")
+    return content
 
 
 def write_annotation(path: str | Path, annotation: dict[str, Any], n_frames: int = VIDEO_FRAMES) -> None:
@@ -62,24 +145,25 @@ def write_annotation(path: str | Path, annotation: dict[str, Any], n_frames: int
     write_json(path, annotation)
 
 
-def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES) -> None:
+def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES, where: str = "") -> None:
     """Check the form of an annotation.
 
     Args:
         annotation: content of the file.
         n_frames: number of frames of the data set's videos; not checked for `IRREGULAR_VIDEOS`.
+        where: what stands before the place in error messages, such as "file.json: ".
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    video = get_scene_index(annotation, "scene_index", "annotation")
-    get_name(annotation, "video_filename", "annotation")
-    objects = check_objects(get(annotation, "object_property", list, "annotation"), "object_id", "object_property")
-    frames = get(annotation, "motion_trajectory", list, "annotation")
-    if len(frames) != n_frames and video not in IRREGULAR_VIDEOS:
-        raise DataError(f"motion_trajectory: expected {n_frames} frames for video {video}, got {len(frames)}")
-    _check_frames(frames, len(objects), "motion_trajectory", VECTORS)
-    _check_collisions(get(annotation, "collision", list, "annotation"), len(objects), "collision", len(frames))
+    content: _Annotation = convert(annotation, _Annotation, where)
+    check_objects(content["object_property"], "object_id", f"{where}object_property")
+    n, frames, video = len(content["object_property"]), content["motion_trajectory"], content["scene_index"]
+    if video not in IRREGULAR_VIDEOS:
+        expected = f"{n_frames} frames for video {video}"
+        expect(len(frames) == n_frames, f"{where}motion_trajectory", expected, len(frames))
+    _check_frames(frames, n, f"{where}motion_trajectory")
+    _check_collisions(content["collision"], n, f"{where}collision", len(frames))
 
 
 def read_truth_file(path: str | Path, motion: bool = False) -> dict[str, Any]:
@@ -92,75 +176,56 @@ def read_truth_file(path: str | Path, motion: bool = False) -> dict[str, Any]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    return read_checked(path, partial(check_truth, motion=motion))
+    content: dict[str, Any] = read_json(path)
+    check_truth(content, motion, f"{path}: ")
+    return content
 
 
-def check_truth(truth: Any, motion: bool = False) -> None:
+def check_truth(truth: Any, motion: bool = False, where: str = "") -> None:
     """Check the content of a truth file.
 
     Args:
         truth: content of the file: `objects`, `frames`, `collisions`, `counterfactual`, and `n_frames` where the video has
             not 128.
-        motion: whether to check what scenes are not made of, too: `scene_index`, `seed`, all vectors of `frames`, and masses.
+        motion: whether to check what scenes are not made of, too: `scene_index`, `seed` and all vectors of `frames`.
+        where: as of `check_annotation`.
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    n = len(check_objects(get(truth, "objects", list, "truth"), "object_id", "objects"))
-    frames = get(truth, "frames", list, "truth")
-    _check_frames(frames, n, "frames", VECTORS if motion else ("velocity",))
+    content: _Truth = convert(truth, _Truth, where)
     if motion:
-        get_scene_index(truth, "scene_index", "truth")
-        get_whole(truth, "seed", "truth", 0, math.inf)
-        for i, row in enumerate(truth["objects"]):
-            if "mass" in row:
-                get_number(row, "mass", f"objects[{i}]", math.ulp(0.0), LARGEST_MASS)
-    if "n_frames" in truth:
-        get_whole(truth, "n_frames", "truth", 1, len(frames))
-    elif len(frames) < VIDEO_FRAMES:
-        raise DataError(f"frames: expected {VIDEO_FRAMES} or more, got {len(frames)}")
-    _check_collisions(get(truth, "collisions", list, "truth"), n, "collisions", len(frames))
-    for removed, rows in get(truth, "counterfactual", dict, "truth").items():
-        where = f"counterfactual.{removed}"
-        if removed not in {str(i) for i in range(n)}:
-            raise DataError(f"{where}: expected an object id from 0 to {n - 1} as key")
-        if not isinstance(rows, list):
-            raise DataError(f"{where}: expected a list of collisions, got {shown(rows)}")
-        _check_collisions(rows, n, where, len(frames))
-        if any(int(removed) in row["object_ids"] for row in rows):
-            raise DataError(f"{where}: expected no collision of the removed object {removed}")
+        convert(truth, _FullTruth, where)
+    check_objects(content["objects"], "object_id", f"{where}objects")
+    n, frames = len(content["objects"]), content["frames"]
+    _check_frames(frames, n, f"{where}frames")
+    n_frames = content.get("n_frames", VIDEO_FRAMES)
+    expect(len(frames) >= n_frames, f"{where}frames", f"{n_frames} or more", len(frames))
+    _check_collisions(content["collisions"], n, f"{where}collisions", len(frames))
+    for removed, rows in content["counterfactual"].items():
+        place = f"{where}counterfactual.{removed}"
+        expect(removed in map(str, range(n)), place, f"an object id from 0 to {n - 1} as key", removed)
+        _check_collisions(rows, n, place, len(frames))
+        happens = any(int(removed) in row["object_ids"] for row in rows)
+        expect(not happens, place, f"no collision of the removed object {removed}", "one")
 
 
-def _check_frames(frames: list[Any], n_objects: int, where: str, required: Sequence[str]) -> None:
-    """Frames in order, in each of which every object has the vectors and its visibility."""
-    if not frames:
-        raise DataError(f"{where}: expected at least 1 frame, got none")
-    check_limit(len(frames), "frames", where)
+def _check_frames(frames: Sequence[_Frame | _FullFrame], n_objects: int, place: str) -> None:
+    """Frames are in order, and each has every object once."""
+    expect(len(frames) > 0, place, "at least 1 frame", "none")
+    check_limit(len(frames), "frames", place)
+    expected = list(range(n_objects))
     for f, frame in enumerate(frames):
-        frame_where = f"{where}[{f}]"
-        rows = get(frame, "objects", list, frame_where)
-        if (required is VECTORS or "frame_id" in frame) and get(frame, "frame_id", int, frame_where) != f:
-            raise DataError(f"{frame_where}.frame_id: expected {f}, got {shown(frame['frame_id'])}")
-        seen: set[int] = set()
-        for i, row in enumerate(rows):
-            object_where = f"{frame_where}.objects[{i}]"
-            number = get_whole(row, "object_id", object_where, 0, n_objects - 1)
-            check_new(number, seen, f"{object_where}.object_id")
-            seen.add(number)
-            get(row, "inside_camera_view", bool, object_where)
-            for name in VECTORS:
-                if name in row or name in required:
-                    _check_vector(get(row, name, list, object_where), object_where, name)
-        if len(seen) != n_objects:
-            missing = sorted(set(range(n_objects)) - seen)
-            raise DataError(f"{frame_where}.objects: expected all {n_objects} objects, {missing} are missing")
+        expect(frame.get("frame_id", f) == f, f"{place}[{f}].frame_id", str(f), frame.get("frame_id"))
+        ids = [row["object_id"] for row in frame["objects"]]
+        expect(sorted(ids) == expected, f"{place}[{f}].objects", f"object_id 0 to {n_objects - 1}, each once", ids)
 
 
-def _check_collisions(rows: list[Any], n_objects: int, where: str, n_frames: int) -> None:
-    check_limit(len(rows), "events", where)
+def _check_collisions(rows: Sequence[_Collision], n_objects: int, place: str, n_frames: int) -> None:
+    check_limit(len(rows), "events", place)
     for c, collision in enumerate(rows):
-        get_pair(collision, "object_ids", f"{where}[{c}]", n_objects)
-        get_frame(collision, "frame_id", f"{where}[{c}]", n_frames)
+        check_pair(collision["object_ids"], n_objects, f"{place}[{c}].object_ids")
+        check_frame(collision["frame_id"], f"{place}[{c}].frame_id", n_frames)
 
 
 def check_ground_truth(block: Any, where: str = "ground_truth", n_frames: int = VIDEO_FRAMES) -> None:
@@ -174,30 +239,57 @@ def check_ground_truth(block: Any, where: str = "ground_truth", n_frames: int = 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    objects = check_objects(get(block, "objects", list, where), "id", f"{where}.objects")
-    in_outs, collisions = get(block, "in_outs", list, where), get(block, "collisions", list, where)
+    content: _Block = convert(block, _Block, f"{where}.")
+    check_objects(content["objects"], "id", f"{where}.objects")
+    n, in_outs, collisions = len(content["objects"]), content["in_outs"], content["collisions"]
     check_limit(len(in_outs) + len(collisions), "events", where)
-    changes: set[tuple[int, int]] = set()
-    for i, event in enumerate(in_outs):
-        event_where = f"{where}.in_outs[{i}]"
-        frame = get_frame(event, "frame", event_where, n_frames)
-        number = get_whole(event, "object", event_where, 0, len(objects) - 1)
-        check_new((number, frame), changes, f"{event_where}: (object, frame)")
-        changes.add((number, frame))
-        if get(event, "type", str, event_where) not in ("in", "out"):
-            raise DataError(f"{event_where}.type: expected in or out, got {shown(event['type'])}")
-    for i, event in enumerate(collisions):
-        event_where = f"{where}.collisions[{i}]"
-        get_frame(event, "frame", event_where, n_frames)
-        get_pair(event, "object", event_where, len(objects))
+    for i, change in enumerate(in_outs):
+        check_frame(change["frame"], f"{where}.in_outs[{i}].frame", n_frames)
+        expect(0 <= change["object"] < n, f"{where}.in_outs[{i}].object", f"0 to {n - 1}", change["object"])
+    check_unique([(e["object"], e["frame"]) for e in in_outs], f"{where}.in_outs", ": (object, frame)")
+    for i, collision in enumerate(collisions):
+        check_frame(collision["frame"], f"{where}.collisions[{i}].frame", n_frames)
+        check_pair(collision["object"], n, f"{where}.collisions[{i}].object")
 
 
-def _check_vector(vector: list[Any], where: str, name: str) -> None:
-    if len(vector) == VECTOR_LENGTH:
-        for v in vector:
-            if type(v) not in (float, int) or not -LARGEST_COORDINATE <= v <= LARGEST_COORDINATE:
-                break
-        else:
-            return
-    expected = f"{VECTOR_LENGTH} numbers from {-LARGEST_COORDINATE:g} to {LARGEST_COORDINATE:g}"
-    raise DataError(f"{where}.{name}: expected {expected}, got {shown(vector)}")
+def read_truth(path: str | Path) -> dict[int, dict[str, Any]]:
+    """Read and check ground-truth blocks of many videos from a JSON list, plain or gzipped.
+
+    Returns:
+        Blocks by video index, each with `n_frames`, `objects`, `in_outs` and `collisions` (see `scene_from_ground_truth`).
+
+    Raises:
+        DataError: names the file, the location in the file and what was expected there.
+    """
+    return check_truth_blocks(read_json(path), str(path))
+
+
+def check_truth_blocks(rows: Any, name: str) -> dict[int, dict[str, Any]]:
+    """Blocks by video index, checked; as `read_truth`, from the content of a file with that name."""
+    if not isinstance(rows, list) or not rows:
+        raise DataError(f"{name}: not a file of ground-truth blocks; expected a list of at least one block")
+    check_limit(len(rows), "videos", name)
+    for i, block in enumerate(convert(rows, list[_VideoBlock], f"{name}: ")):
+        check_limit(block["n_frames"], "frames", f"{name}: [{i}].n_frames")
+        n_frames = max(block["n_frames"], VIDEO_FRAMES) if block["video"] in IRREGULAR_VIDEOS else block["n_frames"]
+        check_ground_truth(rows[i], f"{name}: [{i}]", n_frames)
+    check_unique([block["video"] for block in rows], f"{name}: ", ".video")
+    return {block["video"]: block for block in rows}
+
+
+def write_truth(path: str | Path, blocks: Sequence[dict[str, Any]]) -> None:
+    """Write ground-truth blocks (each with `video` and `n_frames`) as a gzipped JSON list, atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(gzip.compress(json.dumps(blocks).encode(), mtime=0))
+
+
+def truth_block(scene: Scene) -> dict[str, Any]:
+    """The ground-truth block of a scene's observed events; inverse of `scene_from_ground_truth`, but for motion."""
+    collisions = [e for e in scene.events if e.kind == "collision"]
+    return {
+        "objects": [{"id": o.id, "color": o.color, "material": o.material, "shape": o.shape} for o in scene.objects],
+        "in_outs": [
+            {"type": e.kind, "object": e.objects[0], "frame": e.frame} for e in scene.events if e.kind in ("in", "out")
+        ],
+        "collisions": [{"type": "collision", "object": list(e.objects), "frame": e.frame} for e in collisions],
+    }

@@ -8,15 +8,44 @@ that sort. Programs may stand between `<START>` and `<END>` or `<NULL>`.
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
 
 from nsdr.clevrer.files.questions import Question, SceneQuestions
-from nsdr.clevrer.files.schema import get, shown
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import read_json
+from nsdr.io.reading import read_typed
+from nsdr.validation import expect
 
 __all__ = ["with_parsed_programs"]
+
+SceneKey = Annotated[str, Meta(pattern="^[0-9]+$", title="the index of a scene")]
+
+
+class _Choice(msgspec.Struct):
+    program: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        check_limit(len(self.program), "program_tokens", ".program")
+
+
+class _Row(msgspec.Struct):
+    program: tuple[str, ...] | None = None
+    question_program: tuple[str, ...] | None = None
+    choices: list[_Choice] | None = None
+
+    def __post_init__(self) -> None:
+        key, program = (
+            (".program", self.program) if self.choices is None else (".question_program", self.question_program)
+        )
+        expect(program is not None, key, "a list of tokens", "none")
+        check_limit(len(program or ()), "program_tokens", key)
+
+
+class _Scene(msgspec.Struct):
+    questions: list[_Row]
 
 
 def with_parsed_programs(scenes: Iterable[SceneQuestions], files: Sequence[str | Path]) -> list[SceneQuestions]:
@@ -29,7 +58,7 @@ def with_parsed_programs(scenes: Iterable[SceneQuestions], files: Sequence[str |
     Raises:
         DataError: a malformed file, or one whose rows are not the questions of a scene; names the file and the place.
     """
-    contents = {str(path): _content(path) for path in files}
+    contents: dict[str, dict[str, _Scene]] = {str(path): read_typed(path, dict[SceneKey, _Scene]) for path in files}
     result = []
     for scene in scenes:
         questions = [
@@ -39,8 +68,7 @@ def with_parsed_programs(scenes: Iterable[SceneQuestions], files: Sequence[str |
         for name, content in contents.items():
             where = f"{name}: {scene.scene_index}"
             if str(scene.scene_index) in content:
-                rows = get(content[str(scene.scene_index)], "questions", list, where)
-                _fill(questions, rows, f"{where}.questions")
+                _fill(questions, content[str(scene.scene_index)].questions, f"{where}.questions")
         result.append(replace(scene, questions=tuple(questions)))
     scenes_found = {str(scene.scene_index) for scene in result}
     for name, content in contents.items():
@@ -49,41 +77,19 @@ def with_parsed_programs(scenes: Iterable[SceneQuestions], files: Sequence[str |
     return result
 
 
-def _content(path: str | Path) -> dict[str, Any]:
-    content = read_json(path)
-    if not isinstance(content, dict):
-        raise DataError(f"{path}: expected an object with scene indices as keys, got a {type(content).__name__}")
-    for key in content:
-        if not (key.isascii() and key.isdigit()):
-            raise DataError(f"{path}: key {shown(key)}: expected the index of a scene")
-    return content
-
-
-def _fill(questions: list[Question], rows: Sequence[Any], where: str) -> None:
+def _fill(questions: list[Question], rows: Sequence[_Row], where: str) -> None:
     """Put the rows' programs into the questions of their sort."""
-    for i, row in enumerate(rows):
-        if not isinstance(row, dict):
-            raise DataError(f"{where}[{i}]: expected an object, got {shown(row)}")
     for of_choices in (False, True):
-        numbered = [(i, row) for i, row in enumerate(rows) if ("choices" in row) == of_choices]
+        numbered = [(i, row) for i, row in enumerate(rows) if (row.choices is not None) == of_choices]
         places = [i for i, q in enumerate(questions) if bool(q.choices) == of_choices]
         if numbered and len(numbered) != len(places):
             sort = "multiple-choice" if of_choices else "descriptive"
             raise DataError(f"{where}: {len(numbered)} rows for the scene's {len(places)} {sort} questions")
         for place, (i, row) in zip(places, numbered, strict=False):
-            question, row_where = questions[place], f"{where}[{i}]"
-            program = _tokens(row, "question_program" if of_choices else "program", row_where)
-            choices = get(row, "choices", list, row_where) if of_choices else []
-            if len(choices) != len(question.choices):
-                raise DataError(f"{row_where}.choices: expected {len(question.choices)}, got {len(choices)}")
-            programs = [_tokens(c, "program", f"{row_where}.choices[{k}]") for k, c in enumerate(choices)]
-            filled = tuple(replace(c, program=p) for c, p in zip(question.choices, programs, strict=True))
+            question, choices = questions[place], row.choices or ()
+            expect(
+                len(choices) == len(question.choices), f"{where}[{i}].choices", str(len(question.choices)), len(choices)
+            )
+            filled = tuple(replace(c, program=r.program) for c, r in zip(question.choices, choices, strict=True))
+            program = row.question_program if of_choices else row.program
             questions[place] = replace(question, program=program, choices=filled)
-
-
-def _tokens(row: Any, key: str, where: str) -> tuple[str, ...]:
-    tokens = get(row, key, list, where)
-    if not all(isinstance(token, str) for token in tokens):
-        raise DataError(f"{where}.{key}: expected a list of strings, got {shown(tokens)}")
-    check_limit(len(tokens), "program_tokens", f"{where}.{key}")
-    return tuple(tokens)

@@ -8,21 +8,18 @@ shape}]}]`, sampled every 5th frame, 12 samples beyond the video (185 for 128 fr
 
 import math
 from collections.abc import Mapping
-from functools import lru_cache
-from itertools import chain, groupby
-from operator import attrgetter, itemgetter, lt
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
-from nsdr.clevrer.files.schema import LARGEST_COORDINATE, cached_object, check_new, shown
-from nsdr.clevrer.files.typed import convert, read_typed
-from nsdr.errors import DataError
-from nsdr.io.limits import Limits, check_limit, limits
-from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
+from nsdr.clevrer.files.schema import Coordinate, check_frame, check_unique
+from nsdr.io.limits import check_limit
+from nsdr.io.reading import read_typed
+from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
+from nsdr.validation import convert, expect
 from nsdr.world.camera import (
     CLEVRER_CAMERA,
     HEIGHT_PX,
@@ -56,78 +53,90 @@ because sampled positions are rounded and come from masks."""
 
 Triple = tuple[str, str, str]
 """Color, material and shape."""
-Coordinate = Annotated[float, msgspec.Meta(ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
 
 
-TRIPLE = attrgetter("color", "material", "shape")
-"""The triple of an object, as fast as Python can."""
-PLACE = attrgetter("x", "y")
-"""The grid position of an object."""
+class Described(msgspec.Struct):
+    """What is described by attribute words."""
 
-
-class Described(msgspec.Struct, gc=False):
-    """What is described by attribute words. Fields stand in the order of the files, which are decoded faster so."""
+    color: Color
+    material: Material
+    shape: Shape
 
     @property
     def triple(self) -> Triple:
-        triple: Triple = TRIPLE(self)
-        return triple
+        return self.color, self.material, self.shape
 
 
-class Attributes(Described, gc=False):
-    """An object by its attribute words."""
-
-    color: Color
-    material: Material
-    shape: Shape
-
-
-class ListedObject(Described, gc=False):
+class ListedObject(Described, kw_only=True):
     """An object of the video."""
 
     id: int
-    color: Color
-    material: Material
-    shape: Shape
 
 
-class PlacedObject(Described, gc=False):
+class PlacedObject(Described, kw_only=True):
     """An object at a sample: row `x` (0-100) and column `y` (0-150) of the grid."""
 
     x: Coordinate
     y: Coordinate
-    color: Color
-    material: Material
-    shape: Shape
 
 
-class PredictedSample(msgspec.Struct, gc=False):
+class PredictedSample(msgspec.Struct):
     """The visible objects at a frame."""
 
     frame_index: int
     objects: list[PlacedObject]
 
 
-class PredictedCollision(msgspec.Struct, gc=False):
+class PredictedCollision(msgspec.Struct):
     """A collision of two objects."""
 
     frame: int
-    objects: Annotated[list[Attributes], msgspec.Meta(min_length=2, max_length=2)]
+    objects: tuple[Described, Described]
+
+    def __post_init__(self) -> None:
+        check_frame(self.frame, ".frame")
+        first, second = (" ".join(o.triple) for o in self.objects)
+        expect(first != second, ".objects", "two different objects", f"{first} twice")
 
 
-class Prediction(msgspec.Struct, gc=False):
+class Prediction(msgspec.Struct):
     """A rollout; `what_if` is the id of the removed object, or -1."""
 
     what_if: int
     trajectory: list[PredictedSample]
     collisions: list[PredictedCollision]
 
+    def __post_init__(self) -> None:
+        check_limit(len(self.collisions), "events", ".collisions")
+        before = -1
+        for s, sample in enumerate(self.trajectory):
+            place = f".trajectory[{s}]"
+            check_frame(sample.frame_index, f"{place}.frame_index")
+            expect(sample.frame_index > before, f"{place}.frame_index", f"more than {before}", sample.frame_index)
+            before = sample.frame_index
+            check_limit(len(sample.objects), "scene_objects", f"{place}.objects")
+            if len({o.triple for o in sample.objects}) < len(sample.objects):
+                check_unique([" ".join(o.triple) for o in sample.objects], f"{place}.objects")
 
-class PredictionFile(msgspec.Struct, gc=False):
+
+class PredictionFile(msgspec.Struct):
     """The content of a prediction file, by its keys."""
 
     objects: list[ListedObject]
     predictions: list[Prediction]
+
+    def __post_init__(self) -> None:
+        n = len(self.objects)
+        check_limit(n, "scene_objects", ".objects")
+        for i, o in enumerate(self.objects):
+            expect(o.id == i, f".objects[{i}].id", str(i), o.id)
+        check_unique([" ".join(o.triple) for o in self.objects], ".objects")
+        expect(len(self.predictions) > 0, ".predictions", "at least 1", "none")
+        for p, prediction in enumerate(self.predictions):
+            fits = prediction.what_if == NOTHING_REMOVED if p == 0 else 0 <= prediction.what_if < n
+            expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {n - 1}"
+            expect(fits, f".predictions[{p}].what_if", expected, prediction.what_if)
+        check_unique([p.what_if for p in self.predictions], ".predictions", ".what_if")
 
 
 def read_predictions(path: str | Path) -> PredictionFile:
@@ -136,11 +145,7 @@ def read_predictions(path: str | Path) -> PredictionFile:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    content = read_typed(path, PredictionFile)
-    try:
-        _check(content)
-    except DataError as e:
-        raise DataError(f"{path}: {e}") from e
+    content: PredictionFile = read_typed(path, PredictionFile)
     return content
 
 
@@ -150,82 +155,8 @@ def predictions_from_document(document: Any) -> PredictionFile:
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    content = convert(document, PredictionFile)
-    _check(content)
+    content: PredictionFile = convert(document, PredictionFile)
     return content
-
-
-def _check(content: PredictionFile) -> None:
-    """What the types don't say."""
-    known = limits()
-    n_objects = len(content.objects)
-    check_limit(n_objects, "scene_objects", "objects")
-    seen: set[Triple] = set()
-    for i, o in enumerate(content.objects):
-        if o.id != i:
-            raise DataError(f"objects[{i}].id: expected {i}, got {shown(o.id)}")
-        if o.triple in seen:
-            raise DataError(f"objects[{i}]: a second {' '.join(o.triple)}; attribute triples are unique in a video")
-        seen.add(o.triple)
-    if not content.predictions:
-        raise DataError("predictions: expected at least 1, got none")
-    removed: set[int] = set()
-    for p, prediction in enumerate(content.predictions):
-        where, what_if = f"predictions[{p}]", prediction.what_if
-        if (p == 0) != (what_if == NOTHING_REMOVED) or not NOTHING_REMOVED <= what_if < n_objects:
-            expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {n_objects - 1}"
-            raise DataError(f"{where}.what_if: expected {expected}, got {shown(what_if)}")
-        check_new(what_if, removed, f"{where}.what_if")
-        removed.add(what_if)
-        _check_trajectory(prediction.trajectory, f"{where}.trajectory", known)
-        check_limit(len(prediction.collisions), "events", f"{where}.collisions")
-        for c, collision in enumerate(prediction.collisions):
-            _check_frame(collision.frame, f"{where}.collisions[{c}].frame")
-            first, second = (o.triple for o in collision.objects)
-            if first == second:
-                expected = "expected two different objects"
-                raise DataError(f"{where}.collisions[{c}].objects: {expected}, got {' '.join(first)} twice")
-
-
-def _check_trajectory(samples: list[PredictedSample], where: str, known: Limits) -> None:
-    """Frames ascend, and no sample has an object twice. Most of the reading time: places are put into words on errors only."""
-    frames = [s.frame_index for s in samples]
-    if not all(map(lt, chain((-1,), frames), chain(frames, (known.frames,)))):
-        _refuse_frames(frames, where)
-    rows = [s.objects for s in samples]
-    counts = [len(row) for row in rows]
-    triples = list(map(TRIPLE, chain.from_iterable(rows)))
-    first = 0
-    for count, group in groupby(counts):  # samples of as many objects mostly have the same ones
-        last = first + count * len(list(group))
-        same = triples[first + count : last] == triples[first : last - count]
-        if count > known.scene_objects or not same or len(set(triples[first : first + count])) < count:
-            _check_samples(samples, where)
-        first = last
-
-
-def _check_samples(samples: list[PredictedSample], where: str) -> None:
-    for s, sample in enumerate(samples):
-        check_limit(len(sample.objects), "scene_objects", f"{where}[{s}].objects")
-        seen: set[Triple] = set()
-        for i, o in enumerate(sample.objects):
-            if o.triple in seen:
-                raise DataError(f"{where}[{s}].objects[{i}]: {' '.join(o.triple)} is there twice; expected it once")
-            seen.add(o.triple)
-
-
-def _refuse_frames(frames: list[int], where: str) -> None:
-    last = -1
-    for s, frame in enumerate(frames):
-        _check_frame(frame, f"{where}[{s}].frame_index")
-        if frame <= last:
-            raise DataError(f"{where}[{s}].frame_index: expected more than {last}, got {frame}")
-        last = frame
-
-
-def _check_frame(frame: int, where: str) -> None:
-    if not 0 <= frame < limits().frames:
-        raise DataError(f"{where}: expected a frame from 0 to {limits().frames - 1}, got {shown(frame)}")
 
 
 def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES) -> Scene:
@@ -239,16 +170,16 @@ def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES
         content: of a prediction file.
         n_frames: number of frames of the video.
     """
-    objects = tuple([cached_object(o.id, *TRIPLE(o)) for o in content.objects])
+    objects = tuple(SceneObject(o.id, *o.triple) for o in content.objects)
     ids = {o.triple: o.id for o in content.objects}
     observed, *others = content.predictions
     samples = observed.trajectory
     rows = [o for sample in samples for o in sample.objects]
-    row_ids = np.array([ids.get(triple, len(objects)) for triple in map(TRIPLE, rows)], int)
+    row_ids = np.array([ids.get(o.triple, len(objects)) for o in rows], int)
     at = row_ids, np.repeat(np.arange(len(samples)), [len(sample.objects) for sample in samples])
     seen = np.zeros((len(objects) + 1, len(samples)), bool)  # the last row is that of unlisted objects
     grid = np.zeros((len(objects) + 1, len(samples), 2))
-    seen[at], grid[at] = True, np.fromiter(chain.from_iterable(map(PLACE, rows)), float, 2 * len(rows)).reshape(-1, 2)
+    seen[at], grid[at] = True, np.array([(o.x, o.y) for o in rows], float).reshape(-1, 2)
     seen, grid = seen[:-1], grid[:-1]
     times = np.array([s.frame_index for s in samples])
     collisions = _first_collisions(observed.collisions, ids)
@@ -277,17 +208,11 @@ def _first_collisions(rows: list[PredictedCollision], ids: Mapping[Triple, int])
     first: dict[tuple[int, int], int] = {}
     for row in rows:
         one, other = row.objects
-        a, b = ids.get(TRIPLE(one), -1), ids.get(TRIPLE(other), -1)
+        a, b = ids.get(one.triple, -1), ids.get(other.triple, -1)
         if a >= 0 and b >= 0:
             pair = (a, b) if a < b else (b, a)
             first[pair] = min(row.frame, first.get(pair, row.frame))
-    return [_collision(frame, pair) for pair, frame in sorted(first.items(), key=itemgetter(1))]
-
-
-@lru_cache(maxsize=1 << 14)
-def _collision(frame: int, pair: tuple[int, int]) -> Event:
-    """Files repeat few collisions very often."""
-    return Event("collision", frame, pair)
+    return [Event("collision", frame, pair) for pair, frame in sorted(first.items(), key=lambda item: item[1])]
 
 
 def predictions_document(prediction: DynamicsPrediction) -> dict[str, Any]:

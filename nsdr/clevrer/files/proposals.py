@@ -1,23 +1,24 @@
 """CLEVRER's mask proposals: official JSON files (plain or gzipped), and compact NPZ files of many videos without masks."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
 from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_mask
-from nsdr.clevrer.files.schema import LARGEST_ID, get, get_frame, get_number, get_whole, scene_object, shown
+from nsdr.clevrer.files.schema import LARGEST_ID, check_frame
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
-from nsdr.io.reading import parse_json, read_json, read_npz
+from nsdr.io.reading import parse_typed, read_json, read_npz, read_typed
 from nsdr.types import VideoProposals
+from nsdr.validation import Share, convert, expect
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.timeline import VIDEO_FRAMES
-from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, attribute_index, attributes_of
+from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, Color, Material, Shape, attribute_index, attributes_of
 
 __all__ = [
     "compact_rows",
@@ -41,50 +42,58 @@ COMPACT_ARRAYS = ("video", "frame", "attr", "score", "cx64", "cy64", "area", "bo
 """Arrays of a compact file."""
 
 
+class _Mask(msgspec.Struct):
+    size: list[int]
+    counts: str
+
+
+class _Row(msgspec.Struct):
+    mask: _Mask
+    color: Color
+    material: Material
+    shape: Shape
+    score: Share
+
+
+class _Frame(msgspec.Struct):
+    frame_index: int
+    objects: list[_Row]
+
+
+class _File(msgspec.Struct):
+    frames: list[_Frame]
+    n_frames: int | None = None
+
+    def __post_init__(self) -> None:
+        expect(len(self.frames) > 0, ".frames", "at least 1", "none")
+        before = -1
+        for f, frame in enumerate(self.frames):  # the irregular video 7648 skips some
+            place = f".frames[{f}]"
+            check_frame(frame.frame_index, f"{place}.frame_index")
+            expect(frame.frame_index > before, f"{place}.frame_index", "ascending frames", frame.frame_index)
+            before = frame.frame_index
+            check_limit(len(frame.objects), "frame_objects", f"{place}.objects")
+            for i, row in enumerate(frame.objects):
+                size = row.mask.size
+                expect(
+                    size == [HEIGHT_PX, WIDTH_PX], f"{place}.objects[{i}].mask.size", f"[{HEIGHT_PX}, {WIDTH_PX}]", size
+                )
+        n, most = self.n_frames, limits().frames
+        expect(n is None or before < n <= most, ".n_frames", f"{before + 1} to {most}", n)
+
+
 def read_proposals(path: str | Path) -> VideoProposals:
     """Read CLEVRER's `proposal_N.json` or the released code's `sim_N.json`, plain or gzipped.
 
     Raises:
         DataError: not a proposal file; names the file, the location in the file and what was expected there.
     """
-    return proposals_from_document(read_json(path), str(path))
-
-
-def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
-    """Read and check the `ground_truth` block of a file of `processed_proposals`.
-
-    Returns:
-        The block, and the number of frames of the video.
-
-    Raises:
-        DataError: there is no such block, or it is malformed; names the file and the location in the file.
-    """
-    content = read_json(path)
-    block = ground_truth_of(content, str(path))
-    return block, _frame_indices(content["frames"], str(path))[-1] + 1
-
-
-def ground_truth_of(content: Any, name: str) -> dict[str, Any]:
-    """The checked `ground_truth` block of a file of `processed_proposals`.
-
-    Args:
-        content: the file's JSON document.
-        name: name of the file, for error messages.
-
-    Raises:
-        DataError: there is no such block, or it is malformed; names `name` and the location in the file.
-    """
-    block = get(content, "ground_truth", dict, name)
-    last = _frame_indices(get(content, "frames", list, name), name)[-1]
-    # Events of irregular videos may lie behind the frames that the file has.
-    irregular = content.get("video_index") in IRREGULAR_VIDEOS
-    check_ground_truth(block, f"{name}: ground_truth", max(last + 1, VIDEO_FRAMES) if irregular else last + 1)
-    return block
+    return _proposals_of(read_typed(path, _File), str(path))
 
 
 def parse_proposals(data: bytes, name: str) -> VideoProposals:
     """Parse the bytes of a proposal file, JSON, plain or gzipped; errors are those of `proposals_from_document`."""
-    return proposals_from_document(parse_json(data, name), name)
+    return _proposals_of(parse_typed(data, name, _File), name)
 
 
 def proposals_from_document(content: Any, name: str) -> VideoProposals:
@@ -97,36 +106,59 @@ def proposals_from_document(content: Any, name: str) -> VideoProposals:
     Raises:
         DataError: not a proposal file; names `name`, the location in the file and what was expected there.
     """
-    frames = get(content, "frames", list, name)
-    indices = _frame_indices(frames, name)
-    highest, end = limits(), indices[-1] + 1
-    n_frames = get_whole(content, "n_frames", name, end, highest.frames) if "n_frames" in content else end
-    rows = []
-    for f, frame in zip(indices, frames, strict=True):
-        objects = get(frame, "objects", list, f"{name}: frames[{f}]")
-        check_limit(len(objects), "frame_objects", f"{name}: frames[{f}].objects")
-        for i, o in enumerate(objects):
-            where = f"{name}: frames[{f}].objects[{i}]"
-            detected = scene_object(o, 0, where)
-            mask = get(o, "mask", dict, where)
-            size, counts = get(mask, "size", list, f"{where}.mask"), get(mask, "counts", str, f"{where}.mask")
-            if size != [HEIGHT_PX, WIDTH_PX]:
-                raise DataError(f"{where}.mask.size: expected [{HEIGHT_PX}, {WIDTH_PX}], got {shown(size)}")
-            score = get_number(o, "score", where, 0, 1)
-            words = attribute_index(detected.color, detected.material, detected.shape)
-            rows.append((f, words, score, counts, f"{where}.mask"))
-    return _proposals(n_frames, rows, indices)
+    return _proposals_of(convert(content, _File, f"{name}: "), name)
 
 
-def _frame_indices(frames: Sequence[Any], name: str) -> list[int]:
-    """`frame_index` of every frame, ascending. The irregular video 7648 skips some frames."""
-    if not frames:
-        raise DataError(f"{name}: frames: expected at least 1, got none")
-    n = limits().frames
-    indices = [get_frame(frame, "frame_index", f"{name}: frames[{f}]", n) for f, frame in enumerate(frames)]
-    if any(b <= a for a, b in pairwise(indices)):
-        raise DataError(f"{name}: frames: frame_index must ascend")
-    return indices
+def _proposals_of(content: _File, name: str) -> VideoProposals:
+    rows = [
+        (
+            frame.frame_index,
+            attribute_index(o.color, o.material, o.shape),
+            o.score,
+            o.mask.counts,
+            f"{name}: frames[{f}].objects[{i}].mask",
+        )
+        for f, frame in enumerate(content.frames)
+        for i, o in enumerate(frame.objects)
+    ]
+    indices = [frame.frame_index for frame in content.frames]
+    return _proposals(content.n_frames or indices[-1] + 1, rows, indices)
+
+
+def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
+    """Read and check the `ground_truth` block of a file of `processed_proposals`.
+
+    Returns:
+        The block, and the number of frames of the video.
+
+    Raises:
+        DataError: there is no such block, or it is malformed; names the file and the location in the file.
+    """
+    content = read_json(path)
+    return ground_truth_of(content, str(path)), content["frames"][-1]["frame_index"] + 1
+
+
+def ground_truth_of(content: Any, name: str) -> dict[str, Any]:
+    """The checked `ground_truth` block of a file of `processed_proposals`.
+
+    Args:
+        content: the file's JSON document.
+        name: name of the file, for error messages.
+
+    Raises:
+        DataError: there is no such block, or it is malformed; names `name` and the location in the file.
+    """
+    block: dict[str, Any] = convert(content, _WithTruth, f"{name}: ")["ground_truth"]
+    file: _File = convert(content, _File, f"{name}: ")
+    n_frames = file.frames[-1].frame_index + 1
+    # Events of irregular videos may lie behind the frames that the file has.
+    irregular = content.get("video_index") in IRREGULAR_VIDEOS
+    check_ground_truth(block, f"{name}: ground_truth", max(n_frames, VIDEO_FRAMES) if irregular else n_frames)
+    return block
+
+
+class _WithTruth(TypedDict):
+    ground_truth: dict[str, Any]
 
 
 def proposals_from_rows(

@@ -1,16 +1,19 @@
 """CLEVRER's question files: `train.json`, `validation.json` and `test.json`."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from nsdr.clevrer.files.schema import LARGEST_ID, check_new, get, get_name, get_scene_index, get_text, get_whole, shown
+import msgspec
+
+from nsdr.clevrer.files.schema import FileName, Id, Program, check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import iterate_json_list
+from nsdr.io.reading import read_typed
+from nsdr.validation import expect
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHAPES, SPEED_UNIT
 
 __all__ = [
@@ -20,7 +23,6 @@ __all__ = [
     "Question",
     "SceneQuestions",
     "by_type",
-    "iterate_questions",
     "read_questions",
     "without_answers",
     "write_questions",
@@ -103,22 +105,48 @@ class SceneQuestions:
     questions: tuple[Question, ...]
 
 
-def iterate_questions(path: str | Path) -> Iterator[SceneQuestions]:
-    """Yield the scenes of a question file one by one, without reading the whole file into memory.
+class _ChoiceRow(msgspec.Struct):
+    choice_id: Id
+    choice: str
+    program: Program | None = None
+    answer: Literal["correct", "wrong"] | None = None
+    tag: Literal["observational", "inferential"] | None = None
+    blind: bool | None = None
 
-    Raises:
-        DataError: names the file, the location in the file and what was expected there.
-    """
-    seen: set[int] = set()
-    n_questions = 0
-    for i, row in enumerate(iterate_json_list(path)):
-        scene = _scene(row, f"{path}: [{i}]")
-        check_new(scene.scene_index, seen, f"{path}: [{i}].scene_index")
-        seen.add(scene.scene_index)
-        n_questions += len(scene.questions)
-        yield scene
-    if not n_questions:
-        raise DataError(f"{path}: expected at least 1 question, found {len(seen)} scenes without one")
+    def __post_init__(self) -> None:
+        check_lines(choice=self.choice)
+        check_limit(len(self.program or ()), "program_tokens", ".program")
+
+
+class _QuestionRow(msgspec.Struct):
+    question_id: Id
+    question: str
+    question_type: Literal["descriptive", "explanatory", "predictive", "counterfactual"]
+    question_subtype: str | None = None
+    program: Program | None = None
+    answer: str | None = None
+    choices: list[_ChoiceRow] | None = None
+    blind: bool | None = None
+
+    def __post_init__(self) -> None:
+        check_lines(question=self.question, question_subtype=self.question_subtype)
+        check_limit(len(self.program or ()), "program_tokens", ".program")
+        choices, answer = self.choices or [], self.answer
+        fits = bool(choices) != (self.question_type == "descriptive")
+        expect(fits, ".choices", f"those of a {self.question_type} question", f"{len(choices)} choices")
+        check_unique([c.choice_id for c in choices], ".choices", ".choice_id")
+        expect(len({c.answer is None for c in choices}) < 2, ".choices", "answers of all or none", "of some")
+        fits = bool(choices) or answer is None or answer in ANSWERS or BEYOND.fullmatch(answer) is not None
+        expect(fits, ".answer", f"0 to {LARGEST_COUNT}, yes, no or an attribute word", repr(answer))
+
+
+class _SceneRow(msgspec.Struct):
+    scene_index: Id
+    video_filename: FileName
+    questions: list[_QuestionRow]
+
+    def __post_init__(self) -> None:
+        check_unique([q.question_id for q in self.questions], ".questions", ".question_id")
 
 
 def read_questions(path: str | Path) -> list[SceneQuestions]:
@@ -127,7 +155,21 @@ def read_questions(path: str | Path) -> list[SceneQuestions]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    return list(iterate_questions(path))
+    rows: list[_SceneRow] = read_typed(path, list[_SceneRow])
+    check_unique([row.scene_index for row in rows], f"{path}: ", ".scene_index")
+    if not any(row.questions for row in rows):
+        raise DataError(f"{path}: expected at least 1 question, found {len(rows)} scenes without one")
+    return [
+        SceneQuestions(row.scene_index, row.video_filename, tuple(_question(q) for q in row.questions)) for row in rows
+    ]
+
+
+def _question(row: _QuestionRow) -> Question:
+    choices = tuple(
+        Choice(c.choice_id, c.choice, c.program, c.answer, c.tag, c.blind) for c in row.choices or ()
+    )  # fmt: skip
+    subtype, answer = row.question_subtype, None if choices else row.answer
+    return Question(row.question_id, row.question, row.question_type, subtype, row.program, answer, choices, row.blind)
 
 
 def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
@@ -171,79 +213,3 @@ def _choice_row(choice: Choice) -> dict[str, Any]:
 
 def _known(**values: Any) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
-
-
-def _scene(scene: Any, where: str) -> SceneQuestions:
-    index = get_scene_index(scene, "scene_index", where)
-    questions = []
-    seen: set[int] = set()
-    for i, row in enumerate(get(scene, "questions", list, where)):
-        question = _question(row, f"{where}.questions[{i}]", f"scene {index}")
-        check_new(question.id, seen, f"{where}.questions[{i}].question_id")
-        seen.add(question.id)
-        questions.append(question)
-    return SceneQuestions(index, get_name(scene, "video_filename", where), tuple(questions))
-
-
-def _question(question: Any, where: str, scene: str) -> Question:
-    kind = get(question, "question_type", str, where)
-    if kind not in QUESTION_TYPES:
-        raise DataError(f"{where}.question_type: {shown(kind)}; expected one of {', '.join(QUESTION_TYPES)}")
-    choices: dict[int, Choice] = {}
-    for i, row in enumerate(get(question, "choices", list, where) if question.get("choices") is not None else ()):
-        choice_where = f"{where}.choices[{i}]"
-        number = get_whole(row, "choice_id", choice_where, 0, LARGEST_ID)
-        check_new(number, choices, f"{choice_where}.choice_id")
-        text, program = get_text(row, "choice", choice_where), _program(row, choice_where, scene)
-        answer, tag = _answer(row, ("correct", "wrong"), choice_where), _tag(row, choice_where)
-        choices[number] = Choice(number, text, program, answer, tag, _blind(row, choice_where))
-    if bool(choices) == (kind == "descriptive"):
-        raise DataError(f"{where}: a {kind} question with {len(choices)} choices")
-    if len({choice.answer is None for choice in choices.values()}) > 1:
-        raise DataError(f"{where}: some choices have answers and some have none; expected all or none")
-    subtype = question.get("question_subtype")
-    return Question(
-        get_whole(question, "question_id", where, 0, LARGEST_ID),
-        get_text(question, "question", where),
-        kind,
-        None if subtype is None else get_text(question, "question_subtype", where),
-        _program(question, where, scene),
-        None if choices else _answer(question, ANSWERS, where),
-        tuple(choices.values()),
-        _blind(question, where),
-    )
-
-
-def _answer(holder: dict[str, Any], known: Collection[str], where: str) -> str | None:
-    answer = holder.get("answer")
-    if answer is None:
-        return None
-    if not isinstance(answer, str) or not (answer in known or (known is ANSWERS and BEYOND.fullmatch(answer))):
-        expected = f"0 to {LARGEST_COUNT}, yes, no or an attribute word" if known is ANSWERS else " or ".join(known)
-        raise DataError(f"{where}.answer: {shown(answer)}; expected {expected}")
-    return answer
-
-
-def _tag(holder: dict[str, Any], where: str) -> str | None:
-    tag = holder.get("tag")
-    if tag is not None and tag not in OPTION_TAGS:
-        raise DataError(f"{where}.tag: {shown(tag)}; expected {' or '.join(OPTION_TAGS)}")
-    return tag
-
-
-def _blind(holder: dict[str, Any], where: str) -> bool | None:
-    blind = holder.get("blind")
-    if blind is not None and not isinstance(blind, bool):
-        raise DataError(f"{where}.blind: {shown(blind)}; expected true or false")
-    return blind
-
-
-def _program(holder: dict[str, Any], where: str, scene: str) -> tuple[str, ...] | None:
-    program = holder.get("program")
-    if program is None:
-        return None
-    where = f"{where}.program ({scene})"
-    if not isinstance(program, list) or not program or not all(isinstance(token, str) for token in program):
-        raise DataError(f"{where}: expected a list of tokens, got {shown(program)}")
-    check_limit(len(program), "program_tokens", where)
-    return tuple(program)

@@ -2,14 +2,30 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NotRequired, TypedDict
 
-from nsdr.clevrer.files.schema import LARGEST_ID, check_new, get, get_scene_index, get_whole, shown
-from nsdr.errors import DataError
+from nsdr.clevrer.files.schema import Id, check_unique
 from nsdr.io.files import write_json
-from nsdr.io.reading import read_json
+from nsdr.io.reading import read_typed
+from nsdr.validation import expect
 
 __all__ = ["read_submission", "submission_document", "write_submission"]
+
+
+class _Choice(TypedDict):
+    choice_id: Id
+    answer: Literal["correct", "wrong"]
+
+
+class _Question(TypedDict):
+    question_id: Id
+    answer: NotRequired[str]
+    choices: NotRequired[list[_Choice]]
+
+
+class _Scene(TypedDict):
+    scene_index: Id
+    questions: list[_Question]
 
 
 def submission_document(results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -44,34 +60,13 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    content = read_json(path)
-    if not isinstance(content, list):
-        raise DataError(f"{path}: expected a list of scenes, got {type(content).__name__}")
-    scenes: set[int] = set()
+    content: list[dict[str, Any]] = read_typed(path, list[_Scene])
+    check_unique([scene["scene_index"] for scene in content], f"{path}: ", ".scene_index")
     for s, scene in enumerate(content):
-        where = f"{path}: [{s}]"
-        index = get_scene_index(scene, "scene_index", where)
-        check_new(index, scenes, f"{where}.scene_index")
-        scenes.add(index)
-        questions: set[int] = set()
-        for q, question in enumerate(get(scene, "questions", list, where)):
-            question_where = f"{where}.questions[{q}]"
-            number = get_whole(question, "question_id", question_where, 0, LARGEST_ID)
-            check_new(number, questions, f"{question_where}.question_id")
-            questions.add(number)
-            if "choices" not in question:
-                if "answer" not in question:
-                    raise DataError(
-                        f"{question_where}: has neither 'answer' nor, for a question with options, 'choices'"
-                    )
-                get(question, "answer", str, question_where)
-                continue
-            choices: set[int] = set()
-            for c, choice in enumerate(get(question, "choices", list, question_where)):
-                choice_where = f"{question_where}.choices[{c}]"
-                number = get_whole(choice, "choice_id", choice_where, 0, LARGEST_ID)
-                check_new(number, choices, f"{choice_where}.choice_id")
-                choices.add(number)
-                if get(choice, "answer", str, choice_where) not in ("correct", "wrong"):
-                    raise DataError(f"{choice_where}.answer: expected correct or wrong, got {shown(choice['answer'])}")
+        place = f"{path}: [{s}].questions"
+        check_unique([q["question_id"] for q in scene["questions"]], place, ".question_id")
+        for q, question in enumerate(scene["questions"]):
+            has_answer = "answer" in question or "choices" in question
+            expect(has_answer, f"{place}[{q}]", "'answer' or, for a question with options, 'choices'", "neither")
+            check_unique([c["choice_id"] for c in question.get("choices", ())], f"{place}[{q}].choices", ".choice_id")
     return content

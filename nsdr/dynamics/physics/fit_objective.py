@@ -58,10 +58,8 @@ class FitProblem(NamedTuple):
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
         reference_s: (n,) seconds, when positions and velocities are those of the parameters.
         first: (n + 1,) int, first datum of each object.
-        frame: (D,) int, in order within an object.
-        position: (D, 2) world units.
-        root_weight: (D,) square roots of the weights.
-        edges_px: (D, 2) left and right edges of cubes' boxes.
+        frame, position, root_weight, edges_px: (D,), (D, 2), (D,) and (D, 2), in order within an object: measured positions,
+            square roots of their weights, and left and right edges of cubes' boxes.
         unit: (P,) of the parameters.
         position_at, velocity_at, log_mass_at, yaw_at: (n,) int, each object's (first) parameter of that kind; -1 for none.
         rebound_at: (n, n) int, parameter of the pair's rebound; -1 for none.
@@ -89,14 +87,9 @@ class FitProblem(NamedTuple):
 class Sums(NamedTuple):
     """What is gathered along a run; arrays that the functions below change.
 
-    Attributes:
-        loss: (2,) sum of the robust losses, and number of residuals.
-        gradient: (P,) of the sum.
-        curvature: (P, P) of the sum.
-        motion: (n, F, 6) states at every frame.
-        next_frame: (n,) int, first frame that was not gathered yet.
-        next_datum: (n,) int, the same for data.
-        outermost: (n, 2, 2) int, outermost points of each cube's image at its last datum, see `cube_edges_px`.
+    The sum of the robust losses and the number of residuals (2,), its gradient (P,) and curvature (P, P); states at every frame
+    (n, F, 6); the first frame and datum of each object that are not gathered yet (n,); and the outermost points of each cube's
+    image at its last datum (n, 2, 2), see `cube_edges_px`.
     """
 
     loss: NDArray[np.float64]

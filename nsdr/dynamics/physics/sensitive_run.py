@@ -38,8 +38,7 @@ class Bodies(NamedTuple):
     """The bodies' current segments; arrays that the functions below change.
 
     Attributes:
-        shape: (n,) int.
-        mass: (n,).
+        shape, mass: (n,).
         start: (n,) seconds, when the segment starts.
         end: (n,) seconds, when a spinning segment ends; infinite otherwise.
         state: (n, 6) at the segment's start.

@@ -11,9 +11,9 @@ from tqdm import tqdm
 
 from nsdr import tracking
 from nsdr.clevrer.dataset import CLEVRER, Split
+from nsdr.clevrer.files.annotations import read_truth, truth_block
 from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation
-from nsdr.clevrer.files.truth_blocks import read_truth, truth_block
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patches import object_patches
@@ -105,7 +105,7 @@ def read_motion_dataset(
 
     Args:
         proposals: compact proposals (NPZ), see `nsdr.clevrer.files.proposals.read_compact_proposals`.
-        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.truth_blocks.read_truth`.
+        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.annotations.read_truth`.
         cache: an NPZ file that keeps the result. It is read where it was made from the same files, `limit` and
             versions, and written otherwise.
         limit: maximum number of scenes; None for all.

@@ -89,10 +89,8 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
     def _judged(self, seen: FloatArray) -> FloatArray:
         """Probabilities (S + 1, ...) of the steps that end at each of S samples, and of the one after the last.
 
-        A step is judged from its start, from its end and from a step later, when the effect is seen: the mean of these.
-
-        Args:
-            seen: (S, ..., window), what the network says at each sample of the step to come, the one that ended, and so on.
+        A step is judged from its start, from its end and from a step later, when the effect is seen: the mean of these. `seen`
+        (S, ..., window) is what the network says at each sample of the step to come, the one that ended, and so on.
         """
         steps = len(seen) + 1
         summed, judges = np.zeros((steps, *seen.shape[1:-1])), np.zeros((steps, *[1] * (seen.ndim - 2)))

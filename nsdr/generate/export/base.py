@@ -8,16 +8,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypedDict
 
 from msgspec import Meta
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
-from nsdr.clevrer.files.questions import Question, SceneQuestions, iterate_questions
-from nsdr.clevrer.files.scene_files import iterate_scenes
-from nsdr.clevrer.files.schema import get, get_whole
+from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
 from nsdr.generate.export.records import Record, reasoner, scene_records
@@ -31,9 +30,9 @@ from nsdr.io.files import (
     writing,
 )
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.reading import read_json
+from nsdr.io.reading import read_json, read_typed
 from nsdr.io.registry import Registry
-from nsdr.validation import Count, Settings, one_of
+from nsdr.validation import Count, Settings, convert, one_of
 
 __all__ = [
     "EXPORTERS",
@@ -154,7 +153,7 @@ class Export:
     def questions(self, split: str) -> Iterator[SceneQuestions]:
         """Yield the split's videos that have questions, one by one."""
         path = self._question_file(split)
-        found = (scene for scene in iterate_questions(path) if scene.questions)
+        found = (scene for scene in read_questions(path) if scene.questions)
         return islice(found, self.config.limit or None)
 
     def scenes(self, split: str) -> Iterator[ExportedScene]:
@@ -180,9 +179,7 @@ class Export:
 
     def settings(self) -> dict[str, Any]:
         """Everything that the output depends on."""
-        values = asdict(self.config)
-        for name in ("root", "output", "questions"):
-            values.pop(name)
+        values = {k: v for k, v in asdict(self.config).items() if k not in ("root", "output", "questions")}
         files = [self._question_file(name) for name in self.splits]
         inputs = fingerprint(inputs=files, config=[VERSION, self._seed, self._bytes])
         return values | {"splits": list(self.splits), "inputs_and_code": inputs}
@@ -190,12 +187,14 @@ class Export:
     def _summary(self, split: str) -> SplitSummary:
         source = self._sources[split]
         self._videos[split] = entries = source.entries("videos")
-        videos = questions = unanswered = 0
+        n_videos = n_questions = n_unanswered = 0
+        questions = self._question_file(split)
         for scene in self.questions(split):
             index = scene.scene_index
             if index not in source.indices:
-                where = f"{self._question_file(split)}: scene_index {index}"
-                raise DataError(f"{where}: the data set's {split} split has {_shown(source.indices)}")
+                first, last = source.indices.start, source.indices.stop - 1
+                has = f"{first} to {last}" if source.indices else "no videos"
+                raise DataError(f"{questions}: scene_index {index}: the data set's {split} split has {has}")
             if self.config.videos != "none":
                 if index not in entries:
                     missing = f"has no video_{index:05d}.mp4 ({split})"
@@ -205,15 +204,14 @@ class Export:
                 try:
                     option_letters(len(question.choices))
                 except DataError as e:
-                    where = f"{self._question_file(split)}: scene {index}, question {question.id}"
-                    raise DataError(f"{where}: {e}") from e
+                    raise DataError(f"{questions}: scene {index}, question {question.id}: {e}") from e
             if self.config.reasoning or self.config.scenes:
                 scene_file = self._root.root / self._scene_name(split, index)
                 self._bytes[f"scene {index}"] = scene_file.stat().st_size
-            videos += 1
-            questions += len(scene.questions)
-            unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
-        return SplitSummary(videos, questions, unanswered)
+            n_videos += 1
+            n_questions += len(scene.questions)
+            n_unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
+        return SplitSummary(n_videos, n_questions, n_unanswered)
 
     def _question_file(self, split: str) -> Path:
         path = Path(self.config.questions) if self.config.questions else self._sources[split].question_file
@@ -249,9 +247,7 @@ class Export:
         path = self._root.root / self._scene_name(split, index)
         scenes = {number: scene for number, _, scene in iterate_scenes(path)}
         if list(scenes) != [index]:
-            raise DataError(
-                f"{path}: scene_index: expected {index} alone, got {', '.join(map(str, scenes)) or 'no scene'}"
-            )
+            raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
 
     def _place(self, video: Path, target: Path) -> None:
@@ -291,18 +287,18 @@ def write_json_lines(export: Export, row: Callable[[Record], Mapping[str, Any]])
                     file.write(json.dumps(row(record)) + "\n")
 
 
-def _shown(indices: range) -> str:
-    return f"{indices.start} to {indices.stop - 1}" if indices else "no videos"
-
-
 def _first_seed(root: CLEVRER) -> int | None:
     """The number from which video 0 of a generated data set is simulated (`DatasetConfig.scene_seed`); None of other data."""
     if root.manifest is None or "config" not in root.manifest:
         return None
     where = f"{root.root / 'manifest.json'}: config"
-    config = get(root.manifest, "config", dict, where)
-    seed, first = (get_whole(config, name, where, 0, LARGEST_SEED) for name in ("seed", "first_scene"))
-    return seed * SCENES_PER_SEED + first
+    config: _SeedConfig = convert(root.manifest["config"], _SeedConfig, f"{where}.")
+    return config["seed"] * SCENES_PER_SEED + config["first_scene"]
+
+
+class _SeedConfig(TypedDict):
+    seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+    first_scene: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
 
 
 EXPORTERS: Registry[Exporter] = Registry(
@@ -358,7 +354,7 @@ def _write(export: Export, exporter: Exporter) -> None:
         "splits": {name: asdict(summary) for name, summary in export.splits.items()},
     }
     if path.exists():
-        existing = get(read_json(path), "settings", dict, str(path))
+        existing = convert(read_typed(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
         changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)
         if changed:
             raise DataError(f"{path}: was made with other settings ({', '.join(changed)}); choose another folder")

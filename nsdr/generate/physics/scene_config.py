@@ -11,7 +11,7 @@ from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import NotNegative, Positive, Settings, expect
 from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S
-from nsdr.world.timeline import VIDEO_FRAMES, simulated_frames
+from nsdr.world.timeline import VIDEO_FRAMES, horizon_frame
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 __all__ = ["SceneConfig", "Triple", "matches_any"]
@@ -94,8 +94,8 @@ class SceneConfig(Settings):
 
     @property
     def simulated_frames(self) -> int:
-        """Number of frames that are simulated, see `nsdr.world.timeline.simulated_frames`."""
-        return simulated_frames(self.n_frames)
+        """Number of frames that are simulated, see `nsdr.world.timeline.horizon_frame`."""
+        return horizon_frame(self.n_frames)
 
 
 def matches_any(triple: Triple, patterns: Sequence[str]) -> bool:

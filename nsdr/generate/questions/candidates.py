@@ -14,10 +14,22 @@ from nsdr.language.choosing import Chooser
 from nsdr.language.rules import Pair
 from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
+from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["Descriptive", "MultipleChoice", "Option", "descriptive_questions", "multiple_choice_questions"]
+__all__ = [
+    "EXTENSION_KINDS",
+    "Descriptive",
+    "MultipleChoice",
+    "Option",
+    "changed_questions",
+    "descriptive_questions",
+    "multiple_choice_questions",
+]
+
+EXTENSION_KINDS = ("speed", "direction", "is_faster", "faster", "extreme_speed", "is_heavier", "heavier", "heaviest")
+"""Subtypes of the descriptive questions beyond CLEVRER; in capitals their symbols in beyond.rules."""
 
 DESCRIPTION_WEIGHTS = {
     ("color",): 1.0,
@@ -139,22 +151,27 @@ def _attributes(words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for word in words for name, known in ATTRIBUTES.items() if word in known)
 
 
-def descriptive_questions(scene: Scene, rng: random.Random) -> Iterator[Descriptive]:
+def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Descriptive]:
     """All descriptive questions that have an answer in the scene, each in a random wording.
 
     Questions about motion are omitted when the scene's `moving` is None.
+
+    Args:
+        scene: the scene.
+        rng: draws the wordings.
+        beyond: ask the questions beyond CLEVRER, about speeds, directions and masses, and not CLEVRER's own.
     """
     words, executor = SceneWords(scene, rng), Executor(scene)
-    symbols = ["EVENTS", "QUERY"] if scene.moving is None else ["EVENTS", "MOTION", "QUERY"]
-    for symbol in symbols:
+    of_clevrer = ["EVENTS", "QUERY"] if scene.moving is None else ["EVENTS", "MOTION", "QUERY"]
+    for symbol in map(str.upper, EXTENSION_KINDS) if beyond else of_clevrer:
         for text, program in clevrer().every(symbol, words, rng):
             try:
                 value = executor.answer(program).answer
-            except ExecutionError:  # no such object or event, or more than one
+            except ExecutionError:  # not known, no such object or event, or more than one
                 continue
             assert value is not None
-            family = _ATTRIBUTE_TOKENS.sub("", " ".join(program))
-            yield Descriptive(text, tuple(program), program[-1], value, family)
+            family = symbol.lower() if beyond else _ATTRIBUTE_TOKENS.sub("", " ".join(program))
+            yield Descriptive(text, tuple(program), symbol.lower() if beyond else program[-1], value, family)
 
 
 def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
@@ -172,8 +189,8 @@ def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[Mult
 class _Namer:
     """Texts and programs about given objects."""
 
-    def __init__(self, scene: Scene, rng: random.Random) -> None:
-        self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene)
+    def __init__(self, scene: Scene, rng: random.Random, simulate: Simulate | None = None) -> None:
+        self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene, simulate=simulate)
 
     def __call__(self, symbol: str, objects: Sequence[int]) -> Pair:
         self.words.named = list(objects)
@@ -240,6 +257,32 @@ def _counterfactual(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice
         kept = [bool(recording.run([*o.program, *program])) for o in options]
         options = [replace(o, tag=OPTION_TAGS[k != o.correct]) for k, o in zip(kept, options, strict=True)]
         yield from _both_ways(text.replace(" will happen", " will {}happen"), program, "counterfactual", options)
+
+
+def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: int) -> Iterator[MultipleChoice]:
+    """Up to `n` what-if questions about changed objects, drawn at random, each with all pairs of objects as options.
+
+    Args:
+        scene: the scene.
+        simulate: gives the true collisions with a change.
+        rng: draws objects, changes and wordings.
+        n: number of questions; each takes two simulations.
+    """
+    name = _Namer(scene, rng, simulate)
+    drawn = [(text, tuple(tokens)) for text, tokens in clevrer().every("CHANGED", name.words, rng)]
+    rng.shuffle(drawn)
+    asked: set[tuple[str, ...]] = set()
+    for text, program in drawn:
+        change = program[: program.index("get_changed")]
+        if len(asked) >= n or change in asked:
+            continue
+        try:
+            pairs = combinations(range(len(scene.objects)), 2)
+            options = tuple(name.option(program, "HAPPENS", rng.sample(pair, 2)) for pair in pairs)
+        except ExecutionError:  # impossible, or not known
+            continue
+        asked.add(change)
+        yield MultipleChoice(text, program, "counterfactual", program[-1] == "negate", options)
 
 
 def _shuffled(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:
