@@ -9,7 +9,7 @@ import numpy as np
 
 from nsdr import track
 from nsdr.clevrer.files.proposals import read_compact_proposals
-from nsdr.tracking.size_check import MAX_RATIO, TYPICAL_RATIO, size_ratio
+from nsdr.tracking.localization import MAX_RATIO, TYPICAL_RATIO, size_ratio
 
 
 def main() -> None:

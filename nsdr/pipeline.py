@@ -25,7 +25,7 @@ from nsdr.io.video import check_is_video
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
-from nsdr.tracking.size_check import size_doubt
+from nsdr.tracking.localization import size_warning
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
@@ -283,8 +283,8 @@ class Pipeline:
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
                 hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
                 raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
-            if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
-                warnings.warn(f"{video}: {doubt}", stacklevel=2)
+            if video is not None and self.video.check != "off" and (warning := size_warning(tracks)):
+                warnings.warn(f"{video}: {warning}", stacklevel=2)
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
             more: list[Any] = [] if observed is None else [observed]
             if getattr(self.dynamics, "reads_images", False):

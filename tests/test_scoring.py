@@ -107,7 +107,10 @@ def test_every_form_of_file_is_read_alike(tmp_path: Path) -> None:
         ),
         ("id,response,response\n10000-0,A,B\n", "has the column response twice"),
         ("id,id,response\n10000-0,10000-1,B\n", "has the column id twice"),
-        ('[{"scene_index": 1, "questions": [{"question_id": 0}]}]', "questions[0]: expected 'answer' or"),
+        (
+            '[{"scene_index": 1, "questions": [{"question_id": 0}]}]',
+            "questions[0]: expected 'answer' or, for a question with options, 'choices', got neither",
+        ),
         ("id,response\n", "at least 1 answer"),
         ("[]", "at least 1 answer"),
     ],

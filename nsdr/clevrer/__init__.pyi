@@ -66,10 +66,10 @@ from .files.questions import (
     without_answers as without_answers,
     write_questions as write_questions,
 )
-from .files.scene_files import iterate_scenes as iterate_scenes
 from .files.scenes import (
     collisions_in_view as collisions_in_view,
     enter_exit_events as enter_exit_events,
+    iterate_scenes as iterate_scenes,
     scene_from_annotation as scene_from_annotation,
     scene_from_ground_truth as scene_from_ground_truth,
     scene_from_truth as scene_from_truth,

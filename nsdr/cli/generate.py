@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
-from nsdr.clevrer.files.scene_files import iterate_scenes
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.cli.common import left_out
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset

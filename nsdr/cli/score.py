@@ -133,7 +133,7 @@ def tag(options: Any) -> int:
 
 def _with_tags(scenes: Sequence[SceneQuestions], truth: Iterable[str], file: str) -> list[SceneQuestions]:
     from nsdr.baselines.recording import tag_options
-    from nsdr.clevrer.files.scene_files import iterate_scenes
+    from nsdr.clevrer.files.scenes import iterate_scenes
 
     tagged = {s.scene_index: s for s in scenes}
     wanted = {s.scene_index for s in scenes if any(q.type == "counterfactual" for q in s.questions)}

@@ -26,6 +26,10 @@ MATCH_IOU = 0.5
 def detection_scores(model: nn.Module, frames: Iterable[Frame]) -> dict[str, float]:
     """Attribute-exact precision, recall and F1 at a box IoU of 0.5, mean mask IoU and accuracy of each attribute.
 
+    Args:
+        model: the network of `build_frame_parser`.
+        frames: pairs of image (3, H, W) and target.
+
     Returns:
         `precision`, `recall`, `f1`, `color_accuracy`, `material_accuracy`, `shape_accuracy` and `mask_iou` (0-1). Mask IoU and
         accuracies are means over matched detections.
@@ -72,7 +76,7 @@ def _detections(model: nn.Module, frames: Iterable[Frame]) -> Iterator[tuple[dic
 
 @torch.no_grad()
 def average_precision(model: nn.Module, frames: Iterable[Frame]) -> dict[str, float]:
-    """COCO's average precision of masks and boxes, with all objects in one class.
+    """COCO's average precision of masks and boxes in frames (image (3, H, W), target), with all objects in one class.
 
     Returns:
         `mask_ap`, `mask_ap50`, `box_ap` and `box_ap50` (0-1), computed by torchmetrics; empty where that is not installed

@@ -1,4 +1,4 @@
-"""Ground-plane positions of objects from their masks.
+"""Ground-plane positions of objects from their masks, and whether objects look as large there as they should.
 
 The centroid of an object's outline is not the projection of its centre, and the centroid of an outline that is cut by the
 image border or by a nearer object is biased. Both corrections follow from the known camera and shapes: outlines are projected
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.tracking.visibility import cut_sides
+from nsdr.types import VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["expected_size", "ground_location", "outline"]
+__all__ = ["expected_size", "ground_location", "outline", "size_ratio", "size_warning"]
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -36,6 +37,17 @@ CLIP_MARGIN_PX = 40
 """Centres are clipped to this distance outside the image before the offsets are evaluated (pixels)."""
 CUT_ITERATIONS = 8
 """Fixed-point iterations for the centre of a partly hidden object: the offsets of its sides depend on the centre."""
+
+SIZE_QUANTILE = 0.75
+"""Of the ratios of the sizes in an object's frames, and of those of the objects: objects that others hide in part look
+smaller."""
+MIN_FRAMES, MIN_OBJECTS = 5, 2
+"""Frames in which an object is seen whole, and objects, that a ratio needs at least."""
+TYPICAL_RATIO = np.array([1.02, 0.99])
+"""Ratios of width and height of official proposals, see `MAX_RATIO`."""
+MAX_RATIO = 1.08
+"""Largest ratio, relative to the typical one, and inverse of the smallest. `python benchmarks/video_sizes.py PROPOSALS.npz`
+prints the typical ones and the largest deviation: below 1.06 in 300 training videos."""
 
 
 def outline(shape: str, x: float, y: float, yaw: float = 0.0, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
@@ -127,3 +139,29 @@ def ground_location(
         from_sides = np.where(low_hidden, from_high, np.where(high_hidden, from_low, (from_high + from_low) / 2))
         centre[cut] = np.where(low_hidden & high_hidden, centre[cut], from_sides)
     return camera.ground(centre)
+
+
+def size_ratio(tracks: VideoTracks) -> NDArray[np.float64] | None:
+    """Width and height (2,) of objects relative to what is expected at their places; None if too little is seen whole."""
+    ratios = []
+    for track in tracks.tracks:
+        whole = ~cut_sides(track.box_xyxy_px).any(1)
+        if whole.sum() >= MIN_FRAMES:
+            box = track.box_xyxy_px[whole].astype(float)
+            expected = expected_size(track.object.shape, track.location_world[whole], tracks.camera)
+            ratios.append(np.quantile((box[:, 2:] - box[:, :2]) / expected, SIZE_QUANTILE, axis=0))
+    return np.asarray(np.quantile(ratios, SIZE_QUANTILE, axis=0)) if len(ratios) >= MIN_OBJECTS else None
+
+
+def size_warning(tracks: VideoTracks) -> str:
+    """What is wrong with the sizes of a video's objects: other cameras, zoom and stretching show there; "" if nothing is."""
+    ratio = size_ratio(tracks)
+    if ratio is None:
+        return ""
+    width, height = ratio / TYPICAL_RATIO
+    if max(width, height, 1 / width, 1 / height) <= MAX_RATIO:
+        return ""
+    return (
+        f"objects look {width:.2f} times as wide and {height:.2f} times as high as they should at their places: cropped, "
+        "zoomed, stretched, or another camera; positions and collisions may be wrong"
+    )

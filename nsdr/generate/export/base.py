@@ -16,7 +16,7 @@ from tqdm import tqdm
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
-from nsdr.clevrer.files.scene_files import iterate_scenes
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
 from nsdr.generate.export.records import Record, reasoner, scene_records
@@ -179,9 +179,7 @@ class Export:
 
     def settings(self) -> dict[str, Any]:
         """Everything that the output depends on."""
-        values = asdict(self.config)
-        for name in ("root", "output", "questions"):
-            values.pop(name)
+        values = {k: v for k, v in asdict(self.config).items() if k not in ("root", "output", "questions")}
         files = [self._question_file(name) for name in self.splits]
         inputs = fingerprint(inputs=files, config=[VERSION, self._seed, self._bytes])
         return values | {"splits": list(self.splits), "inputs_and_code": inputs}
@@ -189,12 +187,14 @@ class Export:
     def _summary(self, split: str) -> SplitSummary:
         source = self._sources[split]
         self._videos[split] = entries = source.entries("videos")
-        videos = questions = unanswered = 0
+        n_videos = n_questions = n_unanswered = 0
+        questions = self._question_file(split)
         for scene in self.questions(split):
             index = scene.scene_index
             if index not in source.indices:
-                where = f"{self._question_file(split)}: scene_index {index}"
-                raise DataError(f"{where}: the data set's {split} split has {_shown(source.indices)}")
+                first, last = source.indices.start, source.indices.stop - 1
+                has = f"{first} to {last}" if source.indices else "no videos"
+                raise DataError(f"{questions}: scene_index {index}: the data set's {split} split has {has}")
             if self.config.videos != "none":
                 if index not in entries:
                     missing = f"has no video_{index:05d}.mp4 ({split})"
@@ -204,15 +204,14 @@ class Export:
                 try:
                     option_letters(len(question.choices))
                 except DataError as e:
-                    where = f"{self._question_file(split)}: scene {index}, question {question.id}"
-                    raise DataError(f"{where}: {e}") from e
+                    raise DataError(f"{questions}: scene {index}, question {question.id}: {e}") from e
             if self.config.reasoning or self.config.scenes:
                 scene_file = self._root.root / self._scene_name(split, index)
                 self._bytes[f"scene {index}"] = scene_file.stat().st_size
-            videos += 1
-            questions += len(scene.questions)
-            unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
-        return SplitSummary(videos, questions, unanswered)
+            n_videos += 1
+            n_questions += len(scene.questions)
+            n_unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
+        return SplitSummary(n_videos, n_questions, n_unanswered)
 
     def _question_file(self, split: str) -> Path:
         path = Path(self.config.questions) if self.config.questions else self._sources[split].question_file
@@ -248,9 +247,7 @@ class Export:
         path = self._root.root / self._scene_name(split, index)
         scenes = {number: scene for number, _, scene in iterate_scenes(path)}
         if list(scenes) != [index]:
-            raise DataError(
-                f"{path}: scene_index: expected {index} alone, got {', '.join(map(str, scenes)) or 'no scene'}"
-            )
+            raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
 
     def _place(self, video: Path, target: Path) -> None:
@@ -288,10 +285,6 @@ def write_json_lines(export: Export, row: Callable[[Record], Mapping[str, Any]])
             with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
                 for record in export.records(split):
                     file.write(json.dumps(row(record)) + "\n")
-
-
-def _shown(indices: range) -> str:
-    return f"{indices.start} to {indices.stop - 1}" if indices else "no videos"
 
 
 def _first_seed(root: CLEVRER) -> int | None:

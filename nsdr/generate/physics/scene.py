@@ -159,13 +159,16 @@ class _Construction:
             step = self._participant if k < participants else self._bystander
             if not any(step(k) for _ in range(PLACEMENTS)):
                 return None
-        assert self.motion is not None
-        if any(self._topples(i) for i in range(self.n)):
+        motion = self.motion
+        assert motion is not None
+        risen = np.abs(motion.location_world[..., 2] - OBJECT_RADIUS_WORLD).max(1)
+        if any(b.shape != "sphere" and up > MAX_HEIGHT_CHANGE_WORLD for b, up in zip(self.bodies, risen, strict=True)):
             return None
-        visible = np.stack([self._visible(i) for i in range(self.n)])
+        paths = zip(self.bodies, motion.location_world, motion.orientation, strict=True)
+        visible = np.stack([in_image(b.shape, location, turn[:, 2]) for b, location, turn in paths])
         if not visible[:, : self.config.n_frames].any(1).all():
             return None
-        return self.triples, self.bodies, self.motion, visible
+        return self.triples, self.bodies, motion, visible
 
     def _draw_triples(self) -> list[Triple]:
         while True:
@@ -299,18 +302,6 @@ class _Construction:
     def _in_area(self, x: float, y: float) -> bool:
         x0, x1, y0, y1 = AREA_WORLD
         return x0 <= x <= x1 and y0 <= y <= y1
-
-    def _topples(self, i: int) -> bool:
-        """Whether an object is a cube or cylinder that topples."""
-        assert self.motion is not None
-        if self.bodies[i].shape == "sphere":
-            return False
-        return bool(np.abs(self.motion.location_world[i, :, 2] - OBJECT_RADIUS_WORLD).max() > MAX_HEIGHT_CHANGE_WORLD)
-
-    def _visible(self, i: int) -> NDArray[np.bool_]:
-        assert self.motion is not None
-        motion = self.motion
-        return in_image(self.bodies[i].shape, motion.location_world[i], motion.orientation[i, :, 2])
 
 
 def _of_participant(values: Sequence[float], k: int) -> float:
