@@ -29,9 +29,8 @@ from torchvision.models.detection import MaskRCNN, maskrcnn_resnet50_fpn
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
 from nsdr.frame_parser.dataset import FrameDataset, image_tensor
-from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.metrics import average_precision, detection_scores
-from nsdr.frame_parser.parser import FrameParser
+from nsdr.frame_parser.parser import Detector, FrameParser
 from nsdr.frame_parser.training_frames import write_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import PRECISIONS, available_cores, limit_threads

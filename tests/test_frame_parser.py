@@ -245,9 +245,9 @@ def test_dataset_items_depend_on_seed_epoch_and_index_only(tiny_frames) -> None:
     assert torch.equal(image, dataset[1][0])
     with pytest.raises(IndexError):
         dataset[4]
-    with pytest.raises(DataError, match="seed is -1; expected 0 or more"):
+    with pytest.raises(DataError, match="seed: expected 0 or more, got -1"):
         FrameDataset(tiny_frames, seed=-1)
-    with pytest.raises(DataError, match="epoch is -1; expected 0 or more"):
+    with pytest.raises(DataError, match="epoch: expected 0 or more, got -1"):
         dataset.set_epoch(-1)
 
 

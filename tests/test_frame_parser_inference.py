@@ -7,9 +7,8 @@ import torch
 from nsdr import DataError
 from nsdr.clevrer.example import VIDEO
 from nsdr.frame_parser.dataset import image_tensor
-from nsdr.frame_parser.inference import MIN_OBJECTNESS, Detector
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
-from nsdr.frame_parser.parser import FrameParser
+from nsdr.frame_parser.parser import MIN_OBJECTNESS, Detector, FrameParser
 from nsdr.io.device import CPU_CHECK, limit_threads, resolve_precision
 from nsdr.io.video import read_frames
 

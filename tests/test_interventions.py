@@ -392,7 +392,7 @@ def test_the_comparison_shows_both_worlds(simulated) -> None:
 
 def options(*arguments: str, video: str = "clip.mp4") -> Any:
     parser = jsonargparse.ArgumentParser(exit_on_error=False)
-    command.add_options(parser)
+    command.simulate_options(parser)
     return parser.parse_args([video, *arguments])
 
 

@@ -165,8 +165,8 @@ def test_a_parsed_configuration_names_what_is_wrong(tmp_path) -> None:
         ("{name: a, published: [1, 2]}", "row 'a': published"),
         ("{name: a, published: [.nan, 2, 3, 4, 5, 6, 7]}", "row 'a': published"),
         ("{name: a}\n  - {name: a}", "two rows are named 'a'"),
-        ("{name: 5}", "a row is"),
-        ("a", "a row is"),
+        ("{name: 5}", r"rows\[0\]\.name: expected a text, got 5"),
+        ("a", r"rows\[0\]: expected an object, got 'a'"),
     ],
 )
 def test_experiments_are_checked_before_any_row_is_measured(tmp_path, row, message) -> None:

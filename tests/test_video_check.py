@@ -12,8 +12,8 @@ from nsdr import DataError, VideoConfig, VideoError
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.frame_parser.check.ground import COLUMNS, ROWS, fit_ground, read_background, references
-from nsdr.frame_parser.check.image_faults import camera_motion, marked_px
 from nsdr.frame_parser.check.layout import content_box
+from nsdr.frame_parser.check.reasons import camera_motion, marked_px
 from nsdr.frame_parser.check.shots import first_shot
 from nsdr.frame_parser.check.video import check_video, clip_frames, look
 from nsdr.generate.render.preview import render_preview

@@ -234,6 +234,6 @@ def test_kept_scenes_of_other_inputs_are_other_files(tmp_path) -> None:
     jobs = []
     for content in ("first", "second"):
         (tmp_path / content).write_text(content)
-        jobs.append(_job(config, config.pipeline(), 7, {"video": str(tmp_path / content)}, None))
+        jobs.append(_job(config, "settings", 7, {"video": str(tmp_path / content)}, None))
     assert jobs[0].output.parent == jobs[1].output.parent
     assert jobs[0].output != jobs[1].output

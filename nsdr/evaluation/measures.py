@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
 
 __all__ = [
     "BINS",
@@ -18,7 +18,7 @@ __all__ = [
     "calibration",
     "calibration_text",
     "difference_interval",
-    "tags_of",
+    "percent",
     "wilson_interval",
 ]
 
@@ -29,14 +29,9 @@ RESAMPLES = 2000
 
 
 def wilson_interval(accuracy: float, n: int, z: float = Z_95) -> tuple[float, float]:
-    """Wilson's score interval (low, high) of a proportion.
+    """Wilson's score interval (low, high) of a proportion 0-1 in `n` independent trials; `z` is a standard normal quantile.
 
     Source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 1927.
-
-    Args:
-        accuracy: measured proportion, 0-1.
-        n: number of independent trials.
-        z: standard normal quantile.
     """
     if n == 0:
         return 0.0, 1.0
@@ -66,15 +61,12 @@ def difference_interval(first: Sequence[bool], second: Sequence[bool], scenes: S
     """95 % interval (low, high) of the second system's accuracy minus the first one's on the same questions.
 
     The wider of a bootstrap over scenes, which keeps both answers to a question together, and of Agresti and Min's interval of
-    independent questions, which holds for few scenes and few differences. Where both are right on the same questions, it
-    reaches as far as Wilson's interval of no difference in as many questions.
-
-    Source: A. Agresti and Y. Min, "Simple improved confidence intervals for comparing matched proportions", Statistics in
-    Medicine 2005: Wald's interval after half a question is added to each of the four outcomes.
+    independent questions, which holds for few scenes and few differences ("Simple improved confidence intervals for comparing
+    matched proportions", Statistics in Medicine 2005: Wald's interval after half a question is added to each of the four
+    outcomes). Where both are right on the same questions, it reaches as far as Wilson's of no difference in as many.
 
     Args:
-        first: whether the first system is right, for each question.
-        second: the same for the second system.
+        first, second: whether each system is right, for each question.
         scenes: index of each question's scene.
     """
     difference = np.asarray(second, float) - np.asarray(first, float)
@@ -135,14 +127,12 @@ BLIND_HALVES = {"text alone right": True, "text alone wrong": False}
 Row = Mapping[str, Any]
 
 
-def tags_of(question: Question) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What the question file says of the question, and of each of its options: `tag` and `blind`, where they are known."""
-    choices = [_known(tag=c.tag, blind=c.blind) for c in question.choices]
-    return _known(blind=question.blind), choices
-
-
-def _known(**values: Any) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if value is not None}
+def percent(row: Row, name: str, interval: str = "") -> str:
+    """A share (0-1) of a row in %, "-" for None; and its interval in the form `interval`, where that is measured."""
+    if row[name] is None:
+        return "-"
+    limits = row.get("interval" if name == "accuracy" else f"{name}_interval") if interval else None
+    return f"{100 * row[name]:.1f}" + (interval.format(*(100 * v for v in limits)) if limits else "")
 
 
 def by_halves(rows: Sequence[Row], accuracy: Callable[[Sequence[Row]], Row]) -> dict[str, dict[str, Row]]:
@@ -167,6 +157,5 @@ def blind_text(table: Mapping[str, Any]) -> str:
     for kind in QUESTION_TYPES:
         if halves := table[kind].get("blind"):
             name = "accuracy" if kind == "descriptive" else "per_option"
-            shares = [halves[half][name] for half in BLIND_HALVES]
-            parts.append(f"{kind} {' / '.join('-' if s is None else f'{100 * s:.1f}' for s in shares)} %")
+            parts.append(f"{kind} {' / '.join(percent(halves[half], name) for half in BLIND_HALVES)} %")
     return ", ".join(parts)

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import Meta
 from pycocotools import mask as rle
 
 from nsdr.clevrer.files.masks import check_mask
@@ -12,7 +13,7 @@ from nsdr.clevrer.files.schema import check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import parse_json_lines, read_bytes, read_typed
-from nsdr.validation import Count, PositiveCount, convert, expect, shown
+from nsdr.validation import Count, PositiveCount, convert, expect
 from nsdr.world.vocabulary import ATTRIBUTES, Color, Material, Shape
 
 __all__ = ["read_frame_records"]
@@ -38,11 +39,8 @@ def read_frame_records(folder: Path) -> Iterator[dict[str, Any]]:
             yield from _coco_records(path)
 
 
-Side = PositiveCount
-
-
 class _Segmentation(msgspec.Struct):
-    size: tuple[Side, Side]
+    size: tuple[PositiveCount, PositiveCount]
     counts: str
 
 
@@ -82,8 +80,8 @@ class _Category(msgspec.Struct):
 class _Image(msgspec.Struct):
     id: Count
     file_name: str
-    height: Side
-    width: Side
+    height: PositiveCount
+    width: PositiveCount
     video_id: Count | None = None
 
     def __post_init__(self) -> None:
@@ -91,10 +89,15 @@ class _Image(msgspec.Struct):
         check_limit(self.height * self.width, "image_pixels", ".height and width")
 
 
+class _Runs(msgspec.Struct):
+    size: tuple[int, int]
+    counts: str | list[int]
+
+
 class _Annotation(msgspec.Struct):
     image_id: int
     category_id: int
-    segmentation: dict[str, Any] | list[Any]
+    segmentation: Annotated[list[list[float]], Meta(min_length=1, title="at least one polygon")] | _Runs
 
 
 class _Coco(msgspec.Struct):
@@ -132,25 +135,21 @@ def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
     yield from records.values()
 
 
-def _coco_mask(segmentation: Any, height: int, width: int, where: str) -> dict[str, Any]:
+def _coco_mask(segmentation: _Runs | list[list[float]], height: int, width: int, where: str) -> dict[str, Any]:
     """A compressed run-length mask from any of COCO's three forms."""
     if isinstance(segmentation, list):
-        if not segmentation:
-            raise DataError(f"{where}: expected at least one polygon, got none")
+        most = max(height, width) + 1
         for i, polygon in enumerate(segmentation):
-            place = f"{where}[{i}]"
-            if not isinstance(polygon, list) or len(polygon) < MIN_POLYGON_NUMBERS or len(polygon) % 2:
-                raise DataError(f"{place}: expected a list of x and y of 3 or more corners, got {shown(polygon)}")
-            for k, value in enumerate(convert(polygon, list[float], place)):
-                most = max(height, width) + 1
-                expect(-1 <= value <= most, f"{place}[{k}]", f"a number from -1 to {most}", value)
+            fits = len(polygon) >= MIN_POLYGON_NUMBERS and len(polygon) % 2 == 0
+            expect(fits, f"{where}[{i}]", "a list of x and y of 3 or more corners", polygon)
+            for k, value in enumerate(polygon):
+                expect(-1 <= value <= most, f"{where}[{i}][{k}]", f"a number from -1 to {most}", value)
         return dict(rle.merge(rle.frPyObjects(segmentation, height, width)))
-    counts = segmentation.get("counts")
-    if not isinstance(counts, list):
-        check_mask(segmentation.get("size"), counts, height, width, where)
-        return dict(segmentation)
-    if any(type(n) is not int or n < 0 for n in counts) or sum(counts) != height * width:
-        raise DataError(f"{where}.counts: expected runs of the image's {height}x{width} pixels, got {shown(counts)}")
-    if segmentation.get("size") != [height, width]:
-        raise DataError(f"{where}.size: expected [{height}, {width}], got {shown(segmentation.get('size'))}")
-    return dict(rle.frPyObjects(segmentation, height, width))
+    size, counts = list(segmentation.size), segmentation.counts
+    if isinstance(counts, str):
+        check_mask(size, counts, height, width, where)
+        return {"size": size, "counts": counts}
+    expect(size == [height, width], f"{where}.size", f"[{height}, {width}]", size)
+    fits = min(counts, default=0) >= 0 and sum(counts) == height * width
+    expect(fits, f"{where}.counts", f"runs of the image's {height}x{width} pixels", counts)
+    return dict(rle.frPyObjects({"size": size, "counts": counts}, height, width))

@@ -53,11 +53,8 @@ NMS_IOU = 0.5
 """Of two detections with a larger intersection over union, the one with the lower score is dropped (0-1)."""
 MAX_DETECTIONS = 20
 """Largest number of detections in an image."""
-_BACKBONES: dict[str, tuple[dict[str, str], list[int]]] = {
-    "resnet18": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [64, 128, 256, 512]),
-    "resnet50": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [256, 512, 1024, 2048]),
-}
-"""torchvision's backbones: names of the layers of stride 4, 8, 16 and 32 px, and their channels."""
+_BACKBONES = {"resnet18": [64, 128, 256, 512], "resnet50": [256, 512, 1024, 2048]}
+"""torchvision's backbones: channels of the layers of stride 4, 8, 16 and 32 px."""
 PositiveShare = Annotated[float, Meta(gt=0, le=1)]
 
 
@@ -103,10 +100,7 @@ class FrameParserConfig(Settings):
 
 
 class SlimBackbone(nn.Module):
-    """A narrow ResNet with a feature pyramid of strides 4, 8 and 16 px; the stage of stride 32 px is its top-down input.
-
-    `forward(images (B, 3, H, W))` returns `{"0": (B, C, H/4, W/4), "1": (B, C, H/8, W/8), "2": (B, C, H/16, W/16)}`.
-    """
+    """A narrow ResNet with a feature pyramid of strides 4, 8 and 16 px; the stage of stride 32 px is its top-down input."""
 
     def __init__(self, widths: tuple[int, int, int, int], blocks: int, fpn_channels: int) -> None:
         super().__init__()
@@ -117,16 +111,16 @@ class SlimBackbone(nn.Module):
             nn.ReLU(inplace=True),
             nn.MaxPool2d(3, stride=2, padding=1),
         )
-        self.stages = nn.ModuleList()
-        channels = stem
-        for index, width in enumerate(widths):
-            self.stages.append(_stage(channels, width, blocks, stride=1 if index == 0 else 2))
-            channels = width
+        inputs = (stem, *widths[:-1])
+        self.stages = nn.ModuleList(
+            _stage(channels, width, blocks, 1 if index == 0 else 2)
+            for index, (channels, width) in enumerate(zip(inputs, widths, strict=True))
+        )
         self.fpn = FeaturePyramidNetwork(list(widths), fpn_channels)
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """(B, 3, H, W) normalised images -> feature maps by level, (B, channels, H / stride, W / stride)."""
+        """Normalised images (B, 3, H, W) -> {"0": (B, C, H/4, W/4), "1": (B, C, H/8, W/8), "2": (B, C, H/16, W/16)}."""
         x = self.stem(images)
         features: OrderedDict[str, Tensor] = OrderedDict()
         for index, stage in enumerate(self.stages):
@@ -137,16 +131,16 @@ class SlimBackbone(nn.Module):
 
 
 class TorchvisionBackbone(nn.Module):
-    """A torchvision network with a feature pyramid; its levels are those of `SlimBackbone`."""
+    """A torchvision network with a feature pyramid of the same levels."""
 
     def __init__(self, name: str, fpn_channels: int) -> None:
         super().__init__()
-        layers, channels = _BACKBONES[name]
-        self.pyramid = BackboneWithFPN(getattr(models, name)(weights=None), layers, channels, fpn_channels)
+        layers = {f"layer{i + 1}": str(i) for i in range(4)}
+        self.pyramid = BackboneWithFPN(getattr(models, name)(weights=None), layers, _BACKBONES[name], fpn_channels)
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """(B, 3, H, W) normalised images -> feature maps by level, (B, channels, H / stride, W / stride)."""
+        """Normalised images (B, 3, H, W) -> levels {"0": (B, C, H/4, W/4), …}, as of `SlimBackbone`."""
         levels: dict[str, Tensor] = self.pyramid(images)
         return {name: levels[name] for name in ("0", "1", "2")}
 
@@ -182,11 +176,17 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         if c.backbone == "slim"
         else TorchvisionBackbone(c.backbone, c.fpn_channels)
     )
+    pools = [
+        MultiScaleRoIAlign(
+            ROI_LEVELS, cells, ROI_SAMPLES, canonical_scale=ROI_CANONICAL_PX, canonical_level=ROI_CANONICAL_LEVEL
+        )
+        for cells in (BOX_CELLS, MASK_CELLS)
+    ]
     heads: dict[str, Any] = {
-        "box_roi_pool": _roi_pool(BOX_CELLS),
+        "box_roi_pool": pools[0],
         "box_head": TwoMLPHead(c.fpn_channels * BOX_CELLS**2, c.box_features),
         "box_predictor": FastRCNNPredictor(c.box_features, num_classes=2),
-        "mask_roi_pool": _roi_pool(MASK_CELLS),
+        "mask_roi_pool": pools[1],
         "mask_head": MaskRCNNHeads(c.fpn_channels, (c.mask_channels,) * c.mask_layers, dilation=1),
         "mask_predictor": MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
     }
@@ -239,13 +239,3 @@ class _ExactRPNHead(RPNHead):
     def forward(self, x: list[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
         logits, deltas = super().forward(x)
         return [level.float() for level in logits], [level.float() for level in deltas]
-
-
-def _roi_pool(cells: int) -> MultiScaleRoIAlign:
-    return MultiScaleRoIAlign(
-        ROI_LEVELS,
-        output_size=cells,
-        sampling_ratio=ROI_SAMPLES,
-        canonical_scale=ROI_CANONICAL_PX,
-        canonical_level=ROI_CANONICAL_LEVEL,
-    )

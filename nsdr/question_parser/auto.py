@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from nsdr.errors import NsdrError, ProgramError
 from nsdr.io.checkpoint import find_checkpoint, load_description
+from nsdr.io.device import resolve_device
 from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_form
 from nsdr.language.slots import Slot
 from nsdr.language.texts import in_words
@@ -125,7 +126,7 @@ class AutoParser(Parser):
 
     def __init__(self, second: Parser | Callable[[], Parser], extensions: bool = False) -> None:
         self.grammar = GrammarParser(extensions)
-        self._second, self._device = second, "cpu"
+        self._second, self._device = second, ""
 
     @classmethod
     def from_checkpoint(cls, folder: str | Path, extensions: bool = False) -> Self:
@@ -143,8 +144,8 @@ class AutoParser(Parser):
         return cls.from_checkpoint(find_checkpoint(path_or_id or "default"), extensions).to(device)
 
     def to(self, device: str) -> Self:
-        """Where the networks run, once they are loaded; returns the parser itself."""
-        self._device = device
+        """Where the networks run, once they are loaded, as of `PretrainedPart.to`; returns the parser itself."""
+        self._device = device if device == "auto" else str(resolve_device(device))
         if "second" in vars(self):
             self._moved(self.second)
         return self
@@ -160,7 +161,7 @@ class AutoParser(Parser):
         return self._moved(self._second if isinstance(self._second, Parser) else self._second())
 
     def _moved(self, parser: Parser) -> Parser:
-        return parser.to(self._device) if hasattr(parser, "to") else parser
+        return parser.to(self._device) if self._device and hasattr(parser, "to") else parser
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
         """As of `Parser`. A program of the second parser comes with a warning that says what was understood."""

@@ -19,7 +19,7 @@ Differs from the papers:
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -27,11 +27,10 @@ from torch.nn import functional
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead, initialise
-from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, ProgramGraph, execute, program_graph
-from nsdr.errors import DataError
+from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, execute, program_graph
 from nsdr.validation import Settings, Size
 
-__all__ = ["Iep", "Mask", "Modular", "ModularConfig", "TbdConfig", "TbdNet"]
+__all__ = ["Iep", "Modular", "ModularConfig", "TbdConfig", "TbdNet"]
 
 WHOLE_VIDEO = ("objects", "null")
 RELATED = ("get_object", "get_col_partner", "filter_before", "filter_after", "filter_ancestor", "get_counterfact")
@@ -151,27 +150,17 @@ class Modular(Baseline):
             (N, F, h, w, channels).
         """
 
-    def values(self, batch: Batch) -> tuple[ProgramGraph, list[Tensor]]:
-        """The programs' graph, and the value (F, h, w, channels) of each of its nodes.
-
-        Raises:
-            DataError: the batch has no maps or no programs.
-        """
-        if batch.maps is None or batch.program is None:
-            raise DataError(
-                f"the batch has no {'maps' if batch.maps is None else 'program'}; `needs` says what to read"
-            )
+    def forward(self, batch: Batch) -> Tensor:
+        """Scores (B, answers) before the softmax."""
+        assert batch.maps is not None
+        assert batch.program is not None
         features = self.stem(batch.maps)
         graph = program_graph(batch.program, batch.video)
 
         def run(instruction: str, videos: Tensor, arguments: list[Tensor]) -> Tensor:
             return self.run_module(instruction, features[videos], arguments)
 
-        return graph, execute(graph, run, features.device)
-
-    def forward(self, batch: Batch) -> Tensor:
-        """Scores (B, answers) before the softmax."""
-        graph, values = self.values(batch)
+        values = execute(graph, run, features.device)
         scores: Tensor = self.classifier(torch.stack([values[text[-1]] for text in graph.texts]))
         return scores
 
@@ -201,18 +190,6 @@ class Iep(Modular):
         """As of `Modular`, with (N, F, h, w, width) everywhere; a module without arguments reads the features."""
         value: Tensor = self.program_modules[instruction](*(arguments or [features]))
         return value
-
-
-class Mask(NamedTuple):
-    """What a step of a program attends to.
-
-    Attributes:
-        instruction: the step's module and word.
-        mask: (frames, h, w) values from 0 to 1.
-    """
-
-    instruction: str
-    mask: Tensor
 
 
 class TbdNet(Modular):
@@ -260,15 +237,6 @@ class TbdNet(Modular):
         else:
             value = module(features * torch.stack([whole, *arguments]).amin(0))
         return value
-
-    @torch.no_grad()
-    def masks(self, batch: Batch) -> list[list[Mask]]:
-        """The masks of each text's steps, in the program's order; an option's steps come before its question's."""
-        graph, values = self.values(batch)
-        return [
-            [Mask(graph.nodes[i].instruction, values[i][..., 0]) for i in text if values[i].shape[-1] == 1]
-            for text in graph.texts
-        ]
 
 
 def _tbd_module(instruction: str, config: TbdConfig) -> nn.Sequential:

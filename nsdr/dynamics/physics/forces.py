@@ -20,7 +20,16 @@ from nsdr.world.physics_constants import (
     STEP_SECONDS,
 )
 
-__all__ = ["GIVEN_GAP_WORLD", "MIN_SPIN_RAD_PER_S", "approach", "drift", "push", "slow_down", "speed_after"]
+__all__ = [
+    "GIVEN_GAP_WORLD",
+    "MIN_SPIN_RAD_PER_S",
+    "approach",
+    "drift",
+    "push",
+    "rebound_at",
+    "slow_down",
+    "speed_after",
+]
 
 _DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
 _SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
@@ -120,6 +129,17 @@ def drift(state, i, seconds):  # type: ignore[no-untyped-def]
     state[i, 0] += seconds * state[i, 2]
     state[i, 1] += seconds * state[i, 3]
     state[i, 4] += seconds * state[i, 5]
+
+
+@cached_njit
+def rebound_at(shape, state, mass, i, j, seconds, share):  # type: ignore[no-untyped-def]
+    """Bodies i and j part at a share of their approach speed, at a moment so many seconds ahead; positions are of now."""
+    drift(state, i, seconds)
+    drift(state, j, seconds)
+    _, apart, nx, ny, ci, cj = approach(shape, state, i, j)
+    push(shape, state, mass, i, j, -(1 + share) * apart, nx, ny, ci, cj)
+    drift(state, i, -seconds)
+    drift(state, j, -seconds)
 
 
 @cached_njit

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, MIN_SPIN_RAD_PER_S, approach, drift, push, slow_down
+from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, MIN_SPIN_RAD_PER_S, approach, drift, rebound_at, slow_down
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
@@ -245,21 +245,6 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _exchanged(shape, state, mass, rebound, timed):  # type: ignore[no-untyped-def]
-    """Change the states (2, 6) by a contact; `timed` ones happen when the gap is that of contacts, others at once."""
-    gap, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
-    before = 0.0
-    if timed:
-        before = (gap - GIVEN_GAP_WORLD) / -apart
-        drift(state, 0, before)
-        drift(state, 1, before)
-        _, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
-    push(shape, state, mass, 0, 1, -(1 + rebound) * apart, nx, ny, ci, cj)
-    drift(state, 0, -before)
-    drift(state, 1, -before)
-
-
-@cached_njit
 def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ignore[no-untyped-def]
     """Write the states (2, 6) after a contact to `after`, and to `out` (2, 6, 15) their derivatives.
 
@@ -276,7 +261,11 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
             masses[b] = mass[b] + (_CONTACT_DIFFERENCE if k == 12 + b else 0.0)
         if 0 <= k < 12:
             state[k // 6, k % 6] += _CONTACT_DIFFERENCE
-        _exchanged(shape, state, masses, rebound + (_CONTACT_DIFFERENCE if k == 14 else 0.0), timed)
+        seconds = 0.0
+        if timed:  # it happens when the gap is that of contacts
+            gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
+            seconds = (gap - GIVEN_GAP_WORLD) / -apart
+        rebound_at(shape, state, masses, 0, 1, seconds, rebound + (_CONTACT_DIFFERENCE if k == 14 else 0.0))
         for b in range(2):
             for r in range(6):
                 if k < 0:

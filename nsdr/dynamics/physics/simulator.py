@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, slow_down, speed_after
+from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, rebound_at, slow_down, speed_after
 from nsdr.world.physics_constants import (
     CONTACT_THRESHOLD_WORLD,
     STEP_SECONDS,
@@ -199,25 +199,17 @@ def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-
     if distance > reach:
         return False, distance - reach
     gap, apart, nx, ny, ci, cj = approach(shape, state, i, j)
-    before = 0.0
-    if np.isnan(given):
-        if gap > CONTACT_THRESHOLD_WORLD:
-            return False, gap - CONTACT_THRESHOLD_WORLD
-        wanted = speed_after(shape, i, j, gap, apart)
-    else:
+    if not np.isnan(given):
         if apart >= 0 or gap + apart * STEP_SECONDS > GIVEN_GAP_WORLD:
             return False, gap - GIVEN_GAP_WORLD
-        if gap > GIVEN_GAP_WORLD:  # up to the contact they move as before
-            before = (gap - GIVEN_GAP_WORLD) / -apart
-            drift(state, i, before)
-            drift(state, j, before)
-            _, apart, nx, ny, ci, cj = approach(shape, state, i, j)
-        wanted = 0.0 if used else -given * apart
+        rebound_at(shape, state, mass, i, j, max(gap - GIVEN_GAP_WORLD, 0.0) / -apart, 0.0 if used else given)
+        return True, 0.0
+    if gap > CONTACT_THRESHOLD_WORLD:
+        return False, gap - CONTACT_THRESHOLD_WORLD
+    wanted = speed_after(shape, i, j, gap, apart)
     touched = wanted > apart
     if touched:
         push(shape, state, mass, i, j, wanted - apart, nx, ny, ci, cj)
-    drift(state, i, -before)
-    drift(state, j, -before)
     return touched, 0.0
 
 

@@ -106,7 +106,7 @@ def fit_ground(image: NDArray[Any], reference: FloatArray) -> GroundFit:
         gain = float(xs @ ys / max(xs @ xs, MIN_SPREAD))
         offset = float(y[ground].mean() - gain * x[ground].mean())
     rms = float(np.sqrt(np.square(y - gain * x - offset)[ground].mean()))
-    warm, expected = _warmth(found)[ground], _warmth(reference)[ground]
+    warm, expected = ((image[..., 0] - image[..., 2]).ravel()[ground] for image in (found, reference))  # red minus blue
     exposure = min(float(y[ground].mean() / x[ground].mean()), 1.0)
     is_colored = min(warm.std(), expected.std()) > MIN_SPREAD
     return GroundFit(
@@ -117,11 +117,6 @@ def fit_ground(image: NDArray[Any], reference: FloatArray) -> GroundFit:
         color=float(np.corrcoef(warm, expected)[0, 1]) if is_colored else 0.0,
         tint=float(np.mean(warm - expected)),
     )
-
-
-def _warmth(image: FloatArray) -> FloatArray:
-    """Red minus blue of each cell (N,)."""
-    return np.asarray((image[..., 0] - image[..., 2]).ravel())
 
 
 def corrected_levels(frames: NDArray[np.uint8], fit: GroundFit, may_be_right: bool) -> NDArray[np.uint8] | None:

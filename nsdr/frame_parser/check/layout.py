@@ -55,18 +55,12 @@ def _bar(image: FloatArray) -> int:
     """Width of the bar at the left side (pixels)."""
     color = np.median(image[:, 0], 0)
     deviation = np.quantile(np.abs(image - color).max(2), 1 - OUTLIERS, axis=0)
-    width = _first(deviation > MAX_DEVIATION)
+    width = int(np.argmax(deviation > MAX_DEVIATION))
     inside = min(width + EDGE_PX, image.shape[1] - 1)
     step = np.quantile(np.abs(image[:, inside] - color).mean(1), STEP_QUANTILE)
     if step > MIN_STEP:
         return width
-    flat = _first(deviation > FLAT)
-    return _first(deviation > MAX_DEVIATION / 2) if flat >= MIN_FLAT_PX else 0
-
-
-def _first(condition: NDArray[np.bool_]) -> int:
-    """Index of the first true value; 0 if there is none."""
-    return int(np.argmax(condition))
+    return int(np.argmax(deviation > MAX_DEVIATION / 2)) if np.argmax(deviation > FLAT) >= MIN_FLAT_PX else 0
 
 
 def _middle_of(reference: FloatArray, aspect: float) -> FloatArray:
@@ -97,14 +91,14 @@ def find_layout(
     inner = content_box(median)
     left, top, right, bottom = inner
     image = part_of(median, inner)
-    doubts, box = [], None
+    doubts: list[str] = []
+    box: Box | None = None
     if image.shape != median.shape:
         scale = np.array(size_px)[[0, 1, 0, 1]] / np.array(median.shape)[[1, 0, 1, 0]]
         x0, y0, x1, y1 = (int(v) for v in np.round(scale * inner))
-        box = (x0, y0, x1, y1)
-        doubts.append(
-            f"bars around the image are cut off: {x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
-        )
+        box = x0, y0, x1, y1
+        left_over = f"{x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
+        doubts.append(f"bars around the image are cut off: {left_over}")
     aspect = (right - left) / (bottom - top) * (size_px[0] / median.shape[1]) / (size_px[1] / median.shape[0])
     if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
         return inner, Layout(box, stretched=True), known, doubts

@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -29,21 +28,13 @@ where frames were left out or repeated unevenly."""
 
 def change(frame: NDArray[np.uint8], following: NDArray[np.uint8]) -> float:
     """Share of pixels (0-1) that differ between two frames (height, width, 3)."""
-    return float((cv2.absdiff(_gray(frame), _gray(following)) > CHANGED).mean())
-
-
-def _gray(frame: NDArray[np.uint8]) -> NDArray[Any]:
-    return cv2.cvtColor(cv2.resize(frame, GRAY_SIZE, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    small = (cv2.resize(f, GRAY_SIZE, interpolation=cv2.INTER_AREA) for f in (frame, following))
+    first, second = (cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in small)
+    return float((cv2.absdiff(first, second) > CHANGED).mean())
 
 
 def is_cut(before: float, now: float, after: float) -> bool:
-    """Whether a frame begins a new shot.
-
-    Args:
-        before: change between the two frames before it.
-        now: change from the frame before to it.
-        after: change from it to the next.
-    """
+    """Whether a frame begins a new shot, by the change to it, and those between the two frames before and from it on."""
     return now > max(MIN_CHANGE, JUMP * before, JUMP * after)
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import DataError, VideoError
+from nsdr.errors import VideoError
 from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
 from nsdr.frame_parser.check.layout import find_layout, part_of
 from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
@@ -20,9 +20,8 @@ from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, samp
 from nsdr.validation import PositiveCount, Settings
 from nsdr.world.timeline import FPS
 
-__all__ = ["CHECKS", "VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
+__all__ = ["VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
 
-CHECKS = ("refuse", "warn", "off")
 SAMPLED_SECONDS, SPACING_FRAMES = 2.56, 2
 """The check looks at every second frame of this time."""
 MEDIAN_SPACING = 2
@@ -47,14 +46,9 @@ class VideoConfig(Settings):
         max_frames: frames that are processed at most (at 25 per second).
     """
 
-    check: str = "refuse"
+    check: Literal["refuse", "warn", "off"] = "refuse"
     background: str = ""
     max_frames: PositiveCount = 512
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.check not in CHECKS:
-            raise DataError(f"check is {self.check!r}; expected one of {', '.join(CHECKS)}")
 
 
 @dataclass(frozen=True)
@@ -126,14 +120,15 @@ def clip_frames(path: str | Path, config: VideoConfig | None = None) -> Iterator
 def _without_empty_start(frames: Iterator[NDArray[np.uint8]], path: str | Path) -> Iterator[NDArray[np.uint8]]:
     empty = 0
     for frame in frames:
-        if _is_empty(frame):
-            empty += 1
-            continue
-        if empty:
-            what = f"the first {empty} frames show nothing"
-            warnings.warn(f"{path}: {what}; they are left out, and frames counted from there", stacklevel=2)
-        yield frame
-        break
+        if not _is_empty(frame):
+            break
+        empty += 1
+    else:
+        return
+    if empty:
+        what = f"the first {empty} frames show nothing"
+        warnings.warn(f"{path}: {what}; they are left out, and frames counted from there", stacklevel=2)
+    yield frame
     yield from frames
 
 
@@ -154,7 +149,9 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     """Compare a video's sample with images (32, 48, 3) of the scene without objects, of which one has to fit."""
     start = next((k for k, frame in enumerate(sample.frames) if not _is_empty(frame)), None)
     if start is None:
-        return VideoCheck((f"the background is {_flat_color(sample.frames[0])}",))
+        brightness = float(sample.frames[0].mean())
+        color = "black" if brightness < DARK else "white" if brightness > WHITE else "one flat colour"
+        return VideoCheck((f"the background is {color}",))
     frames = _until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
     box, layout, expected, doubts = find_layout(median, sample.size_px, known)
@@ -162,7 +159,9 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     ground, reference = best_fit(image, expected)
     refusals: list[str] = []
     if ground.distance > MAX_GROUND_DISTANCE:
-        turn, after, fitting = _turn(image, known)
+        fits = {turn: best_fit(turned(image, turn), known) for turn in TURNS}
+        turn = min(fits, key=lambda t: fits[t][0].distance)
+        after, fitting = fits[turn]
         if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
             (doubts if turn == "mirrored" else refusals).append(f"it is {turn}")
             image, ground, reference = turned(image, turn), after, fitting
@@ -178,15 +177,3 @@ def _until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
         if is_cut(changes[k - 1], changes[k], changes[k + 1]):
             return frames[:k]
     return frames
-
-
-def _flat_color(frame: NDArray[np.uint8]) -> str:
-    brightness = float(frame.mean())
-    return "black" if brightness < DARK else "white" if brightness > WHITE else "one flat colour"
-
-
-def _turn(image: FloatArray, expected: Sequence[FloatArray]) -> tuple[str, GroundFit, FloatArray]:
-    """How the image is turned most likely, its fit when it is turned back, and the reference that it fits."""
-    fits = {turn: best_fit(turned(image, turn), expected) for turn in TURNS}
-    turn = min(fits, key=lambda t: fits[t][0].distance)
-    return turn, *fits[turn]
