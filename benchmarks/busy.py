@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
-from nsdr.io.threads import available_cores
+from nsdr.io.device import available_cores
 
 BURNER = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(10**6))\n"
 BACKENDS = ("physics", "state", "paper")

@@ -20,14 +20,12 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from nsdr import Event, Scene, load
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import QUESTION_TYPES
-from nsdr.clevrer.scenes import scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.truth_blocks import read_truth
-from nsdr.evaluation.calibration import calibration
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.clevrer.files.annotations import read_truth, read_truth_file
+from nsdr.clevrer.files.questions import QUESTION_TYPES
+from nsdr.clevrer.files.scenes import scene_from_ground_truth, scene_from_truth
+from nsdr.evaluation.measures import calibration, wilson_interval
+from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
-from nsdr.io.listing import find_files
 from nsdr.io.reading import read_json
 
 KINDS = ("observed collisions", "collisions after the video", "collisions without an object")
@@ -85,11 +83,11 @@ def statements(scene: Scene, truth: Scene) -> Iterator[tuple[str, float, bool]]:
             continue
         true = named(truth, true_events)
         probability = dict.fromkeys(named(scene, events), 1.0)
-        for doubt in scene.doubts or ():
-            if doubt.removed == removed and (
-                removed is not None or (doubt.event.frame < scene.n_frames) == (kind == KINDS[0])
+        for one in scene.uncertain or ():
+            if one.removed == removed and (
+                removed is not None or (one.event.frame < scene.n_frames) == (kind == KINDS[0])
             ):
-                probability |= dict.fromkeys(named(scene, [doubt.event]), doubt.probability)
+                probability |= dict.fromkeys(named(scene, [one.event]), one.probability)
         for pair, p in probability.items():
             if p >= LOWEST:
                 yield kind, p, pair in true

@@ -1,7 +1,7 @@
 """Observed collisions one by one: what is missed and why, how probabilities are calibrated, and the weights of the evidence.
 
 `python benchmarks/collisions.py --proposals FILE.npz --truth FILE.json.gz [--every 5] [--scenes N]` lists the
-missed and the false collisions of the physics backend; `--weights` fits `EvidenceWeights` instead. `--every 5` keeps the scenes
+missed and the false collisions of the physics backend; `--weights` fits those of `Evidence`. `--every 5` keeps the scenes
 whose index 5 divides: those of `train` that the collision network was not trained on.
 """
 
@@ -15,14 +15,13 @@ import numpy as np
 from scipy.optimize import minimize
 
 from nsdr import track
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.clevrer.scenes import scene_from_ground_truth
-from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.clevrer.files.annotations import read_truth
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
-from nsdr.dynamics.physics.collision_evidence import Evidence
-from nsdr.dynamics.physics.collision_search import CollisionSearch, search_collisions
+from nsdr.dynamics.physics.collision_search import CollisionSearch, Evidence, search_collisions
 from nsdr.dynamics.registry import load_backend
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
 
 AROUND_FRAMES = 15
@@ -101,9 +100,9 @@ def print_errors(videos: list[Video], backend: Any) -> None:
     counts = dict.fromkeys(("missing", "extra", "frame", "found", "network missing", "network extra"), 0)
     no_candidate = 0
     for video in videos:
-        config = backend.config.search
-        search = CollisionSearch(video.states, video.candidates, config, backend.smoothing.measurement)
-        found = search_collisions(video.states, video.candidates, config, backend.smoothing.measurement)[0]
+        config = backend.config
+        search = CollisionSearch(video.states, video.candidates, config)
+        found = search_collisions(video.states, video.candidates, config)[0]
         frames = {e.objects: e.frame for e in found}
         counts["found"] += len(frames)
         counts["network missing"] += len(video.true.keys() - search.probable)
@@ -147,7 +146,7 @@ def _error_line(
     frame = at if at >= 0 else search.events[pair].frame
     near = slice(max(frame - AROUND_FRAMES, 0), frame + AROUND_FRAMES + 1)
     hidden = ",".join(f"{1 - video.states.reliable[i, near].mean():.2f}" for i in pair)
-    line = f"{frame} {error} {p:.4f} {pair in search.doubtful} {hidden}"
+    line = f"{frame} {error} {p:.4f} {pair in search.uncertain} {hidden}"
     if pair not in search.events:
         return line
     without, given = search.fitted(chosen - {pair}), search.fitted(chosen | {pair})
@@ -156,17 +155,17 @@ def _error_line(
 
 
 def print_weights(videos: list[Video], backend: Any) -> None:
-    """Logistic regression on the evidence for doubtful pairs, given the other collisions that the detector finds probable."""
+    """Logistic regression on the evidence for uncertain pairs, given the other collisions that the detector finds probable."""
     rows, labels, groups = [], [], []
     for video in videos:
-        search = CollisionSearch(video.states, video.candidates, backend.config.search, backend.smoothing.measurement)
-        for pair in search.doubtful:
+        search = CollisionSearch(video.states, video.candidates, backend.config)
+        for pair in search.uncertain:
             e = search.evidence(pair, search.probable)
-            rows.append((1.0, e.network, -e.gap, e.fit))
+            rows.append((1.0, e.network, e.gap, e.fit))
             labels.append(pair in video.true)
             groups.append(video.index)
     x, y, fold = np.array(rows) / SCALES, np.array(labels), np.array(groups) // 5 % FOLDS
-    print(f"{len(y)} doubtful pairs of {len(videos)} scenes, {y.sum()} true")
+    print(f"{len(y)} uncertain pairs of {len(videos)} scenes, {y.sum()} true")
     for name, used in {"network": (0, 1), "network and gap": (0, 1, 2), "all": (0, 1, 2, 3)}.items():
         columns = x[:, list(used)]
         z = np.zeros(len(y))

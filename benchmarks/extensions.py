@@ -19,18 +19,18 @@ from typing import Any
 import numpy as np
 
 from nsdr import Scene, load_backend
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.proposals import read_proposals
-from nsdr.clevrer.questions import Question
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.proposals import read_proposals
+from nsdr.clevrer.files.questions import Question
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import ExecutionError
-from nsdr.evaluation.intervals import accuracy_interval
+from nsdr.evaluation.measures import accuracy_interval
 from nsdr.generate.physics.changed import TruthWorlds
-from nsdr.generate.questions.extensions import EXTENSION_KINDS, ExtensionSelection
-from nsdr.generate.questions.selection import find_candidates
+from nsdr.generate.questions.candidates import EXTENSION_KINDS
+from nsdr.generate.questions.selection import ExtensionSelection, QuestionConfig, find_candidates
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.grammar import GrammarParser
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import track
 
@@ -48,11 +48,11 @@ def questions_of(path: Path, selection: ExtensionSelection, n_changed: int) -> l
     """Questions beyond CLEVRER about a truth file."""
     truth = read_truth_file(path)
     item = (truth["scene_index"], "", scene_from_truth(truth), TruthWorlds(truth))
-    found = find_candidates(item, 0, True, n_changed)
+    found = find_candidates(item, QuestionConfig(extensions=True, changed_per_video=n_changed))
     return selection.questions(found.extensions, found.changed, 0)
 
 
-def judged(question: Question, executor: Executor, parser: QuestionParser) -> Iterator[tuple[str, str]]:
+def judged(question: Question, executor: Executor, parser: GrammarParser) -> Iterator[tuple[str, str]]:
     """(kind, "right", "wrong" or "refused") of a question, or of each option."""
     if question.answer is not None:
         try:
@@ -124,8 +124,8 @@ def errors(scene: Scene, truth: Scene) -> tuple[list[tuple[float, float, float]]
     for i, a in known:
         for frame in range(0, scene.n_frames, STRIDE):
             try:
-                found = executor.world.quantities.speed(1 << i, frame)
-                speeds.append(found - true_executor.world.quantities.speed(1 << a, frame))
+                found = executor.world.quantities.speed(i, frame)
+                speeds.append(found - true_executor.world.quantities.speed(a, frame))
             except ExecutionError:
                 continue
     return masses, speeds
@@ -159,8 +159,8 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
     backend: Any = load_backend(find_checkpoint("default"), "physics")
-    question_parser = QuestionParser.from_pretrained(extensions=True)
-    selection, outcomes, pairs = ExtensionSelection(0), list[Outcome](), []
+    question_parser = GrammarParser(extensions=True)
+    selection, outcomes, pairs = ExtensionSelection(0, 4), list[Outcome](), []
     for index in range(options.first, options.first + options.scenes):
         path = next(options.data.glob(f"truth/*/truth_{index:05d}.json"))
         tracks = track(read_proposals(options.proposals / f"proposal_{index:05d}.json"))

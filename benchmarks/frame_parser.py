@@ -29,13 +29,11 @@ from torchvision.models.detection import MaskRCNN, maskrcnn_resnet50_fpn
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
 from nsdr.frame_parser.dataset import FrameDataset, image_tensor
-from nsdr.frame_parser.inference import Detector
 from nsdr.frame_parser.metrics import average_precision, detection_scores
-from nsdr.frame_parser.parser import FrameParser
+from nsdr.frame_parser.parser import Detector, FrameParser
 from nsdr.frame_parser.training_frames import write_frames
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.io.device import PRECISIONS
-from nsdr.io.threads import available_cores, limit_threads
+from nsdr.io.device import PRECISIONS, available_cores, limit_threads
 from nsdr.io.video import read_video
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES

@@ -9,14 +9,14 @@ import os
 import time
 from functools import partial
 
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.records import solids_at, truth_document
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.io.tasks import run_tasks
+from nsdr.io.jobs import run_tasks
 from nsdr.world.camera import Camera
 
 FIRST_SEED = 510000

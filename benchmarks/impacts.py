@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nsdr.clevrer.proposals import read_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.pipeline import Pipeline
 from nsdr.types import Event, Rollout
 from nsdr.visualize import impacts

@@ -267,9 +267,9 @@ def known_state(document: dict[str, Any], case: Case) -> list[Event]:
     changes = resolve(changes_of(case), objects, np.ones((len(objects), VIDEO_FRAMES), bool), frame)
     changed = change_bodies(bodies, changes)
     n, rng = len(changed.exists), np.random.default_rng(0)
-    noise = NUDGE_WORLD * rng.normal(size=(RUNS - 1, n, 2))
-    still = np.zeros_like(noise)
-    runs = Perturbations(noise, still, still[..., 0], still[..., 0] + 1)
+    nudges = np.zeros((RUNS - 1, n, 6))
+    nudges[..., :2] = NUDGE_WORLD * rng.normal(size=(RUNS - 1, n, 2))
+    runs = Perturbations(nudges, np.ones((RUNS - 1, n)))
     total = horizon_frame(VIDEO_FRAMES) + 1
     frames = simulate_perturbed(changed.bodies, changed.exists, total, runs, start=frame)[1]
     hit = frames != NO_CONTACT

@@ -85,7 +85,7 @@ def steps(folder: Path) -> int:
 
 def saved_steps(folder: Path) -> int:
     """Steps up to the newest checkpoint."""
-    return max((int(path.parent.name.split("_")[1]) for path in folder.glob("out/step_*/state.json")), default=0)
+    return max((int(path.stem.split("_")[1]) for path in folder.glob("out/step_*.json")), default=0)
 
 
 def commands(data: Path, videos: int, count: int) -> dict[str, Command]:

@@ -3,7 +3,7 @@
 `python benchmarks/objects.py --proposals FILE.npz --truth FILE.json.gz [--every 5] [--first 0]` prints the counts, the
 histogram of frame errors, and every case that is off by more than two frames. `--every 5` keeps the scenes whose index 5
 divides: those of `train` that the collision network was not trained on; `--first 1` those whose remainder is 1. `--shifts`
-prints the constants of `nsdr.dynamics.image_borders` instead.
+prints the constants of `nsdr.dynamics.track_smoothing` instead.
 """
 
 import argparse
@@ -16,15 +16,14 @@ from typing import Any
 import numpy as np
 
 from nsdr import track
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.clevrer.scenes import enter_exit_events, scene_from_ground_truth
-from nsdr.clevrer.truth_blocks import read_truth
-from nsdr.dynamics.image_borders import border_depths
+from nsdr.clevrer.files.annotations import read_truth
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.scenes import enter_exit_events, scene_from_ground_truth
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.registry import load_backend
-from nsdr.dynamics.track_smoothing import SmoothedTracks, smooth_tracks
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.dynamics.track_smoothing import SmoothedTracks, border_depths, smooth_tracks
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Scene
 
@@ -69,8 +68,8 @@ def read_videos(options: argparse.Namespace) -> Iterator[Video]:
         n += 1
         states = states_from_tracks(track(proposals))
         candidates = backend.detector.collision_candidates(states)
-        found = search_collisions(states, candidates, backend.config.search, backend.smoothing.measurement)[0]
-        smoothed = smooth_tracks(states, found, backend.smoothing)
+        found = search_collisions(states, candidates, backend.config)[0]
+        smoothed = smooth_tracks(states, found)
         yield Video(index, states, smoothed, scene_from_ground_truth(truth[index], truth[index]["n_frames"]))
 
 

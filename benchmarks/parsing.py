@@ -1,40 +1,33 @@
-"""Texts a second of the question parser with all its checks: a file's distinct texts in batches, and one by one.
+"""Texts a second of the default question parser: a file's distinct texts.
 
-`python benchmarks/parsing.py QUESTIONS.json [--sample 100]`; CPU time on one thread, without loading.
+`python benchmarks/parsing.py QUESTIONS.json`; CPU time on one thread, without loading.
 """
 
 import argparse
 import time
 from pathlib import Path
 
-from nsdr.clevrer.questions import read_questions
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.clevrer.files.questions import read_questions
+from nsdr.question_parser.auto import AutoParser
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("questions", type=Path)
-    parser.add_argument("--sample", type=int, default=100, help="texts that are parsed one by one")
     options = parser.parse_args()
     texts: dict[str, list[str]] = {"descriptive": [], "multiple_choice": [], "choice": []}
     for question in (q for scene in read_questions(options.questions) for q in scene.questions):
         texts["descriptive" if question.type == "descriptive" else "multiple_choice"].append(question.text)
         texts["choice"] += [choice.text for choice in question.choices]
     distinct = {kind: list(dict.fromkeys(listed)) for kind, listed in texts.items()}
-    network = QuestionParser.from_pretrained("default")
-    network.parse_each(distinct["choice"][:1], "choice")  # warms up
+    question_parser = AutoParser.from_pretrained("default")
+    question_parser.parse_batch(distinct["choice"][:1], "choice")  # warms up
     start = time.process_time()
     for kind, listed in distinct.items():
-        network.parse_each(listed, kind)
+        question_parser.parse_batch(listed, kind)
     at_once = time.process_time() - start
-    start = time.process_time()
-    sample = distinct["descriptive"][: options.sample]
-    for text in sample:
-        network.parse(text, "descriptive")
-    each = (time.process_time() - start) / len(sample)
     n, n_distinct = (sum(len(listed) for listed in t.values()) for t in (texts, distinct))
     print(f"{n} texts, {n_distinct} distinct: {at_once:.1f} s, {n / at_once:.0f} texts/s")
-    print(f"one by one: {1 / each:.0f} texts/s ({n / at_once * each:.0f} times slower)")
 
 
 if __name__ == "__main__":

@@ -10,10 +10,8 @@ import argparse
 from dataclasses import replace
 
 from nsdr.dynamics.metrics import collision_scores
-from nsdr.dynamics.propnet.image_predictor import ImagePredictor
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
-from nsdr.training.image_dynamics import ImageModelTask
-from nsdr.training.patch_dynamics import PatchModelTask
+from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
+from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
 from nsdr.training.run_folder import parse_training
 from nsdr.training.track_task import DynamicsTraining
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from nsdr import Pipeline, Scene, VideoTracks, track
-from nsdr.clevrer.annotations import read_annotation
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.clevrer.scenes import scene_from_annotation
+from nsdr.clevrer.files.annotations import read_annotation
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.scenes import scene_from_annotation
 
 TOLERANCE_FRAMES = 3
 

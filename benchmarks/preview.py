@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
-from nsdr.generate.render.raycast import Solid, instance_ids
 from nsdr.generate.render.view import View
 from nsdr.types import SceneObject
 from nsdr.world.camera import Camera

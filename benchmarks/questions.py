@@ -1,10 +1,12 @@
-"""How the question parser reads texts in people's words: `python benchmarks/questions.py FILE.json ... --rules 200`.
+"""How the question parsers read texts in people's words: `python benchmarks/questions.py FILE.json ...`.
 
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
-refused; `also` lists other programs that are right. Prints, for each file and kind, the shares that are right, refused, and
-accepted and wrong, and those of the texts that must be refused, with 95 % intervals. Three sets ship:
-`benchmarks/questions_by_hand.json` and `nsdr/language/paraphrases.json` were used to tune the rules;
-`benchmarks/questions_blind.json` was written by someone who had not seen the parser, and nobody who tunes it may read it.
+refused; `also` lists other programs that are right. A question file in CLEVRER's format counts, too: its texts and programs.
+Prints, for each file and parser, the shares that are right, refused, and accepted and wrong, by kind of text, and those of the
+texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), the
+networks with the check of their programs' words ("network-checked"), and the default ("auto"), which joins them. Of the sets
+that ship, `questions_by_hand.json` and `nsdr/language/paraphrases.json` were used to tune the rules; `questions_blind.json` and
+`questions_blind2.json` were written by people who had not seen the parser, and nobody who tunes it may read them.
 """
 
 import argparse
@@ -12,40 +14,75 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from rewordings import drawn_rows
-
-from nsdr.errors import DataError, QuestionError
-from nsdr.evaluation.intervals import wilson_interval
+from nsdr.clevrer.files.questions import read_questions
+from nsdr.errors import DataError, NsdrError, QuestionError
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.reading import read_json
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.language.texts import TEXT_KINDS
+from nsdr.question_parser.auto import AutoParser, Checked
+from nsdr.question_parser.base import Parser
+from nsdr.question_parser.grammar import GrammarParser
+from nsdr.question_parser.network import QuestionParser
 
 RIGHT, REFUSED, WRONG = "right", "refused", "accepted and wrong"
+PARSERS = ("grammar", "network", "network-checked", "auto")
 
 
-def outcome(parser: QuestionParser, row: dict[str, Any]) -> tuple[str, str]:
-    """What becomes of a text, and its program or the error."""
-    try:
-        program = str(parser.parse(row["text"], row["kind"]))
-    except (QuestionError, DataError) as e:
-        return REFUSED, str(e)
-    return (RIGHT if program in (row["program"], *row.get("also", ())) else WRONG), program
+def make_parser(name: str, checkpoint: str) -> Parser:
+    """The parser of a name."""
+    if name == "grammar":
+        return GrammarParser()
+    if name == "auto":
+        return AutoParser.from_pretrained(checkpoint)
+    network = QuestionParser.from_pretrained(checkpoint)
+    return network if name == "network" else Checked(network)
 
 
-def shares(outcomes: Sequence[str]) -> str:
+def read_rows(path: str) -> list[dict[str, Any]]:
+    """The rows of a file; of a question file, each text once."""
+    content = read_json(path)
+    if content and "questions" not in content[0]:
+        return content
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for q in (q for scene in read_questions(path) for q in scene.questions):
+        found = [("multiple_choice" if q.choices else "descriptive", q.text, q.program)]
+        for kind, text, program in [*found, *(("choice", c.text, c.program) for c in q.choices)]:
+            if program:
+                rows[kind, text] = {"kind": kind, "text": text, "program": " ".join(program)}
+    return list(rows.values())
+
+
+def outcomes(parser: Parser, rows: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
+    """What becomes of each text, and its program or the error."""
+    found: dict[int, tuple[str, str]] = {}
+    for kind in TEXT_KINDS:
+        numbers = [i for i, row in enumerate(rows) if row["kind"] == kind]
+        for i, program in zip(numbers, parser.parse_batch([rows[i]["text"] for i in numbers], kind), strict=True):
+            if isinstance(program, QuestionError | DataError):
+                found[i] = REFUSED, str(program)
+            elif isinstance(program, NsdrError):
+                raise program
+            else:
+                right = str(program) in (rows[i]["program"], *rows[i].get("also", ()))
+                found[i] = (RIGHT if right else WRONG), str(program)
+    return [found[i] for i in range(len(rows))]
+
+
+def shares(found: Sequence[str]) -> str:
     """Each outcome's share in percent, with its interval."""
     texts = []
     for name in (RIGHT, REFUSED, WRONG):
-        share = outcomes.count(name) / max(1, len(outcomes))
-        low, high = wilson_interval(share, len(outcomes))
+        share = found.count(name) / max(1, len(found))
+        low, high = wilson_interval(share, len(found))
         texts.append(f"{name} {100 * share:5.1f} ({100 * low:.1f}-{100 * high:.1f})")
-    return f"{len(outcomes):>5}  " + "  ".join(texts)
+    return f"{len(found):>5}  " + "  ".join(texts)
 
 
-def report(parser: QuestionParser, name: str, rows: Sequence[dict[str, Any]], is_listed: bool) -> None:
-    """Print the table of one set, and each failure if `is_listed`."""
-    found = [outcome(parser, row) for row in rows]
+def report(parser: Parser, name: str, rows: Sequence[dict[str, Any]], is_listed: bool) -> None:
+    """Print the table of one set and parser, and each failure if `is_listed`."""
+    found = outcomes(parser, rows)
     print(name)
-    for kind in ("descriptive", "multiple_choice", "choice", "all"):
+    for kind in (*TEXT_KINDS, "all"):
         of_kind = [(r, f[0]) for r, f in zip(rows, found, strict=True) if kind in (r["kind"], "all")]
         print(f"  {kind:<16} {shares([f for r, f in of_kind if r['program']])}")
     traps = [f for r, f in zip(rows, found, strict=True) if not r["program"]]
@@ -59,22 +96,17 @@ def main() -> None:
     """Read the sets and print their tables."""
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("files", nargs="*", help="sets of texts")
-    arguments.add_argument("--rules", type=int, default=0, help="also so many texts made by rule")
-    arguments.add_argument("--seed", type=int, default=0, help="seed of these")
-    arguments.add_argument("--checkpoint", default="default", help="checkpoint of the parser")
-    arguments.add_argument("--min_probability", type=float, default=None, help="instead of the parser's own threshold")
+    arguments.add_argument("--checkpoint", default="default", help="checkpoint of the networks")
+    arguments.add_argument("--parser", nargs="+", choices=PARSERS, default=PARSERS, help="the parsers to measure")
     arguments.add_argument("--list", action="store_true", help="print each failure")
     options = arguments.parse_args()
-    parser = QuestionParser.from_pretrained(options.checkpoint)
-    if options.min_probability is not None:
-        parser.min_probability = options.min_probability
+    sets = {path: read_rows(path) for path in options.files}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for path in options.files:
-            report(parser, path, read_json(path), options.list)
-        if options.rules:
-            rows = drawn_rows(options.rules, options.seed)
-            report(parser, f"{options.rules} texts by rules, seed {options.seed}", rows, options.list)
+        for name in options.parser:
+            parser = make_parser(name, options.checkpoint)
+            for path, rows in sets.items():
+                report(parser, f"{path}, {name}", rows, options.list)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 Two objects collide in Bullet, at random speeds, offsets, yaws and masses, and again in our planar simulator with every rebound
 of a grid; the one that comes closest to Bullet's velocities is the rebound that Bullet had. For each pair of shapes the script
 prints how Bullet's rule for one contact predicts it, the line through it (`WALLS_REBOUND` and `WALLS_SLOPE` of
-`nsdr.dynamics.physics.contact_response` are that of all pairs with upright walls), and the errors of the velocities after the
+`nsdr.dynamics.physics.forces` are that of all pairs with upright walls), and the errors of the velocities after the
 collision. About 2 minutes of a core. `pytest -m real_data -k rebound` compares with the eight such hits of the released
 annotations: errors of 0.08 world units/s, 0.17 by the rule.
 """
@@ -17,8 +17,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from nsdr.dynamics.physics.contact_geometry import SPHERE
-from nsdr.dynamics.physics.contact_response import approach, drift, speed_after
-from nsdr.dynamics.physics.flight import slow_down
+from nsdr.dynamics.physics.forces import approach, drift, slow_down, speed_after
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.generate.physics import Body, Simulator
 from nsdr.world.physics_constants import (

@@ -12,8 +12,8 @@ import sys
 import time
 from pathlib import Path
 
+from nsdr.io.device import available_cores
 from nsdr.io.files import atomic_path
-from nsdr.io.threads import available_cores
 
 HERE = Path(__file__).parent
 

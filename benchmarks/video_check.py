@@ -1,4 +1,4 @@
-"""What `nsdr.frame_parser.video_check` says of altered and foreign videos.
+"""What `nsdr.frame_parser.check.video` says of altered and foreign videos.
 
 `python benchmarks/video_check.py CLIP ...` alters each clip in many ways, makes foreign videos, and prints the class and the
 figures of each kind; the last line counts what is classed wrongly. `--references` makes `empty_scenes.npz` from the clips
@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 from video_kinds import ALTERED, FOREIGN, RATES, Frames
 
-from nsdr.frame_parser import empty_scene
-from nsdr.frame_parser.shots import MIN_CHANGE, SAME, change, is_cut
-from nsdr.frame_parser.video_check import VideoConfig, check_video, clip_frames
+from nsdr.frame_parser.check import ground
+from nsdr.frame_parser.check.shots import MIN_CHANGE, SAME, change, is_cut
+from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
 from nsdr.io.video import read_video
@@ -48,8 +48,8 @@ def make_references(clips: list[Path]) -> None:
     """Write `empty_scenes.npz` of the package."""
     medians = [np.median(read_video(clip)[::6], 0) for clip in clips]
     images = {"clevrer": np.median(medians, 0), "preview": render_preview([], [], View())}
-    path = Path(empty_scene.__file__).with_name("empty_scenes.npz")
-    np.savez_compressed(path, **{name: empty_scene.cells(image).astype(np.float16) for name, image in images.items()})
+    path = Path(ground.__file__).with_name("empty_scenes.npz")
+    np.savez_compressed(path, **{name: ground.cells(image).astype(np.float16) for name, image in images.items()})
     print(path)
 
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.generate.render.geometry import Solid
 from nsdr.generate.render.preview import render_preview
-from nsdr.generate.render.raycast import Solid
 from nsdr.generate.render.view import View
 from nsdr.types import SceneObject
 from nsdr.world.camera import Camera

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from nsdr import track
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.tracking.size_check import MAX_RATIO, TYPICAL_RATIO, size_ratio
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.tracking.localization import MAX_RATIO, TYPICAL_RATIO, size_ratio
 
 
 def main() -> None:

@@ -8,12 +8,12 @@ question -> question parser -> program;  program + scene -> executor -> answer w
     >>> pipeline.answer("video.mp4", "How many collisions happen?").answer
 
 Names load their modules when first used, so `import nsdr` is quick. Import it before torch: it lets torch's idle threads
-sleep, which must be set before torch loads (see `nsdr.io.threads`).
+sleep, which must be set before torch loads (see `nsdr.io.device`).
 """
 
 import lazy_loader
 
-from nsdr.io.threads import wait_passively
+from nsdr.io.device import wait_passively
 
 __version__ = "0.2.0"
 

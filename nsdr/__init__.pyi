@@ -1,3 +1,11 @@
+from .claims import (
+    Claim as Claim,
+    MinimalPair as MinimalPair,
+    Verification as Verification,
+    minimal_pairs as minimal_pairs,
+    narrate as narrate,
+    verify as verify,
+)
 from .clevrer.dataset import CLEVRER as CLEVRER
 from .dynamics.physics.predictor import PhysicsPredictor as PhysicsPredictor
 from .dynamics.propnet.patch_model import PatchModel as PatchModel
@@ -16,14 +24,16 @@ from .errors import (
 )
 from .evaluation.runner import EvaluationConfig as EvaluationConfig, run_evaluation as run_evaluation
 from .evaluation.score import evaluate as evaluate
+from .frame_parser.check.video import VideoConfig as VideoConfig
 from .frame_parser.dataset import FrameDataset as FrameDataset
 from .frame_parser.model import build_frame_parser as build_frame_parser
 from .frame_parser.parser import FrameParser as FrameParser
-from .frame_parser.video_check import VideoConfig as VideoConfig
 from .io.storage import load as load, save as save
 from .pipeline import Perception as Perception, Pipeline as Pipeline, PipelineConfig as PipelineConfig
+from .question_parser.auto import AutoParser as AutoParser
+from .question_parser.grammar import GrammarParser as GrammarParser
 from .question_parser.model import ParserNetwork as ParserNetwork
-from .question_parser.parser import QuestionParser as QuestionParser
+from .question_parser.network import QuestionParser as QuestionParser
 from .symbolic import (
     Executor as Executor,
     Program as Program,
@@ -31,15 +41,12 @@ from .symbolic import (
     format_trace as format_trace,
     format_tree as format_tree,
 )
-from .symbolic.minimal_pairs import MinimalPair as MinimalPair, minimal_pairs as minimal_pairs
-from .symbolic.narration import narrate as narrate
-from .symbolic.verify import Claim as Claim, Verification as Verification, verify as verify
 from .tracking.tracker import TrackerConfig as TrackerConfig, track as track
 from .types import (
     Add as Add,
     Answer as Answer,
+    Camera as Camera,
     ChoiceAnswer as ChoiceAnswer,
-    Doubt as Doubt,
     DynamicsPrediction as DynamicsPrediction,
     Event as Event,
     EventChange as EventChange,
@@ -54,6 +61,7 @@ from .types import (
     Simulation as Simulation,
     TraceStep as TraceStep,
     Track as Track,
+    UncertainCollision as UncertainCollision,
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
 )

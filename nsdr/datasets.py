@@ -2,10 +2,10 @@
 
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import cv2
 import numpy as np
@@ -15,16 +15,16 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from nsdr.clevrer.annotations import IRREGULAR_VIDEOS, read_truth_file
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, read_truth_file
 from nsdr.errors import DataError
-from nsdr.generate.render.flow import optical_flow
-from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import RenderConfig, view_of
+from nsdr.io.configuration import config_of
 from nsdr.io.limits import check_limit
 from nsdr.io.video import sample_frames
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.validation import convert
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import rendered_rotation
 from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -51,7 +51,7 @@ class _Truth:
         states: (F, n, 13).
         visible: (F, n).
         collisions: (frame, objects).
-        eye_world: position of the camera.
+        camera: that took the video.
     """
 
     attributes: NDArray[np.int64]
@@ -59,7 +59,7 @@ class _Truth:
     states: NDArray[np.float64]
     visible: NDArray[np.bool_]
     collisions: tuple[tuple[int, tuple[int, int]], ...]
-    eye_world: tuple[float, float, float]
+    camera: Camera
 
     def solids(self, frame: int) -> list[Solid]:
         """Geometry of the objects in a frame."""
@@ -187,7 +187,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
                 rows, frames, collisions = (
                     annotation[k] for k in ("object_property", "motion_trajectory", "collision")
                 )
-                eye = Camera().eye_world
+                camera = CLEVRER_CAMERA
             else:
                 file = read_truth_file(self._truth_file(video), motion=True)
                 if file["scene_index"] != video:
@@ -195,10 +195,10 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
                         f"{self._truth_file(video)}: scene_index: expected {video}, got {file['scene_index']}"
                     )
                 rows, frames, collisions = file["objects"], file["frames"], file["collisions"]
-                eye = view_of(self._render, file["seed"]).camera.eye_world
+                camera = view_of(self._render, file["seed"]).camera
             if len(rows) > self.max_objects:
                 raise DataError(f"video {video} has {len(rows)} objects; max_objects is {self.max_objects}")
-            self._kept[video] = _truth_of(rows, frames, collisions, eye)
+            self._kept[video] = _truth_of(rows, frames, collisions, camera)
             if len(self._kept) > KEPT_SCENES:
                 self._kept.popitem(last=False)
         return self._kept[video]
@@ -229,7 +229,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
     def _pixels(self, truth: _Truth, frames: NDArray[np.int64], size: tuple[int, int]) -> dict[str, Any]:
         """Masks and flow, cast at the release's aspect ratio and scaled to the size wanted."""
         height = max(size[0], -(-size[1] * HEIGHT_PX // WIDTH_PX))
-        camera = Camera(truth.eye_world, round(height * WIDTH_PX / HEIGHT_PX), height)
+        camera = replace(truth.camera, width=round(height * WIDTH_PX / HEIGHT_PX), height=height)
         scale = np.array([size[1] / camera.width, size[0] / camera.height], np.float32)
         masks, flows = [], []
         for frame in frames:
@@ -248,7 +248,7 @@ def _truth_of(
     rows: list[dict[str, Any]],
     frames: list[dict[str, Any]],
     collisions: list[dict[str, Any]],
-    eye_world: tuple[float, float, float],
+    camera: Camera,
 ) -> _Truth:
     """The content of a truth or annotation file as arrays."""
     rows = sorted(rows, key=lambda row: row["object_id"])
@@ -262,16 +262,24 @@ def _truth_of(
         np.concatenate([location, np.stack(turns, 1), velocity, spin], -1),
         np.array([[row["inside_camera_view"] for row in frame] for frame in ordered]),
         tuple((c["frame_id"], (c["object_ids"][0], c["object_ids"][1])) for c in collisions),
-        eye_world,
+        camera,
     )
+
+
+class _ManifestConfig(TypedDict):
+    render: dict[str, Any]
+
+
+class _Manifest(TypedDict):
+    config: _ManifestConfig
 
 
 def _render_config(manifest: Mapping[str, Any], root: Path) -> RenderConfig:
     """The rendering options of a generated data set."""
     where = f"{root / 'manifest.json'}"
-    values = get(get(manifest, "config", dict, where), "render", dict, f"{where}: config")
+    values = convert(manifest, _Manifest, f"{where}: ")["config"]["render"]
     try:
-        config = RenderConfig(**{f.name: values[f.name] for f in fields(RenderConfig) if f.name in values})
+        config = config_of(RenderConfig, {f.name: values[f.name] for f in fields(RenderConfig) if f.name in values})
     except DataError as e:
         raise DataError(f"{where}: config.render: {e}") from e
     if config.fps != FPS:

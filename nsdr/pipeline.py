@@ -4,36 +4,36 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
-from nsdr.dynamics.base import DynamicsBackend, VideoPixels, reads_images
-from nsdr.dynamics.interventions import intervenes, simulate_removal
+from nsdr.dynamics.base import DynamicsBackend, VideoPixels
+from nsdr.dynamics.interventions import simulate_removal
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.device import PRECISIONS, resolve_device
+from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.lazy import deferred_function
-from nsdr.io.validation import MANY, MAX_SIZE, check_choices, check_ranges
-from nsdr.io.video_kinds import check_is_video
-from nsdr.question_parser.reading import read_programs
+from nsdr.io.video import check_is_video
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
-from nsdr.tracking.size_check import size_doubt
+from nsdr.tracking.localization import size_warning
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
+from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
+from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
-    from nsdr.question_parser.parser import QuestionParser
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
@@ -43,7 +43,7 @@ KEPT_VIDEOS = 16
 
 
 @dataclass(frozen=True)
-class PipelineConfig:
+class PipelineConfig(Settings):
     """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
 
     Attributes:
@@ -52,20 +52,30 @@ class PipelineConfig:
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
             device multiplies matrices of it (AMX, CUDA).
         video: what is expected of videos, and how many frames of them are processed.
+        camera: that took the videos; its images are 480x320.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
     """
 
-    stride: int = 1
-    batch_size: int = 8
-    precision: str = "auto"
+    stride: PositiveCount = 1
+    batch_size: Annotated[int, Meta(ge=1, le=MAX_SIZE)] = 8
+    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
+    camera: Camera = field(default_factory=Camera)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
 
     def __post_init__(self) -> None:
-        check_ranges(self, stride=MANY, batch_size=(1, MAX_SIZE))
-        check_choices(self, precision=PRECISIONS)
+        super().__post_init__()
+        check_release_size(self.camera)
+
+    def versions(self) -> dict[str, int]:
+        """Versions of the stages that make a scene; what was made by others is stale."""
+        from nsdr import dynamics, frame_parser, tracking
+        from nsdr.dynamics import physics, propnet
+
+        backend = physics if self.dynamics.backend == "physics" else propnet
+        return {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
 
 
 def pipeline_settings(
@@ -112,15 +122,20 @@ class Perception:
 
     @property
     def scene_with_dynamics(self) -> Scene:
-        """The scene with its trajectories, as `nsdr parse-video` saves it: exits without an object need them."""
+        """The scene with its trajectories, as `nsdr parse-video` saves it."""
         return replace(self.scene, dynamics=self.dynamics)
+
+    @property
+    def camera(self) -> Camera:
+        """That took the video; CLEVRER's where no tracks tell."""
+        return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
 
 
 class Pipeline:
     """Frame parser, tracker, dynamics backend, question parser and executor, composed.
 
     Every part is an attribute and can be replaced by an object with the same method. Perceptions of the most recent videos are
-    kept, so further questions about a video cost little; after a part is replaced, the video is perceived again.
+    kept, as long as no part is replaced.
 
     Args:
         frame_parser: `parse(frames) -> VideoProposals`.
@@ -128,27 +143,27 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         semantics: of the executor.
-        responsible: meaning of "responsible", as of the executor: "chain" or "but_for".
         video: what is expected of videos; None for CLEVRER's.
+        camera: that took the videos.
     """
 
     def __init__(
         self,
         frame_parser: "FrameParser",
         dynamics: DynamicsBackend,
-        question_parser: "QuestionParser",
+        question_parser: Parser,
         tracker: TrackerConfig | None = None,
         semantics: str = "paper",
-        responsible: str = "chain",
         video: VideoConfig | None = None,
+        camera: Camera = CLEVRER_CAMERA,
     ) -> None:
         self.frame_parser = frame_parser
         self.dynamics = dynamics
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.semantics = semantics
-        self.responsible = responsible
         self.video = video or VideoConfig()
+        self.camera = camera
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
 
@@ -170,7 +185,7 @@ class Pipeline:
                 "" for that of `config`.
             config: settings of all stages, or their YAML file.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
-            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.QuestionParser`).
+            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.AutoParser`).
             options: further arguments of the constructor.
 
         Raises:
@@ -179,26 +194,22 @@ class Pipeline:
         """
         if not isinstance(config, PipelineConfig):
             config = pipeline_settings(config or "", dynamics if isinstance(dynamics, str | Path) else "")
-        elif isinstance(dynamics, str | Path) and dynamics:
+        if isinstance(dynamics, BackendConfig) or dynamics:
             config = replace(config, dynamics=backend_settings(dynamics))
-        if isinstance(dynamics, BackendConfig):
-            config = replace(config, dynamics=dynamics)
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
 
-        # torchvision's RoIAlign imports torch's compiler for a question that it asks on other devices only: 2.5 s.
-        with deferred_function("torch._dynamo.utils", "is_compile_supported"):
+        with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
-        from nsdr.question_parser.parser import QuestionParser
-
         options.setdefault("tracker", config.tracker)
         options.setdefault("video", config.video)
+        options.setdefault("camera", config.camera)
         pipeline = cls(
             FrameParser.from_checkpoint(
                 folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
             ),
             load_backend(folder, config.dynamics),
-            QuestionParser.from_checkpoint(folder, extensions=extensions),
+            AutoParser.from_checkpoint(folder, extensions),
             **options,
         )
         return pipeline.to(device)
@@ -245,9 +256,7 @@ class Pipeline:
 
         Args:
             video: a video file.
-            proposals: result of the frame parser, to use instead of computing it.
-            tracks: result of the tracker, to use instead of computing it.
-            dynamics: result of the dynamics backend, to use instead of computing it.
+            proposals, tracks, dynamics: results of stages, to use instead of computing them.
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
         Raises:
@@ -255,12 +264,12 @@ class Pipeline:
                 object was found.
         """
         stride = vars(self.frame_parser).get("stride")
-        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video)
+        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video, self.camera)
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
             check_is_video(Path(video))
-            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])], code=False)
+            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])])
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
@@ -268,21 +277,21 @@ class Pipeline:
         if dynamics is None:
             if tracks is None:
                 assert proposals is not None
-                tracks = track(proposals, self.tracker)
+                tracks = track(proposals, self.tracker, self.camera)
             if not tracks.tracks:
                 what, least = video or "the proposals", self.tracker.min_frames
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
                 hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
                 raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
-            if video is not None and self.video.check != "off" and (doubt := size_doubt(tracks)):
-                warnings.warn(f"{video}: {doubt}", stacklevel=2)
+            if video is not None and self.video.check != "off" and (warning := size_warning(tracks)):
+                warnings.warn(f"{video}: {warning}", stacklevel=2)
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
-            if reads_images(self.dynamics):
-                dynamics = self.dynamics.predict(tracks, observed, self._pixels(video, proposals))
-            elif observed is None:
-                dynamics = self.dynamics.predict(tracks)
-            else:
-                dynamics = self.dynamics.predict(tracks, observed)
+            more: list[Any] = [] if observed is None else [observed]
+            if getattr(self.dynamics, "reads_images", False):
+                if video is None or proposals is None:
+                    raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
+                more = [observed, VideoPixels(self.frames(video), proposals)]
+            dynamics = self.dynamics.predict(tracks, *more)
         perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics))
         if key is not None:
             self._kept[key] = (parts, perception)
@@ -314,19 +323,10 @@ class Pipeline:
         stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
         given: dict[str, Any] = {stage: video}
         seen: Any = self.perceive(**given)
-        if intervenes(self.dynamics):
-            return self.dynamics.simulate(seen.tracks, interventions, from_frame)
+        backend: Any = self.dynamics
+        if hasattr(backend, "simulate"):
+            return backend.simulate(seen.tracks, interventions, from_frame)
         return simulate_removal(seen.dynamics, interventions, from_frame, type(self.dynamics).__name__)
-
-    def _collisions_with(self, video: str | Path, change: Intervention, from_frame: int) -> Sequence[Event]:
-        """The collisions of a video, and after it, with an intervention, for the executor."""
-        return self.simulate(video, [change], from_frame).changed.collisions
-
-    def _pixels(self, video: str | Path | None, proposals: VideoProposals | None) -> VideoPixels:
-        """What a backend that reads images gets."""
-        if video is None or proposals is None:
-            raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
-        return VideoPixels(self.frames(video), proposals)
 
     def answer(
         self,
@@ -358,9 +358,13 @@ class Pipeline:
             raise QuestionError("the question is empty")
         given = video_or_scene if isinstance(video_or_scene, Scene) else None
         parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
-        scene = self.perceive(video_or_scene).scene_with_dynamics if given is None else given  # type: ignore[arg-type]
-        simulate = None if isinstance(video_or_scene, Scene) else partial(self._collisions_with, video_or_scene)
-        executor = Executor(scene, self.semantics, responsible=self.responsible, simulate=simulate)
+        scene = self.perceive(video_or_scene).scene if given is None else given  # type: ignore[arg-type]
+
+        def collisions_with(change: Intervention, from_frame: int) -> Sequence[Event]:
+            """Of the video, and after it, for questions "what if"."""
+            return self.simulate(video_or_scene, [change], from_frame).changed.collisions  # type: ignore[arg-type]
+
+        executor = Executor(scene, self.semantics, simulate=collisions_with if given is None else None)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]

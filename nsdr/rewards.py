@@ -9,20 +9,19 @@ question) and, for `trace_verified`, `scene` (path of a file with the video's sc
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.annotations import check_annotation, check_truth
-from nsdr.clevrer.responses import TAG, Response, read_response
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.schema import get
+from nsdr.claims.statements import PAST_KINDS
+from nsdr.claims.verification import Claim, Verification, verify
+from nsdr.clevrer.answers.responses import TAG, Response, read_response
+from nsdr.clevrer.files.annotations import check_annotation, check_truth
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
-from nsdr.symbolic.statements import PAST_KINDS
-from nsdr.symbolic.verify import Claim, Verification, verify
 from nsdr.types import Scene
 
 __all__ = ["MAX_OF_A_KIND", "answer_format", "exact", "per_option", "read_scene", "trace_score", "trace_verified"]
@@ -41,8 +40,7 @@ EXPECTED = {
     "scene": "paths of scenes, which `nsdr export --scenes` writes",
 }
 """What each column holds."""
-_NO_TAG = rf"(?:(?!(?i:{TAG.pattern})).)*"
-_ENDS_WITH_TAGS = re.compile(rf"{_NO_TAG}<answer>{_NO_TAG}</answer>\s*", re.DOTALL)
+_ENDS_WITH_TAGS = re.compile(r"<answer>.*</answer>\s*\Z", re.DOTALL)
 
 
 def exact(
@@ -83,12 +81,11 @@ def answer_format(completions: Sequence[Completion], options: Sequence[Options],
 
     Arguments and errors are those of `exact`, without `solution`.
     """
-    _check_lengths(completions, options=options)
     rewards = []
-    for completion, choices in zip(completions, options, strict=True):
+    for completion, choices in _rows(completions, options=options):
         text = _text(completion)
         readable = read_response(text, _option_texts(choices)).answer is not None
-        rewards.append(float(readable and _ENDS_WITH_TAGS.fullmatch(text) is not None))
+        rewards.append(float(readable and len(TAG.findall(text)) == 2 and _ENDS_WITH_TAGS.search(text) is not None))
     return rewards
 
 
@@ -104,14 +101,12 @@ def trace_verified(completions: Sequence[Completion], scene: Sequence[str | Path
     Raises:
         DataError: the columns' lengths differ, a value is None, or a scene cannot be read.
     """
-    _check_lengths(completions, scene=scene)
-    for path in scene:
+    rewards = []
+    for completion, path in _rows(completions, scene=scene):
         if not isinstance(path, str | Path):
             raise DataError(f"column scene: expected paths, got {path!r:.60}")
-    return [
-        trace_score(verify(_text(completion), read_scene(str(path))))
-        for completion, path in zip(completions, scene, strict=True)
-    ]
+        rewards.append(trace_score(verify(_text(completion), read_scene(str(path)))))
+    return rewards
 
 
 def trace_score(verification: Verification) -> float:
@@ -157,40 +152,31 @@ def read_scene(path: str) -> Scene:
     known = content if isinstance(content, dict) else {}
     if known.get("type") == "Scene":
         return load(Scene, path)
-    try:
-        if "motion_trajectory" in known:
-            check_annotation(known, len(get(known, "motion_trajectory", list, "annotation")))
-            return scene_from_annotation(known)
-        if "counterfactual" in known:
-            check_truth(known)
-            return scene_from_truth(known)
-    except DataError as e:
-        raise DataError(f"{path}: {e}") from e
+    if "motion_trajectory" in known:
+        frames = known["motion_trajectory"]
+        check_annotation(known, len(frames) if isinstance(frames, list) else 0, f"{path}: ")
+        return scene_from_annotation(known)
+    if "counterfactual" in known:
+        check_truth(known, where=f"{path}: ")
+        return scene_from_truth(known)
     raise DataError(f"{path}: expected a truth file, an annotation or a saved scene")
 
 
-def _capped(claims: Any) -> int:
+def _capped(claims: Iterable[Claim]) -> int:
     return sum(min(n, MAX_OF_A_KIND) for n in Counter(c.kind for c in claims).values())
 
 
 def _uninformative(claim: Claim) -> bool:
-    denied_at_a_frame = claim.negated and bool(claim.statement.events) and claim.frame is not None
-    return claim.kind in UNINFORMATIVE or claim.vacuous or denied_at_a_frame or _vague(claim) or _tautology(claim)
-
-
-def _vague(claim: Claim) -> bool:
-    """Whether it says no object, frame or count: that some event happens, or comes first."""
     said = claim.statement
+    denied_at_a_frame = claim.negated and bool(said.events) and claim.frame is not None
     placed = claim.frame is not None and not said.relation
     counts = said.number is not None and said.kind != "order"
-    return not (claim.objects or placed or counts)
-
-
-def _tautology(claim: Claim) -> bool:
-    """Whether an object does not collide without itself, or is responsible for an event that it takes part in."""
-    said = claim.statement
+    vague = not (claim.objects or placed or counts)
+    # An object does not collide without itself, and is responsible for an event that it takes part in.
     alone = [said.removed] if said.removed is not None else list(said.objects) if said.kind == "cause" else []
-    return bool(alone) and len(said.events) == 1 and len(claim.objects) < len(alone) + len(said.events[0].objects)
+    named = len(alone) + len(said.events[0].objects) if alone and len(said.events) == 1 else 0
+    tautology = len(claim.objects) < named
+    return claim.kind in UNINFORMATIVE or claim.vacuous or denied_at_a_frame or vague or tautology
 
 
 def _fact(claim: Claim) -> tuple[Any, ...]:
@@ -215,19 +201,27 @@ def _read(
     completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options]
 ) -> list[tuple[Response, str | frozenset[str], int]]:
     """Of each sample what was read, the right answer and the number of options."""
-    _check_lengths(completions, solution=solution, options=options)
     read = []
-    for completion, right, choices in zip(completions, solution, options, strict=True):
+    for completion, right, choices in _rows(completions, solution=solution, options=options):
         texts = _option_texts(choices)
         if not isinstance(right, str):
             raise DataError(f"column solution: expected texts, got {right!r:.60}")
         expected = read_response(right, texts)
         if expected.answer is None:
-            raise DataError(
-                f"solution {right!r}: {expected.problem}; expected such as <answer>red</answer> or <answer>A,C</answer>"
-            )
+            example = "expected such as <answer>red</answer> or <answer>A,C</answer>"
+            raise DataError(f"solution {right!r}: {expected.problem}; {example}")
         read.append((read_response(_text(completion), texts), expected.answer, len(texts)))
     return read
+
+
+def _rows(completions: Sequence[Completion], **columns: Sequence[Any]) -> Iterator[tuple[Any, ...]]:
+    """Each completion with its values of the columns, which are checked."""
+    for name, values in columns.items():
+        if len(values) != len(completions):
+            raise DataError(f"column {name}: expected {len(completions)} values, one per completion, got {len(values)}")
+        if any(value is None for value in values):
+            raise DataError(f"column {name}: has values that are null; expected {EXPECTED[name]}")
+    return zip(completions, *columns.values(), strict=True)
 
 
 def _option_texts(options: Options) -> Sequence[str]:
@@ -237,14 +231,6 @@ def _option_texts(options: Options) -> Sequence[str]:
     if isinstance(options, Sequence) and not isinstance(options, str) and all(isinstance(o, str) for o in options):
         return options
     raise DataError(f"column options: expected lists of texts, or their numbers, got {options!r:.60}")
-
-
-def _check_lengths(completions: Sequence[Completion], **columns: Sequence[Any]) -> None:
-    for name, values in columns.items():
-        if len(values) != len(completions):
-            raise DataError(f"column {name}: expected {len(completions)} values, one per completion, got {len(values)}")
-        if any(value is None for value in values):
-            raise DataError(f"column {name}: has values that are null; expected {EXPECTED[name]}")
 
 
 def _text(completion: Completion) -> str:
@@ -259,5 +245,4 @@ def _text(completion: Completion) -> str:
         return content
     if not isinstance(content, Sequence):
         raise DataError(f"completions: expected a text or a list of parts as a message's content, got {content!r:.60}")
-    parts = [part for part in content if isinstance(part, Mapping) and part.get("type") == "text"]
-    return "\n".join(str(part.get("text", "")) for part in parts)
+    return "\n".join(str(p.get("text", "")) for p in content if isinstance(p, Mapping) and p.get("type") == "text")

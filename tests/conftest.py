@@ -112,7 +112,7 @@ def tiny_motion(tmp_path: Path) -> tuple[Path, Path]:
     """Compact proposals and truth of four made-up scenes: one object runs into a resting one at frame 40."""
     import gzip
 
-    from nsdr.world.camera import pixels_from_world
+    from nsdr.world.camera import CLEVRER_CAMERA
 
     rows = []
     truth = []
@@ -134,7 +134,7 @@ def tiny_motion(tmp_path: Path) -> tuple[Path, Path]:
             first = (-1.6 + moved if frame < 40 else 0.0, 0.1 * video)
             second = (0.4 + (0.02 * (frame - 40) if frame > 40 else 0.0), 0.1 * video)
             for (x, y), attribute in ((first, 7), (second, 15)):
-                u, v = pixels_from_world([x, y, 0.2])
+                u, v = CLEVRER_CAMERA.pixels([x, y, 0.2])
                 box = [int(u - 18), int(v - 18), int(u + 18), min(int(v + 18), 320)]
                 rows.append((video, frame, attribute, 255, int(u * 64), int(v * 64), 1000, box))
     columns = list(zip(*rows, strict=True))

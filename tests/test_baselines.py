@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import torch
 from accelerate.utils import send_to_device
+from safetensors.numpy import save_file
 
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.data import feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features import MANIFEST, FeatureCache
-from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
-from nsdr.baselines.vocabulary import PAD, Vocabulary
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.baselines.data import PAD, Vocabulary, make_batch, training_examples
+from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, feature_file
+from nsdr.baselines.trained import TrainedBaseline, masked_scores
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
@@ -90,34 +90,31 @@ def folder(tmp_path):
         "maps": (FRAMES, CHANNELS, *GRID),
         "objects": (FRAMES, OBJECTS, CHANNELS + 4),
     }
-    for kind, shape in shapes.items():
-        (path / kind).mkdir(parents=True)
-        for index in range(10, 16):
-            values = rng.standard_normal(shape) + (-2.0, 2.0)[index % 2]
-            if kind == "objects":
-                values[..., -4:] = (0.1, 0.1, 0.5, 0.5)
-                values[:, 2:] = 0.0  # no third object
-            np.save(path / kind / f"{index:05d}.npy", values.astype(np.float16))
+    path.mkdir()
+    for index in range(10, 16):
+        values = {kind: rng.standard_normal(shape) + (-2.0, 2.0)[index % 2] for kind, shape in shapes.items()}
+        values["objects"][..., -4:] = (0.1, 0.1, 0.5, 0.5)
+        values["objects"][:, 2:] = 0.0  # no third object
+        save_file({kind: value.astype(np.float16) for kind, value in values.items()}, feature_file(path, index))
     (path / MANIFEST).write_text(json.dumps({"features": {"frames": FRAMES}, "shapes": shapes}))
     return path
 
 
 def features_of(name: str, folder):
     needs = BASELINES[name].needs
-    return FeatureCache(folder, needs) if video_needs(needs) else None
+    return FeatureCache(folder, needs) if needs & set(KINDS) else None
 
 
 def built(name: str, scenes, folder) -> tuple[TrainedBaseline, FeatureCache | None]:
     torch.manual_seed(0)
     kind, features = BASELINES[name], features_of(name, folder)
     vocabulary = Vocabulary.from_questions(scenes)
-    sizes = baseline_sizes(vocabulary, *feature_sizes(features, kind.needs))
-    config = config_of(kind.Config, SMALL[name])
-    return TrainedBaseline(name, config, kind(config, sizes), vocabulary, sizes), features
+    sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
+    return TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary), features
 
 
 def examples_of(baseline: TrainedBaseline, scenes):
-    videos = training_examples(scenes, baseline.vocabulary, "program" in baseline.network.needs)
+    videos = training_examples(scenes, baseline.vocabulary, baseline.network.needs)
     return [example for video in videos for example in video]
 
 
@@ -154,7 +151,7 @@ def test_before_training_the_scores_depend_on_text_and_video_together(name: str,
     kind, rng = BASELINES[name], torch.Generator().manual_seed(0)
     texts, videos, frames, objects, channels = 20, 6, 25, 5, 256
     torch.manual_seed(0)
-    network = kind(config.model_config(), Sizes(80, 21, len(PROGRAM_TOKENS), channels, (4, 6))).eval()
+    network = kind(config.model_config(), Sizes(80, 21, channels, (4, 6))).eval()
     programs = [[PROGRAM_TOKENS.index(w) for w in p.split()] for _, _, p in TEXTS for _ in range(texts // len(TEXTS))]
     batch = Batch(
         torch.randint(2, 80, (texts, 12), generator=rng),
@@ -207,7 +204,8 @@ def test_saved_weights_give_the_same_answers(name: str, scenes, folder, tmp_path
     examples = examples_of(baseline, scenes)
     expected = baseline.probabilities(examples, features)
     assert torch.equal(loaded.probabilities(examples, features), expected)
-    assert (loaded.vocabulary, loaded.sizes, loaded.config) == (baseline.vocabulary, baseline.sizes, baseline.config)
+    assert loaded.vocabulary == baseline.vocabulary
+    assert (loaded.network.sizes, loaded.network.config) == (baseline.network.sizes, baseline.network.config)
 
 
 @pytest.mark.parametrize("name", BASELINES.names())
@@ -227,7 +225,7 @@ def test_a_baseline_runs_where_its_weights_are(name: str, scenes, folder) -> Non
 def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_path, capsys) -> None:
     write_questions(tmp_path / "questions.json", scenes)
     lines = ["system: " + name, f"questions: {tmp_path / 'questions.json'}", f"model: {json.dumps(SMALL[name])}"]
-    if video_needs(BASELINES[name].needs):
+    if BASELINES[name].needs & set(KINDS):
         lines.append(f"features: {folder}")
     config = tmp_path / "training.yaml"
     config.write_text("\n".join(lines))
@@ -305,12 +303,12 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"system": "cnn"}, "system is 'cnn'; expected lstm or"),
+        ({"system": "cnn"}, "system: expected one of lstm,.*, got 'cnn'"),
         ({"model": {"hiden": 3}}, "model: .*hiden"),
-        ({"model": {"hidden": 0}}, "model: hidden is 0"),
+        ({"model": {"hidden": 0}}, "model: hidden: expected a whole number from 2 to 65536, got 0"),
         ({"features": "somewhere"}, "would do nothing"),
         ({"system": "cnn_mlp"}, "needs pooled"),
-        ({"held_out": 1}, "held_out is 1"),
+        ({"held_out": 1}, "held_out: expected a whole number from 2 on, got 1"),
     ],
 )
 def test_trainings_without_effect_or_sense_are_refused(changes, message: str) -> None:
@@ -342,7 +340,7 @@ def test_what_cannot_be_answered_counts_as_wrong_and_says_why(scenes, folder) ->
     errors = [r.get("error", "") for r in report["results"]]
     assert "pyramids" in errors[0]
     assert errors[1:4] == [""] * 3
-    assert all("00099.npy" in error for error in errors[4:])
+    assert all("00099.safetensors" in error for error in errors[4:])
     assert report["errors"] == 5
 
 

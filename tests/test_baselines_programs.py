@@ -8,12 +8,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from nsdr.baselines.assembled import Assembled, AssembledConfig
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.iep import Iep
-from nsdr.baselines.program_graph import INSTRUCTIONS, MALFORMED, Node, program_graph
-from nsdr.baselines.tbd import TbdConfig, TbdNet
-from nsdr.baselines.vocabulary import PAD, PROGRAM_SEPARATOR
+from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR
+from nsdr.baselines.systems.modular import Modular, ModularConfig, TbdConfig
+from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, Node, program_graph
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
 from nsdr.io.reading import read_yaml
@@ -63,12 +61,12 @@ def maps(videos: int) -> Tensor:
     return torch.rand(videos, FRAMES, CHANNELS, *GRID, generator=torch.Generator().manual_seed(1))
 
 
-def network(name: str, **settings: Any) -> Assembled:
+def network(name: str, **settings: Any) -> Modular:
     torch.manual_seed(0)
     kind = BASELINES[name]
     config = kind.Config(**{"width": 8, "frames": 4, "projection": 8, "hidden": 16, **settings})
-    built = kind(config, Sizes(10, ANSWERS, len(PROGRAM_TOKENS), CHANNELS, GRID))
-    assert isinstance(built, Assembled)
+    built = kind(config, Sizes(10, ANSWERS, CHANNELS, GRID))
+    assert isinstance(built, Modular)
     return built.eval()
 
 
@@ -78,7 +76,7 @@ def scores(name: str, *programs: str) -> Tensor:
 
 
 def test_defaults_are_the_papers() -> None:
-    assert AssembledConfig() == AssembledConfig(width=128, frames=25, projection=512, hidden=1024)
+    assert ModularConfig() == ModularConfig(width=128, frames=25, projection=512, hidden=1024)
     assert TbdConfig().dilations == (1, 2, 4, 8, 1)
 
 
@@ -228,36 +226,12 @@ def test_every_instruction_runs_and_learns() -> None:
         assert [n for n, p in model.named_parameters() if p.grad is None] == []
 
 
-def test_masks_can_be_looked_at() -> None:
-    model = network("tbd")
-    assert isinstance(model, TbdNet)
-    count, judged = model.masks(batch([tokens(MOVING_RED), tokens(EXPLANATORY, CHOICE)], [0, 1], maps(2)))
-    assert [m.instruction for m in count] == ["objects", "filter_color red", "start", "get_frame", "filter_moving"]
-    assert [m.instruction for m in judged][:4] == ["objects", "filter_color cyan", "unique", "events"]
-    assert judged[-1].instruction == "filter_ancestor"
-    for text in (count, judged):
-        for step in text:
-            assert step.mask.shape == (4, *GRID)
-            assert not step.mask.requires_grad
-            assert 0 <= step.mask.min() <= step.mask.max() <= 1
-    assert (count[0].mask == 1).all()
-    torch.testing.assert_close(count[3].mask, count[2].mask.amax((1, 2), keepdim=True).expand(4, *GRID))
-    assert torch.equal(judged[2].mask, judged[1].mask)
-
-
 def test_few_frames_are_repeated() -> None:
     with torch.no_grad():
         found = network("iep", frames=9)(batch([tokens(COUNT_RED)], [0], maps(1)))
     assert found.isfinite().all()
 
 
-def test_errors_name_what_is_missing() -> None:
-    texts = batch([tokens(COUNT_RED)], [0], maps(1))
-    with pytest.raises(DataError, match="no program"):
-        network("iep")(texts._replace(program=None))
-    with pytest.raises(DataError, match="no maps"):
-        network("iep")(texts._replace(maps=None))
-    with pytest.raises(DataError, match="program_tokens is 3"):
-        Iep(AssembledConfig(), Sizes(10, ANSWERS, 3, CHANNELS, GRID))
+def test_settings_out_of_range_are_refused() -> None:
     with pytest.raises(DataError, match="dilations"):
         TbdConfig(dilations=(1, 0))

@@ -9,7 +9,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.baselines.blind import FOLDS, tag_blind
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, read_questions, write_questions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, read_questions, write_questions
 from nsdr.cli.main import main
 
 COLLIDE = (

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from nsdr import Answer, DataError, Event, ExecutionError, Scene, SceneObject, minimal_pairs, narrate, verify
+from nsdr.claims.pairs import EDITS
+from nsdr.claims.reading import read_sentence, written
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.symbolic import Executor
-from nsdr.symbolic.claim_reading import read_sentence
-from nsdr.symbolic.minimal_pairs import EDITS
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 N_FRAMES = 30
@@ -235,6 +235,23 @@ def test_what_fails(small_scene: Scene, text: str, reason: str) -> None:
     assert found.failing == found.claims
 
 
+@pytest.mark.parametrize("text", [text for text, _ in (*HOLDS, *FAILS)])
+def test_what_is_read_is_written_and_read_back(small_scene: Scene, text: str) -> None:
+    found = verify(text, small_scene)
+    again = verify(" ".join(written(claim.statement) for claim in found), small_scene)
+    assert [(c.kind, c.holds, c.objects, c.frame) for c in again] == [
+        (c.kind, c.holds, c.objects, c.frame) for c in found
+    ]
+
+
+def test_pairs_of_other_wordings_differ_in_nothing_else(small_scene: Scene) -> None:
+    pairs = minimal_pairs("- So the cube then hits the blue ball at frame 20, and the ball exits!", small_scene)
+    assert {(pair.text, pair.kind) for pair in pairs} == {
+        ("- Frame 20: the cube and the blue ball collide. The ball exits.", kind)
+        for kind in ("attribute", "event", "frame")
+    }
+
+
 UNREAD = [
     "The red sphere enters at frame 3 before frame 40.",
     "The collision of the red cube and the blue sphere at frame 90 happens at frame 20.",
@@ -346,9 +363,9 @@ def test_the_tolerance_is_an_argument(small_scene: Scene) -> None:
 
 
 def test_a_sentence_of_several_worlds_is_not_read() -> None:
-    assert read_sentence("The cube exits and the cube hits the sphere without the cylinder") == ()
-    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the cone")) == 0
-    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the ball")) == 2
+    assert read_sentence("The cube exits and the cube hits the sphere without the cylinder", 127) == ()
+    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the cone", 127)) == 0
+    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the ball", 127)) == 2
 
 
 def test_minimal_pairs_of_each_kind(small_scene: Scene) -> None:

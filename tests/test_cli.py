@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from nsdr import Doubt, Scene, load, save
+from nsdr import Scene, UncertainCollision, load, save
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
 
@@ -33,7 +33,7 @@ def test_answer_from_a_saved_npz(capsys, tmp_path) -> None:
 def test_answers_come_with_their_probabilities(capsys, tmp_path) -> None:
     scene = load(Scene, TRUTH)
     hit = next(e for e in scene.events if e.kind == "collision")
-    save(replace(scene, doubts=(Doubt(hit, 0.75),)), tmp_path / "scene.json")
+    save(replace(scene, uncertain=(UncertainCollision(hit, 0.75),)), tmp_path / "scene.json")
     assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[1] == "4 (75 %)\n"
     question = ("-q", "What will happen next?", "-c", "The brown cylinder collides with the brown metal sphere")
     assert run(capsys, "answer", tmp_path / "scene.json", *question)[1].startswith("correct (>99 %) The brown")
@@ -125,6 +125,16 @@ def test_errors_that_need_no_weights_come_before_torch(arguments) -> None:
         [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr[:7]) == (2, "error: "), done.stderr
+
+
+def test_a_question_is_parsed_without_heavy_libraries() -> None:
+    code = (
+        "import sys; from nsdr.cli.main import main; main(['parse-question', 'How many collisions happen?']); "
+        "sys.exit(str({'torch', 'cv2', 'numba', 'scipy', 'loky'} & set(sys.modules) or ''))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "events objects filter_collision count\n"
+    assert not done.stderr.strip()
 
 
 @pytest.mark.parametrize(

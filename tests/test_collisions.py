@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from nsdr import SceneObject, VideoTracks
-from nsdr.dynamics.collisions.detector import TrackCollisionDetector
+from nsdr.dynamics.collisions import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import MotionArrays, arrays_from_states, near_pairs, network_inputs
 from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
@@ -16,7 +16,7 @@ from nsdr.dynamics.registry import load_backend
 from nsdr.errors import CheckpointError, DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.training import collisions as training
-from nsdr.world.camera import on_ground, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
 SMALL = CollisionNetworkConfig(width=8)
 
@@ -28,7 +28,7 @@ def states(n_frames: int = 60, objects: int = 3) -> MotionStates:
     location[1] = (0.0, 0.5)
     location[2:] = (0.0, -3.0)
     seen = np.ones((objects, n_frames), bool)
-    box = np.concatenate([pixels_from_world(on_ground(location)), np.full((objects, n_frames, 2), 40.0)], -1)
+    box = np.concatenate([CLEVRER_CAMERA.pixels(on_ground(location)), np.full((objects, n_frames, 2), 40.0)], -1)
     kinds = [SceneObject(i, "red", "metal", ("sphere", "cube", "cylinder")[i % 3]) for i in range(objects)]
     return MotionStates(tuple(kinds), location, seen, seen, seen, box)
 

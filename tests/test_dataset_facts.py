@@ -5,13 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.dataset_facts import facts_page
 from nsdr import DataError
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
-from nsdr.generate.facts import facts_page
-from nsdr.generate.questions.statistics import RELEASED_QUESTIONS
-from nsdr.generate.statistics import TITLES, released_statistics
+from nsdr.generate.statistics import RELEASED_QUESTIONS, TITLES, released_statistics
 
 
 def test_the_page_of_facts_has_released_and_generated_numbers_side_by_side(tmp_path) -> None:

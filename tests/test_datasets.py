@@ -14,12 +14,11 @@ from nsdr.clevrer import scene_from_annotation
 from nsdr.datasets import NEAREST, STATE, VideoDataset, _resized
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.generate.render.flow import optical_flow
-from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import write_json
-from nsdr.world.camera import Camera, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 
 SUITES = sorted((Path(__file__).parent.parent / "configs" / "generate" / "suites").glob("*.yaml"))
 
@@ -96,7 +95,7 @@ def test_flow_follows_the_surface() -> None:
     ]
     flow, ids = optical_flow(now, following, camera), instance_ids(now, camera)
     assert (flow[ids < 0] == 0).all()
-    shift = pixels_from_world([0.6, 0.2, 0.2]) - pixels_from_world([0.5, 0.3, 0.2])
+    shift = CLEVRER_CAMERA.pixels([0.6, 0.2, 0.2]) - CLEVRER_CAMERA.pixels([0.5, 0.3, 0.2])
     assert flow[ids == 0].mean(0) == pytest.approx(shift, rel=0.1)
     rows, columns = np.nonzero(ids == 1)
     landed = np.stack([rows, columns], 1) + np.rint(flow[rows, columns][:, ::-1]).astype(int)
@@ -177,7 +176,7 @@ def test_more_objects_than_rows_are_refused(root) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(seed="x"), "truth_00000.json: truth.seed: expected"),
+        (lambda d: d.update(seed="x"), "truth_00000.json: seed: expected"),
         (lambda d: d["objects"][1].update(mass=-1.0), r"objects\[1\].mass"),
         (
             lambda d: d["frames"][2]["objects"][0].pop("orientation"),
@@ -200,7 +199,7 @@ def test_damaged_manifests_are_named(root, tmp_path) -> None:
     manifest = json.loads((root / "manifest.json").read_text())
     manifest["config"]["render"]["width"] = "x"
     write_json(tmp_path / "manifest.json", manifest)
-    with pytest.raises(DataError, match=r"manifest\.json: config\.render: width is 'x'"):
+    with pytest.raises(DataError, match=r"manifest\.json: config\.render: .*width.*x"):
         VideoDataset(tmp_path, "train")
 
 

@@ -10,7 +10,7 @@ import torch
 from accelerate.utils import send_to_device
 
 from nsdr.clevrer.example import VIDEO
-from nsdr.clevrer.proposals import read_compact_proposals
+from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.cli.main import main
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
@@ -20,14 +20,14 @@ from nsdr.errors import DataError
 from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.training import loop
+from nsdr.training.dynamics import StateModelTask
 from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
 from nsdr.training.loop import LoopConfig, Task
 from nsdr.training.patch_dynamics import PatchModelTask
 from nsdr.training.question_parser_task import QuestionParserTask, QuestionParserTraining
-from nsdr.training.state_dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
 from tests.conftest import draw_frame
 from tests.second_device import second_device
@@ -78,7 +78,6 @@ def step(task: Task, device: Any) -> tuple[dict[str, float], dict[str, float]]:
     torch.stack(list(means.values())).sum().backward()
     optimizer.step()
     metrics = task.evaluate(task.model)
-    task.images(task.model)
     return {name: mean.item() for name, mean in means.items()}, metrics
 
 
@@ -153,14 +152,14 @@ def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, t
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ({"steps": 0}, "steps is 0; expected 1 or more"),
-        ({"batch_size": -1}, "batch_size is -1"),
-        ({"save_every": 0}, "save_every is 0"),
-        ({"learning_rate": float("nan")}, "learning_rate is nan"),
-        ({"ema": 1.0}, "ema is 1.0"),
-        ({"optimizer": "odd"}, "optimizer is 'odd'; expected adam or sgd"),
-        ({"schedule": "odd"}, "schedule is 'odd'"),
-        ({"precision": "int3"}, "precision is 'int3'"),
+        ({"steps": 0}, "steps: expected .* from 1 on, got 0"),
+        ({"batch_size": -1}, "batch_size: expected .* from 1 on, got -1"),
+        ({"save_every": 0}, "save_every: expected .* from 1 on, got 0"),
+        ({"learning_rate": float("nan")}, "learning_rate: expected a number above 0, got nan"),
+        ({"ema": 1.0}, "ema: expected a number from 0, below 1, got 1.0"),
+        ({"optimizer": "odd"}, "optimizer: expected one of adam, .*sgd.*, got 'odd'"),
+        ({"schedule": "odd"}, "schedule: expected one of constant, cosine, step, got 'odd'"),
+        ({"precision": "int3"}, "precision: expected one of .*, got 'int3'"),
     ],
 )
 def test_settings_of_the_loop_are_checked(option, message) -> None:
@@ -170,15 +169,17 @@ def test_settings_of_the_loop_are_checked(option, message) -> None:
 
 def test_bfloat16_is_refused_on_processors_without_it(monkeypatch) -> None:
     monkeypatch.setattr(loop, "has_bfloat16", lambda: False)
-    with pytest.raises(DataError, match=r"precision is 'bf16', which this processor lacks .* expected no or auto"):
-        loop._accelerator(LoopConfig(precision="bf16", device="cpu"))
+    with pytest.raises(
+        DataError, match=r"precision is 'bfloat16', which this processor lacks .* expected float32 or auto"
+    ):
+        loop._accelerator(LoopConfig(precision="bfloat16", device="cpu"))
 
 
 @pytest.mark.parametrize(
     "command",
     [
         ["answer", str(VIDEO), "-q", "How many collisions happen?"],
-        ["parse-question", "How many collisions happen?"],
+        ["parse-question", "Cube how many sphere?"],
         ["parse-video", str(VIDEO), "-o", "scene.json"],
         ["parse-videos", str(VIDEO.parent), "-o", "scenes"],
         ["predict-dynamics", "PROPOSALS", "-o", "predictions"],

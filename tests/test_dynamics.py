@@ -5,20 +5,19 @@ import pytest
 import torch
 
 from nsdr import DataError, Event, StatePredictor
-from nsdr.clevrer.truth_blocks import read_truth
-from nsdr.dynamics.image_borders import frames_in_image
+from nsdr.clevrer.files.annotations import read_truth
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.dynamics.track_smoothing import smooth_tracks
+from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject, Track, VideoTracks
-from nsdr.world.camera import ground_from_pixels, on_ground, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.timeline import horizon_frame
 
@@ -127,9 +126,6 @@ class _Script(StateModel):
     def observe(self, window, reliable, static, exists):
         middle = window[:, :, self.config.side_steps]
         return 50 * (0.4 - torch.cdist(middle, middle))
-
-    def folded(self):
-        return self
 
 
 def test_removal_changes_only_what_depends_on_the_removed_object() -> None:
@@ -275,7 +271,7 @@ def test_objects_enter_and_exit_with_the_first_and_last_bit_of_their_outline(sha
 
 
 def test_an_object_whose_box_shrinks_at_the_border_leaves_although_the_fit_rests() -> None:
-    location = np.tile(ground_from_pixels([5.0, 150.0]), (60, 1))
+    location = np.tile(CLEVRER_CAMERA.ground([5.0, 150.0]), (60, 1))
     detected = np.arange(60) < 40
     box = np.tile([0.0, 130.0, 20.0, 170.0], (60, 1))
     box[30:40, 2] = np.arange(12, 2, -1)
@@ -299,8 +295,8 @@ def test_masks_that_are_cut_at_the_top_do_not_delay_an_entrance() -> None:
 
 
 def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: StatePredictor) -> None:
-    (x, y) = ground_from_pixels([471.0, 150.0])
-    u, v = pixels_from_world([x, y, 0.2])
+    (x, y) = CLEVRER_CAMERA.ground([471.0, 150.0])
+    u, v = CLEVRER_CAMERA.pixels([x, y, 0.2])
     box = np.tile([int(u) - 17, int(v) - 17, 480, int(v) + 17], (128, 1))
     centroid = np.tile([475.0, 150.0], (128, 1))
     o = SceneObject(0, "red", "metal", "sphere")

@@ -11,11 +11,10 @@ import pytest
 from pycocotools import mask as rle
 
 from nsdr import DataError
-from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.compact_files import write_compact_files
-from nsdr.clevrer.proposals import read_compact_proposals, read_proposals
-from nsdr.clevrer.scenes import scene_from_ground_truth
-from nsdr.clevrer.truth_blocks import read_truth, truth_block
+from nsdr.clevrer.files.annotations import read_truth, truth_block, write_annotation
+from nsdr.clevrer.files.proposals import read_compact_proposals, read_proposals
+from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.cli.main import main
 from nsdr.dynamics.propnet import data as motion_data
 from nsdr.dynamics.propnet.data import read_motion_dataset
@@ -23,9 +22,9 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
-from nsdr.training.state_dynamics import StateModelTask
+from nsdr.training.dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
-from nsdr.world.camera import pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA
 
 OBJECTS = [
     {"id": 0, "color": "red", "material": "metal", "shape": "sphere"},
@@ -47,7 +46,7 @@ def proposal_file(path: Path, index: int, ground_truth: bool) -> None:
     for frame in range(128):
         rows = []
         for o, location in zip(OBJECTS, locations(frame), strict=True):
-            u, v = (int(x) for x in pixels_from_world([*location, 0.2]))
+            u, v = (int(x) for x in CLEVRER_CAMERA.pixels([*location, 0.2]))
             mask = np.zeros((320, 480), np.uint8, order="F")
             mask[max(v - 18, 0) : v + 18, max(u - 18, 0) : u + 18] = 1
             words = {name: o[name] for name in ("color", "material", "shape")}
@@ -174,9 +173,9 @@ def test_conversion_errors_name_the_file(official, tmp_path, capsys) -> None:
     ):
         write_compact_files(root, tmp_path / "motion", workers=1)
     assert main(["data", "motion", str(root)]) == 2
-    assert "nsdr data motion: --output is missing" in capsys.readouterr().err
+    assert "nsdr data motion: the following arguments are required: output" in capsys.readouterr().err
     assert main(["data", "verify", str(root), "--split", "train"]) == 2
-    assert "nsdr data verify: --split does nothing here" in capsys.readouterr().err
+    assert "unrecognized arguments: --split train" in capsys.readouterr().err
 
 
 def renumbered(tiny_motion: tuple[Path, Path], numbers: list[int]) -> tuple[Path, Path]:

@@ -10,7 +10,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.clevrer.example import QUESTIONS, TRUTH
-from nsdr.clevrer.questions import read_questions, write_questions
+from nsdr.clevrer.files.questions import read_questions, write_questions
 from nsdr.evaluation.experiments import read_experiment, run_experiment
 
 TEXT = """

@@ -12,16 +12,23 @@ import yaml
 
 from nsdr import DataError, Scene, load, verify
 from nsdr.clevrer import example
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.prompts import prompt, solution
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions, read_questions, without_answers, write_questions
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.answers.prompts import prompt, solution
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import (
+    Choice,
+    Question,
+    SceneQuestions,
+    read_questions,
+    without_answers,
+    write_questions,
+)
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
 from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
 from nsdr.generate.export import EXPORTERS, Export, ExportConfig, Exporter, export_dataset, scene_records
 from nsdr.generate.export.base import write_json_lines
-from nsdr.generate.export.reasoning import reasoner
+from nsdr.generate.export.records import reasoner
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
 from nsdr.rewards import trace_verified

@@ -9,33 +9,31 @@ import numpy as np
 import pytest
 
 from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
+from nsdr.claims.narration import narrate
+from nsdr.claims.verification import verify
+from nsdr.clevrer.answers.prompts import prompt
+from nsdr.clevrer.answers.responses import read_response
 from nsdr.clevrer.example import VIDEO
-from nsdr.clevrer.prompts import prompt
-from nsdr.clevrer.questions import Choice, read_questions
-from nsdr.clevrer.responses import read_response
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.questions import Choice, read_questions
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
-from nsdr.dynamics.motion_states import MeasurementConfig
 from nsdr.dynamics.physics import PhysicsPredictor
-from nsdr.dynamics.physics.mass_uncertainty import log_mass_covariance
-from nsdr.dynamics.physics.trajectory_fit import TrajectoryFitConfig, _Problem, fit_trajectories
+from nsdr.dynamics.physics.solver import log_mass_covariance
+from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
-from nsdr.generate.questions.extensions import EXTENSION_KINDS, changed_questions
+from nsdr.generate.questions.candidates import EXTENSION_KINDS, changed_questions
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
 from nsdr.generate.records import annotation_document, truth_document
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.language import extension_templates as templates
-from nsdr.language.templates import described, every
+from nsdr.language.texts import clevrer, described
 from nsdr.pipeline import Perception, Pipeline
-from nsdr.question_parser.beyond import extension_readings
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.grammar import extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace
-from nsdr.symbolic.narration import narrate
-from nsdr.symbolic.verify import verify
 from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera
@@ -198,7 +196,7 @@ def test_physics_is_saved_and_old_scenes_load(known: Scene, small_scene: Scene, 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"velocity_world_per_s": np.zeros((4, 128, 3))}, "expected shape"),
+        ({"velocity_world_per_s": np.zeros((4, 128, 3))}, "expected the shape"),
         ({"velocity_error_world_per_s": -1.0}, "expected a number from 0 on"),
         ({"log_mass": None}, "expected log_mass and log_mass_covariance, or neither"),
         ({"log_mass_covariance": -np.eye(4)}, "expected variances"),
@@ -231,7 +229,7 @@ def test_physics_fits_its_scene(known: Scene) -> None:
     ],
 )
 def test_rules_read_other_wordings(text: str, program: str) -> None:
-    assert extension_readings(text, "descriptive") == (tuple(program.split()),)
+    assert extension_readings(text, "descriptive") == [program.split()]
 
 
 @pytest.mark.parametrize(
@@ -247,7 +245,7 @@ def test_rules_read_what_ifs(text: str, negated: str) -> None:
     program = (
         f"all_events objects blue filter_color sphere filter_shape unique twice_as_heavy get_changed belong_to{negated}"
     )
-    assert extension_readings(text, "multiple_choice") == (tuple(program.split()),)
+    assert extension_readings(text, "multiple_choice") == [program.split()]
 
 
 @pytest.mark.parametrize(
@@ -263,32 +261,30 @@ def test_rules_read_what_ifs(text: str, negated: str) -> None:
     ],
 )
 def test_what_no_module_says_has_no_reading(text: str) -> None:
-    assert extension_readings(text, "descriptive") == ()
+    assert extension_readings(text, "descriptive") == []
 
 
 class _Any:
     """Every description of two objects."""
 
-    def one(self, choose) -> tuple[str, ...]:
+    def words(self, choose, use: str, without: str) -> tuple[str, ...]:
+        assert (use, without) == ("one", "")
         return choose.pick([("red", "cube"), ("metal", "sphere")])
-
-    def some(self, choose, use: str, without: str) -> tuple[str, ...]:
-        raise AssertionError
 
 
 @pytest.mark.parametrize("name", [*EXTENSION_KINDS, "changed"])
 def test_rules_read_every_template(name: str) -> None:
     kind = "multiple_choice" if name == "changed" else "descriptive"
     for seed in range(3):
-        for text, program in every(getattr(templates, name), _Any(), random.Random(seed)):
-            assert extension_readings(text, kind) == (tuple(program),), text
+        for text, program in clevrer().every(name.upper(), _Any(), random.Random(seed)):
+            assert extension_readings(text, kind) == [program], text
     assert described(["red"])[0] == "red object"
 
 
 @pytest.fixture(scope="module")
-def parsers() -> tuple[QuestionParser, QuestionParser]:
+def parsers() -> tuple[AutoParser, AutoParser]:
     folder = find_checkpoint("default")
-    return QuestionParser.from_checkpoint(folder), QuestionParser.from_checkpoint(folder, extensions=True)
+    return AutoParser.from_checkpoint(folder), AutoParser.from_checkpoint(folder, extensions=True)
 
 
 def test_extensions_are_off_by_default(parsers) -> None:
@@ -311,7 +307,7 @@ def test_extensions_leave_clevrers_texts_and_refusals_as_they_are(parsers) -> No
         "",
     ]
     for kind in ("descriptive", "multiple_choice", "choice"):
-        for a, b in zip(default.parse_each(texts, kind), extended.parse_each(texts, kind), strict=True):
+        for a, b in zip(default.parse_batch(texts, kind), extended.parse_batch(texts, kind), strict=True):
             assert str(a) == str(b)
 
 
@@ -376,7 +372,7 @@ def test_the_fit_knows_how_well_it_knows_masses() -> None:
     states, collision = measured(PAIRS["spheres"])
     met, unmet = fit_trajectories(states, [collision]), fit_trajectories(states, [])
     np.testing.assert_allclose(unmet.log_mass_covariance, LOG_MASS_STD**2 * np.eye(2))
-    problem = _Problem(states, [collision], TrajectoryFitConfig(), MeasurementConfig()).problem
+    problem = _Problem(states, [collision]).problem
     failed = log_mass_covariance(problem, [("log_mass", 0, 0)], np.eye(1), 1.01)
     np.testing.assert_allclose(failed, LOG_MASS_STD**2 * np.eye(2))
     c = met.log_mass_covariance
@@ -432,7 +428,7 @@ def test_generated_questions_agree_with_their_programs(truths) -> None:
             assert Executor(scene).answer(q.program).answer == q.answer
             example = prompt(q).partition("<answer>")[2].partition("<")[0]
             assert len(example.split()) == len(q.answer.split()) or q.subtype == "direction"
-            assert extension_readings(q.text, "descriptive") == (q.program,)
+            assert extension_readings(q.text, "descriptive") == [list(q.program)]
             *claims, answer = narrate(Executor(scene).answer(q.program), scene).splitlines()
             assert answer == f"<answer>{q.answer}</answer>"
             assert all(len(verify(claim, scene).claims) >= 1 for claim in claims)
@@ -444,7 +440,7 @@ def test_what_if_questions_are_simulated_by_bullet(truths) -> None:
     found = next(changed_questions(scene, worlds, random.Random(0), 1))
     executor = Executor(scene, simulate=worlds)
     assert all(executor.run([*o.program, *found.program]) is o.correct for o in found.options)
-    candidates = find_candidates((0, "v", scene, worlds), 0, True, 1)
+    candidates = find_candidates((0, "v", scene, worlds), QuestionConfig(extensions=True, changed_per_video=1))
     (questions,) = select_questions([candidates], QuestionConfig(extensions=True, changed_per_video=1))
     assert all(isinstance(c, Choice) for q in questions.questions for c in q.choices)
 

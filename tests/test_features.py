@@ -8,13 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import save_file
 from torchvision import models
 
 from nsdr import DataError
-from nsdr.baselines import extraction
-from nsdr.baselines.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
-from nsdr.baselines.extraction import FeatureExtraction, FeatureExtractor, extract_features, region_features, spaced
-from nsdr.baselines.features import FeatureCache, FeatureConfig, feature_file
+from nsdr.baselines.features import extraction
+from nsdr.baselines.features.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
+from nsdr.baselines.features.extraction import (
+    FeatureExtraction,
+    FeatureExtractor,
+    extract_features,
+    region_features,
+    spaced,
+)
+from nsdr.baselines.features.files import FeatureCache, FeatureConfig, feature_file
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
@@ -25,9 +32,15 @@ from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.video import write_video
 from nsdr.training import backbone
-from nsdr.training.backbone import BackboneTask, BackboneTraining, frame_targets
-from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_videos, seen_objects
+from nsdr.training.backbone import (
+    BackboneTask,
+    BackboneTraining,
+    Frame,
+    decode_videos,
+    frame_targets,
+)
 from nsdr.types import VideoProposals
+from nsdr.world.vocabulary import ATTRIBUTES
 
 from .conftest import draw_frame
 from .second_device import second_device
@@ -72,7 +85,8 @@ def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, c
     arguments = ["extract-features", "--config", str(settings), "--root", str(videos), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--workers", "1"]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'out'}: features of 2 videos\n"
-    cache = FeatureCache(tmp_path / "out", config=config)
+    cache = FeatureCache(tmp_path / "out")
+    cache.check(config)
     made = FeatureExtractor(config, "cpu")(extraction.frames_of(videos / "video_00012.mp4"))
     found = cache.get(12, {"pooled", "maps", "program"})
     assert {name: value.shape for name, value in found.items()} == {"pooled": (3, 512), "maps": (3, 256, 1, 3)}
@@ -80,7 +94,7 @@ def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, c
         assert value.dtype == np.float32
         np.testing.assert_array_equal(value, made[name].astype(np.float32))
     assert np.abs(found["maps"][0] - found["maps"][-1]).max() > 0
-    assert cache.grid == (1, 3)
+    assert FeatureCache(tmp_path / "out", {"maps"}).grid == (1, 3)
 
 
 def test_a_folder_has_features_of_one_precision(videos, config, tmp_path, monkeypatch) -> None:
@@ -88,7 +102,7 @@ def test_a_folder_has_features_of_one_precision(videos, config, tmp_path, monkey
     run = FeatureExtraction(str(videos), str(tmp_path / "out"), features=auto, workers=1)
     monkeypatch.setattr(extraction, "resolve_precision", lambda *_: torch.float32)
     extract_features(run)
-    cache = FeatureCache(tmp_path / "out", config=auto)
+    cache = FeatureCache(tmp_path / "out")
     assert cache.manifest["features"]["precision"] == "float32"
     monkeypatch.setattr(extraction, "resolve_precision", lambda *_: torch.bfloat16)  # as on another machine
     assert extract_features(run) == 2
@@ -102,8 +116,8 @@ def test_channels_are_those_of_what_is_read(videos, config, tmp_path) -> None:
     assert FeatureCache(tmp_path / "out", {"pooled"}).channels == 512
     assert FeatureCache(tmp_path / "out", {"maps", "program"}).channels == 256
     assert FeatureCache(tmp_path / "out", set()).channels == 0
-    with pytest.raises(DataError, match="as many channels of each kind, got pooled 512, maps 256"):
-        _ = FeatureCache(tmp_path / "out").channels
+    with pytest.raises(DataError, match=r"as many channels of each kind, got {'pooled': 512, 'maps': 256}"):
+        FeatureCache(tmp_path / "out", {"pooled", "maps"})
     with pytest.raises(DataError, match="has pooled, maps and no objects"):
         FeatureCache(tmp_path / "out", {"objects"})
 
@@ -122,9 +136,11 @@ def test_a_killed_extraction_goes_on_where_it_stopped(videos, config, tmp_path, 
     monkeypatch.setattr(extraction, "frames_of", killed)
     with pytest.raises(KeyboardInterrupt):
         extract_features(run)
-    missing = {3, 12} - {int(p.stem) for p in (tmp_path / "out" / "maps").glob("*.npy")}
+    missing = {3, 12} - {int(p.stem) for p in (tmp_path / "out").glob("*.safetensors")}
     assert len(missing) == 1
-    with pytest.raises(DataError, match=f"{missing.copy().pop():05d}.npy: no such file; run `nsdr extract-features`"):
+    with pytest.raises(
+        DataError, match=f"{missing.copy().pop():05d}.safetensors: no such file; run `nsdr extract-features`"
+    ):
         FeatureCache(tmp_path / "out").get(missing.pop(), {"maps"})
     assert extract_features(run) == 2
     assert len(looked) == 3  # the first video was not looked at again
@@ -148,12 +164,12 @@ def test_features_of_other_settings_are_refused(videos, config, weights, tmp_pat
     with pytest.raises(DataError, match=message):
         extract_features(FeatureExtraction(str(videos), out, features=other, workers=1))
     with pytest.raises(DataError, match=message):
-        FeatureCache(out, config=other)
-    FeatureCache(out, config=replace(config, min_score=0.5))  # of objects, which there are none of
+        FeatureCache(out).check(other)
+    FeatureCache(out).check(replace(config, max_objects=3))  # of objects, which there are none of
     state = {name: value + 1 for name, value in FrameClassifier(BackboneConfig()).state_dict().items()}
     save_checkpoint(tmp_path / "trained", "backbone", state, BackboneConfig(), {})
     with pytest.raises(DataError, match=r"other settings \(weights \w+ in place of \w+\)"):
-        FeatureCache(out, config=replace(config, weights=str(tmp_path / "trained")))
+        FeatureCache(out).check(replace(config, weights=str(tmp_path / "trained")))
 
 
 def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
@@ -161,22 +177,23 @@ def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
     with pytest.raises(DataError, match="holds no features; `nsdr extract-features --root DATA"):
         FeatureCache(out)
     extract_features(FeatureExtraction(str(videos), str(out), features=config, workers=1))
-    path = feature_file(out, "maps", 3)
+    path = feature_file(out, 3)
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(DataError, match=r"00003.npy: damaged .* delete it"):
+    with pytest.raises(DataError, match=r"00003.safetensors: damaged .* delete it"):
         FeatureCache(out).get(3, {"maps"})
-    for kind in config.kinds:  # what the message says helps for every kind
-        feature_file(out, kind, 3).unlink()
-        extract_features(FeatureExtraction(str(videos), str(out), features=config, workers=1))
-        assert FeatureCache(out).get(3, {kind})[kind].shape == config.shape(kind)
-    np.save(path, np.zeros((3, 256, 2, 2), np.float16))
-    with pytest.raises(DataError, match=r"expected \(3, 256, 1, 3\) of float16, got \(3, 256, 2, 2\)"):
+    path.unlink()
+    extract_features(
+        FeatureExtraction(str(videos), str(out), features=config, workers=1)
+    )  # what the message says helps
+    assert FeatureCache(out).get(3, {"maps"})["maps"].shape == config.shape("maps")
+    save_file({"maps": np.zeros((3, 256, 2, 2), np.float16)}, path)
+    with pytest.raises(DataError, match=r"maps: expected \(3, 256, 1, 3\), got \(3, 256, 2, 2\)"):
         FeatureCache(out).get(3, {"maps"})
     (out / "features.json").write_text("[1]")
     with pytest.raises(DataError, match="not the manifest of a folder of features"):
         FeatureCache(out)
     with pytest.raises(DataError, match=r"holds no video_N.mp4"):
-        extract_features(FeatureExtraction(str(out / "maps"), str(tmp_path / "more"), features=config))
+        extract_features(FeatureExtraction(str(out), str(tmp_path / "more"), features=config))
 
 
 def test_the_grid_has_the_means_of_the_maps(config) -> None:
@@ -198,22 +215,12 @@ def proposals(rows: list[tuple[int, float, tuple[int, int, int, int]]], n_frames
     )  # fmt: skip
 
 
-def test_objects_are_the_best_proposals_of_each_frame(config) -> None:
-    c = replace(config, kinds=("objects",), regions="proposals", max_objects=2)
-    extract = FeatureExtractor(c, "cpu")
+def test_objects_are_the_best_of_each_frame() -> None:
     boxes = [(0, 0.95, (0, 0, 240, 160)), (0, 0.99, (240, 0, 480, 160)), (0, 0.92, (0, 160, 480, 320))]
-    found = proposals([*boxes, (7, 0.9, (0, 0, 20, 20))], 8)  # a score of 0.9 is not above it
-    (objects,) = extract(moving(0.0), found).values()
-    assert objects.shape == (3, 2, 260)
-    np.testing.assert_allclose(objects[0, :, -4:], [[0.5, 0, 1, 0.5], [0, 0, 0.5, 0.5]])
-    assert not objects[1:].any()
-    assert np.abs(objects[0, 0, :-4] - objects[0, 1, :-4]).max() > 0
-    with pytest.raises(DataError, match="expected proposals of 8 frames, got those of 9"):
-        extract(moving(0.0), proposals(boxes, 9))
-    with pytest.raises(DataError, match="expected proposals of 8 frames, got none"):
-        extract(moving(0.0))
-    with pytest.raises(DataError, match="the proposals leave out frame 4; make them with a stride of 1"):
-        extract(moving(0.0), proposals(boxes, 8, processed=np.array([0, 7])))
+    found = proposals([*boxes, (2, 0.9, (0, 0, 20, 20))], 3)  # a score of 0.9 is not above it
+    first, *others = extraction.best_boxes(found, 2)
+    np.testing.assert_allclose(first, [[0.5, 0, 1, 0.5], [0, 0, 0.5, 0.5]])
+    assert [box.shape for box in others] == [(0, 4), (0, 4)]
 
 
 def test_the_frame_parser_finds_the_objects(config, tmp_path) -> None:
@@ -249,27 +256,15 @@ def test_frames_are_evenly_spaced() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"backbone": "vgg"}, "backbone is 'vgg'; expected resnet18"),
+        ({"backbone": "vgg"}, "backbone: expected one of resnet18,.*, got 'vgg'"),
         ({"kinds": ("maps", "maps")}, "each once"),
         ({"kinds": ()}, "one or more of pooled, maps, objects"),
-        ({"regions": "guessed"}, "regions is 'guessed'; expected frame_parser or proposals"),
-        ({"min_score": 2.0}, "min_score is 2.0; expected 0 to 1"),
-        ({"frames": 0}, "frames is 0"),
+        ({"frames": 0}, "frames: expected a whole number from 1 to 65536, got 0"),
     ],
 )
 def test_settings_out_of_range_are_refused(values, message) -> None:
     with pytest.raises(DataError, match=message):
         FeatureConfig(**values)
-
-
-def test_proposals_are_given_where_they_are_used(videos, config, tmp_path) -> None:
-    with pytest.raises(DataError, match="proposals is 'p'; expected none unless regions is proposals"):
-        FeatureExtraction(str(videos), "out", "p", config)
-    c = replace(config, kinds=("objects",), regions="proposals")
-    with pytest.raises(DataError, match="proposals is ''; expected a folder of proposals"):
-        FeatureExtraction(str(videos), "out", features=c)
-    with pytest.raises(DataError, match=r"has no proposal_00003.json"):
-        extract_features(FeatureExtraction(str(videos), str(tmp_path / "out"), str(tmp_path), c))
 
 
 def test_weights_that_cannot_be_had_are_named(weights, monkeypatch) -> None:
@@ -292,42 +287,43 @@ def test_images_are_scaled_and_normalised() -> None:
 
 
 def test_targets_say_where_objects_are_and_how_they_look() -> None:
-    far, near = SeenObject(0.9, 0.1, (1, 0, 2)), SeenObject(0.95, 0.2, (7, 1, 0))
-    targets = frame_targets([far, near, SeenObject(0.1, 0.9, (1, 0, 2))], (2, 3))
-    assert targets["centre"].tolist() == [[False, False, True], [True, False, False]]
-    assert targets["attributes"][:, 0, 2].tolist() == [7, 1, 0]
-    assert targets["attributes"][:, 1, 0].tolist() == [1, 0, 2]
-    assert torch.where(targets["present"])[0].tolist() == [1, 7, 8, 9, 10, 12]
-    assert targets["number"] == 3
+    """The camera projects objects 0 and 1 to the middle of the image; 2 and 3 are not in it."""
 
-
-def test_objects_are_seen_where_the_camera_projects_them() -> None:
     def row(number: int, location: list[float], inside: bool = True) -> dict:
         return {"object_id": number, "location": location, "inside_camera_view": inside}
 
-    words = {"color": "gray", "material": "metal", "shape": "cylinder"}
-    rows = [row(0, [1.0, 0, 0.2]), row(1, [0, 0, 0]), row(2, [0, 0.5, 0.2], False), row(3, [0, 9.0, 0.2])]
-    annotation = {
-        "object_property": [{"object_id": i, **words} for i in range(4)],
-        "motion_trajectory": [{"objects": rows}],
-    }
-    far, near = seen_objects(annotation, 0)
-    assert (far.column, far.row) == pytest.approx((0.5, 0.5))
-    assert far.words == (0, 0, 2)
-    assert near.row > 0.6
+    words = [("gray", "metal", "cylinder"), ("blue", "metal", "cube"), *[("red", "rubber", "sphere")] * 2]
+    names = [dict(zip(ATTRIBUTES, w, strict=True)) | {"object_id": i} for i, w in enumerate(words)]
+    rows = [row(0, [0, 0, 0]), row(1, [0.1, 0, 0]), row(2, [0, 0.5, 0.2], False), row(3, [0, 9.0, 0.2])]
+    for objects in (rows, rows[::-1]):
+        annotation = {"object_property": names, "motion_trajectory": [{"objects": objects}]}
+        targets = frame_targets(annotation, 0, (5, 3))
+        assert torch.argwhere(targets["centre"]).tolist() == [[2, 1]]
+        assert targets["attributes"][:, 2, 1].tolist() == [2, 0, 0]  # the nearest one's
+        assert torch.where(targets["present"])[0].tolist() == [0, 2, 8, 10, 12]
+        assert targets["number"] == 2
 
 
-def drawn_video(index: int) -> DecodedVideo:
+def drawn_frames() -> list[Frame]:
     """Two frames of 32x48 px, with one red metal sphere left, then two further objects."""
     images = np.full((2, 32, 48, 3), 128, np.uint8)
     images[:, 4:12, 4:12] = (173, 35, 35)
     images[1, 20:28, 36:44] = (42, 75, 215)
-    first, second = SeenObject(0.17, 0.25, (1, 0, 1)), SeenObject(0.83, 0.75, (2, 1, 0))
-    return DecodedVideo(index, images, ((first,), (first, second)))
+    targets = []
+    for objects in ([(0, 0, 1, 0, 1)], [(0, 0, 1, 0, 1), (1, 2, 2, 1, 0)]):
+        centre, attributes = torch.zeros(2, 3, dtype=torch.bool), torch.zeros(3, 2, 3, dtype=torch.int64)
+        present = torch.zeros(13, dtype=torch.bool)
+        for y, x, color, material, shape in objects:
+            centre[y, x] = True
+            attributes[:, y, x] = torch.tensor([color, material, shape])
+            present[[color, 8 + material, 10 + shape]] = True
+        number = torch.tensor(len(objects))
+        targets.append({"centre": centre, "attributes": attributes, "present": present, "number": number})
+    return list(map(Frame, images, targets))
 
 
 def test_the_backbone_learns_a_few_frames(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(backbone, "decode_videos", lambda *_: [drawn_video(1), drawn_video(2)])
+    monkeypatch.setattr(backbone, "decode_videos", lambda *_: {1: drawn_frames(), 2: drawn_frames()})
     loop = ["--loop.steps", "25", "--loop.batch_size", "8", "--loop.learning_rate", "3e-3", "--loop.device", "cpu"]
     sizes = ["--image_size", "[32, 48]", "--frames_per_video", "2", "--held_out_every", "2"]
     output = backbone.main(["--root", str(tmp_path), "--run_dir", str(tmp_path / "run"), *sizes, *loop])
@@ -336,11 +332,11 @@ def test_the_backbone_learns_a_few_frames(monkeypatch, tmp_path) -> None:
     assert metrics["count"] == 1
     assert metrics["false_centres"] == 0
     features = FeatureExtractor(FeatureConfig("resnet18", output, 2, (32, 48), kinds=("pooled",)), "cpu")
-    assert features(list(drawn_video(0).images))["pooled"].shape == (2, 512)
+    assert features([frame.image for frame in drawn_frames()])["pooled"].shape == (2, 512)
 
 
 def test_the_backbone_is_trained_and_used_where_its_weights_are(config, monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(backbone, "decode_videos", lambda *_: [drawn_video(1), drawn_video(2)])
+    monkeypatch.setattr(backbone, "decode_videos", lambda *_: {1: drawn_frames(), 2: drawn_frames()})
     task = BackboneTask(
         BackboneTraining("data", str(tmp_path), image_size=(32, 48), frames_per_video=2, held_out_every=2)
     )
@@ -358,7 +354,7 @@ def test_the_backbone_is_trained_and_used_where_its_weights_are(config, monkeypa
 
 
 def test_flipped_frames_have_flipped_targets(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(backbone, "decode_videos", lambda *_: [drawn_video(1), drawn_video(2)])
+    monkeypatch.setattr(backbone, "decode_videos", lambda *_: {1: drawn_frames(), 2: drawn_frames()})
     task = BackboneTask(
         BackboneTraining("data", str(tmp_path), image_size=(32, 48), frames_per_video=2, held_out_every=2)
     )
@@ -373,21 +369,22 @@ def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
     root = str(tmp_path / "data")
     config = DatasetConfig(root, 2, first_scene=500300, scene=scene, render=render, splits={"train": 1}, workers=1)
     generate_dataset(replace(config, questions=None, masks=False))
-    monkeypatch.setattr("nsdr.training.backbone_frames.run_jobs", in_this_process)
+    monkeypatch.setattr("nsdr.training.backbone.run_jobs", in_this_process)
     first = decode_videos(root, tmp_path / "frames", (32, 48), 3)
-    assert [v.index for v in first] == [0, 1]
-    assert first[0].images.shape == (3, 32, 48, 3)
-    assert len(first[0].objects) == 3
-    monkeypatch.setattr("nsdr.training.backbone_frames.frames_of", lambda _: pytest.fail("decoded again"))
+    assert {index: [f.image.shape for f in frames] for index, frames in first.items()} == dict.fromkeys(
+        (0, 1), [(32, 48, 3)] * 3
+    )
+    assert all(frame.targets["number"] <= 2 for frame in first[0])
+    monkeypatch.setattr("nsdr.training.backbone.frames_of", lambda _: pytest.fail("decoded again"))
     again = decode_videos(root, tmp_path / "frames", (32, 48), 3, limit=1)
-    assert [v.index for v in again] == [0]
-    np.testing.assert_array_equal(again[0].images, first[0].images)
+    assert list(again) == [0]
+    np.testing.assert_array_equal(again[0][1].image, first[0][1].image)
     with pytest.raises(DataError, match="has no training videos with annotations"):
         decode_videos(tmp_path, tmp_path / "frames", (32, 48), 3)
 
 
 def in_this_process(*arguments, **options):
-    from nsdr.io.runner import run_jobs
+    from nsdr.io.jobs import run_jobs
 
     return run_jobs(*arguments, **{**options, "workers": 1})
 

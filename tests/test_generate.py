@@ -14,30 +14,28 @@ import pytest
 
 from nsdr import DataError
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
-from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.generate import dataset
 from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
-from nsdr.generate.physics.resimulate import resimulate
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.records import truth_document
+from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
-from nsdr.generate.render.raycast import Solid, instance_ids
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.statistics import count_scenes, released_statistics
-from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
 from nsdr.io.video import read_video
 from nsdr.symbolic import Executor
 from nsdr.tracking.localization import outline
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
-from nsdr.world.camera import Camera, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import GRAVITY, GROUND_FRICTION, LINEAR_DAMPING, STEP_SECONDS, STEPS_PER_FRAME
 from nsdr.world.shapes import hull_vertices, rendered_rotation
+from tests.resimulation import resimulate
 
 
 def ball(x: float, y: float, vx: float = 0.0, vy: float = 0.0, mass: float = 1.0) -> Body:
@@ -156,7 +154,7 @@ def test_scenes_obey_the_configuration() -> None:
         ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 to 32 objects"),
         ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 combinations for scenes of 6 objects"),
         ({"only": ("red",), "colors": ("blue",)}, "only: .* leave no combination that matches red"),
-        ({"n_frames": 5}, "n_frames is 5; expected 10 to 10000"),
+        ({"n_frames": 5}, r"n_frames: expected .* from 10 on, got 5"),
     ],
 )
 def test_impossible_configurations_are_rejected(values, message) -> None:
@@ -172,12 +170,12 @@ def test_negative_seeds_are_rejected() -> None:
 def test_a_configuration_without_scenes_raises(monkeypatch) -> None:
     monkeypatch.setattr("nsdr.generate.physics.scene.RESTARTS", 2)
     with pytest.raises(DataError, match="seed 1: no scene found in 2 attempts"):
-        simulate_scene(1, SceneConfig(area=(5.0, 5.1, 5.0, 5.1)))
+        simulate_scene(1, SceneConfig(speed=(0.001, 0.002)))
 
 
 def test_the_default_view_is_clevrers_camera() -> None:
     points = np.random.default_rng(0).uniform(-2, 2, (50, 3))
-    np.testing.assert_allclose(Camera().pixels(points), pixels_from_world(points), atol=1e-3)
+    np.testing.assert_allclose(Camera().pixels(points), CLEVRER_CAMERA.pixels(points), atol=1e-3)
     assert view_of(RenderConfig(), 7) == View()
     jittered = RenderConfig(camera_jitter=0.2, light_jitter=0.5)
     assert view_of(jittered, 7) == view_of(jittered, 7) != view_of(jittered, 8)
@@ -278,8 +276,8 @@ def test_metal_mirrors_and_rubber_does_not() -> None:
         spread[material] = images[0][inside].astype(float).std()
         mirrored[material] = np.abs(images[0][inside].astype(int) - images[1][inside]).max()
     assert spread["metal"] > 2 * spread["rubber"]
-    assert mirrored["metal"] > 25
-    assert mirrored["rubber"] < 10
+    assert mirrored["metal"] > 20
+    assert mirrored["rubber"] < 5
 
 
 def test_previews_are_reproducible_wherever_objects_are() -> None:
@@ -426,7 +424,6 @@ def test_the_manifest_and_statistics_describe_the_data_set(tiny) -> None:
     text = (Path(tiny.output) / "statistics.md").read_text()
     assert "## Collisions in a video" in text
     assert "| release | 0.5 | 35.6 |" in text
-    assert (Path(tiny.output) / "statistics.png").stat().st_size > 1000
 
 
 def test_an_interrupted_generation_resumes(tiny) -> None:
@@ -497,10 +494,10 @@ def test_a_missing_simulator_is_named_before_the_work(monkeypatch, tmp_path) -> 
 
 def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     for values, message in (
-        ({"renderer": "oil"}, "renderer is 'oil'; expected preview or"),
+        ({"renderer": "oil"}, "renderer: expected one of preview,.*, got 'oil'"),
         ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
-        ({"videos": 0}, "videos is 0; expected 1 to"),
-        ({"seed": -1}, "seed is -1; expected 0 or more"),
+        ({"videos": 0}, r"videos: expected .* from 1 to .* got 0"),
+        ({"seed": -1}, "seed: expected .* from 0 on, got -1"),
         ({"first_scene": 990000}, "first_scene: expected 0 to 980000, got 990000"),
     ):
         with pytest.raises(DataError, match=message):
@@ -557,22 +554,3 @@ def test_resimulation_finds_masses(scenes) -> None:
     ((expected, found),) = result.frames.values()
     assert expected == found
     assert result.error_world[:, -1].max() < 0.05
-
-
-def test_simulated_scenes_are_training_data_for_the_dynamics(
-    scenes: list[SimulatedScene], tiny_motion, tmp_path
-) -> None:
-    for k, scene in enumerate(scenes[:2]):
-        write_json(tmp_path / f"truth/truth_{k:05d}.json", truth_document(scene, k, Camera()))
-    data = read_motion_dataset(*tiny_motion, simulated=tmp_path / "truth")
-    assert data.scene.tolist() == [0, 1, 2, 3, -1, -1, -1, -1]
-    for k, scene in enumerate(scenes[:2]):
-        early, later = (data.states(4 + 2 * k + part)[1] for part in (0, 1))
-        true = sorted(c.frame for c in scene.motion.contacts)
-        assert sorted(e.frame for e in early) == [f for f in true if 0 < f < 128]
-        assert sorted(e.frame + 51 for e in later) == [f for f in true if 51 < f < 179]
-    (tmp_path / "truth/truth_00000.json").write_text("{}")
-    with pytest.raises(DataError, match="truth: missing key 'objects'"):
-        read_motion_dataset(*tiny_motion, simulated=tmp_path / "truth")
-    with pytest.raises(DataError, match="has no truth files"):
-        read_motion_dataset(*tiny_motion, simulated=tmp_path / "nothing")

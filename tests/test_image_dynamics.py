@@ -9,16 +9,15 @@ import pytest
 import torch
 
 from nsdr import DataError, VideoError
-from nsdr.clevrer.annotations import write_annotation
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.questions import Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.annotations import write_annotation
+from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.base import VideoPixels
 from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.dynamics.propnet.image_model import ImageModel
-from nsdr.dynamics.propnet.image_patches import object_patches
-from nsdr.dynamics.propnet.image_predictor import ImagePredictor
 from nsdr.dynamics.propnet.layers import PropNet
-from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.patch_model import ImageModel, PatchModelConfig
+from nsdr.dynamics.propnet.patch_predictor import ImagePredictor
+from nsdr.dynamics.propnet.patches import object_patches
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.evaluation import EvaluationConfig, run_evaluation
@@ -28,8 +27,8 @@ from nsdr.io.video import read_frames, write_video
 from nsdr.pipeline import Pipeline
 from nsdr.tracking.tracker import track
 from nsdr.training import dynamics
-from nsdr.training.image_dynamics import ImageModelTask
 from nsdr.training.loop import LoopConfig
+from nsdr.training.patch_dynamics import ImageModelTask
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.timeline import VIDEO_FRAMES
 from tests.conftest import draw_frame
@@ -219,7 +218,7 @@ def test_the_network_learns_a_few_windows(root, tmp_path) -> None:
 
 def test_patches_are_kept_and_mirrored_with_the_boxes(root, tmp_path, monkeypatch) -> None:
     task = ImageModelTask(training(root, tmp_path))
-    monkeypatch.setattr("nsdr.dynamics.propnet.image_data.read_frames", lambda _: pytest.fail("decoded again"))
+    monkeypatch.setattr("nsdr.dynamics.propnet.data.read_frames", lambda _: pytest.fail("decoded again"))
     again = ImageModelTask(training(root, tmp_path))
     (example,) = task.draw(1, np.random.default_rng(0))
     first, second = (task.collate([example._replace(mirror=m)]) for m in (1.0, -1.0))
@@ -327,7 +326,7 @@ def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:
         DynamicsTraining("p.npz", "", str(tmp_path), data="d", network="paper_images")
     with pytest.raises(DataError, match="data: does nothing with network 'state'"):
         DynamicsTraining("p.npz", "t.json.gz", str(tmp_path), data="d")
-    with pytest.raises(DataError, match="data is ''; expected a path"):
+    with pytest.raises(DataError, match="data: expected a path, got ''"):
         DynamicsTraining(run_dir=str(tmp_path), network="paper_images")
     with pytest.raises(DataError, match="weights: does nothing with dynamics 'physics'"):
         backend_settings(BackendConfig(weights="somewhere"))

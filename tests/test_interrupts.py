@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from nsdr.clevrer.example import TRUTH
-from nsdr.cli import main as cli
+from nsdr.cli import ask, main as cli
 
 RUN = [sys.executable, "-c", "import sys; from nsdr.cli import run; sys.exit(run())"]
 SLOW = """
 import sys, time
 from pathlib import Path
-from nsdr.cli import main as cli
-from nsdr.io.tasks import run_tasks
+from nsdr.cli import ask, main as cli
+from nsdr.io.jobs import run_tasks
 
 def nap(folder):
     (Path(folder) / f"worker_{__import__('os').getpid()}").touch()
@@ -27,7 +27,7 @@ def work(options):
     list(run_tasks(nap, [sys.argv[1]] * 4, workers=2))
 
 if __name__ == "__main__":
-    cli.COMMANDS["demo"] = work
+    ask.demo = work
     sys.exit(cli.main(["demo"]))
 """
 """A command that keeps two workers busy."""
@@ -83,7 +83,7 @@ def test_ctrl_c_within_this_process_is_one_line(capsys, monkeypatch) -> None:
 
     before = signal.getsignal(signal.SIGINT)
     _heed_ctrl_c()
-    monkeypatch.setitem(cli.COMMANDS, "demo", interrupted)
+    monkeypatch.setattr(ask, "demo", interrupted)
     assert cli.main(["demo"]) == 130
     assert capsys.readouterr().err == "interrupted\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

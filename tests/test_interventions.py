@@ -13,17 +13,18 @@ import pytest
 
 import nsdr
 from nsdr import Add, DataError, Event, Executor, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity, Simulation
+from nsdr.apps.comparison import comparison_frames
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli import simulate as command
 from nsdr.dynamics.interventions import find_object, resolve, simulate_removal
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.changed_bodies import change_bodies
-from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
-from nsdr.visualize import comparison_frames
-from nsdr.world.camera import on_ground, pixels_from_world
+from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
 from .test_physics import bodies, run
 
@@ -57,7 +58,7 @@ def tracks() -> VideoTracks:
 
 def _track(o: SceneObject, position: np.ndarray) -> Track:
     """The track of an object at positions (F, 2), seen in every frame."""
-    centre = pixels_from_world(on_ground(position))
+    centre = CLEVRER_CAMERA.pixels(on_ground(position))
     box = np.concatenate([centre - 18, centre + 18], 1).round().astype(int)
     return Track(o, np.arange(len(position)), position, centre, box, np.ones(len(position)))
 
@@ -95,23 +96,9 @@ def test_removal_from_the_start_is_the_counterfactual(backend: PhysicsPredictor,
         assert simulation.changed.collisions == rollout.collisions
         np.testing.assert_array_equal(simulation.changed.location_world, rollout.location_world)
         np.testing.assert_array_equal(simulation.changed.visible, rollout.visible)
-        found = [(d.event, d.probability) for d in simulation.changed.doubts or ()]
-        assert found == [(d.event, d.probability) for d in rollout.doubts or ()]
+        found = [(d.event, d.probability) for d in simulation.changed.uncertain or ()]
+        assert found == [(d.event, d.probability) for d in rollout.uncertain or ()]
     assert pairs(backend.simulate(tracks, [Remove(0)])) == []
-
-
-def test_a_scene_is_fitted_once(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
-    backend.predict(tracks)
-    before = backend.detector.calls  # type: ignore[attr-defined]
-    backend.simulate(tracks, [Remove(0)])
-    backend.predict(tracks)
-    assert backend.detector.calls == before  # type: ignore[attr-defined]
-    backend.predict(VideoTracks(tracks.n_frames, tracks.tracks[:1]), [])
-    assert backend.detector.calls == before  # type: ignore[attr-defined]
-    config, backend.config = backend.config, PhysicsConfig(runs=4)
-    backend.simulate(tracks, [Remove(0)])
-    assert backend.detector.calls == before + 1  # type: ignore[attr-defined]
-    backend.config = config
 
 
 def test_a_removal_later_keeps_what_was_before(simulated) -> None:
@@ -298,19 +285,19 @@ def test_one_intervention_without_a_list_is_refused(simulated) -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: SetMass(0, 0), "SetMass.factor: expected 0.001 to 1000, got 0"),
-        (lambda: SetMass(0, float("nan")), "finite"),
-        (lambda: SetMass(0, None), "SetMass.factor: expected a finite number, got None"),
+        (lambda: SetMass(0, 0), "SetMass.factor: expected a number from 0.001 to 1000, got 0"),
+        (lambda: SetMass(0, float("nan")), "expected a number from 0.001 to 1000, got nan"),
+        (lambda: SetMass(0, None), "SetMass.factor: expected a number from 0.001 to 1000, got None"),
         (lambda: Move(0, dx=99.0, dy=0.0), "expected dx and dy of up to"),
         (lambda: find_object(OBJECTS, True), "object True: expected an id"),
         (lambda: SetVelocity(0), "expected vx and vy, or speed"),
         (lambda: SetVelocity(0, vx=1.0), "got vx"),
         (lambda: SetVelocity(0, vx=1.0, vy=0.0, factor=2), "got vx, vy, factor"),
-        (lambda: SetVelocity(0, speed=-1), "speed: expected 0 or more"),
+        (lambda: SetVelocity(0, speed=-1), "speed: expected a number from 0 to 5"),
         (lambda: SetVelocity(0, vx=4, vy=4), "speed of up to 5"),
         (lambda: Move(0, x=1.0), "expected x and y, or dx and dy, got x"),
         (lambda: Move(0, x=15, y=0), "on the ground"),
-        (lambda: Add("red", "wood", "cube", 0, 0), "unknown material 'wood'"),
+        (lambda: Add("red", "wood", "cube", 0, 0), "material: expected one of metal, rubber, got 'wood'"),
         (lambda: Add("red", "metal", "cube", "1", 0), "Add.x: expected a finite number, got '1'"),
         (lambda: Add("red", "metal", "cube", 0, 0, mass=0), "Add.mass"),
     ],
@@ -405,7 +392,7 @@ def test_the_comparison_shows_both_worlds(simulated) -> None:
 
 def options(*arguments: str, video: str = "clip.mp4") -> Any:
     parser = jsonargparse.ArgumentParser(exit_on_error=False)
-    command.add_options(parser)
+    command.simulate_options(parser)
     return parser.parse_args([video, *arguments])
 
 
@@ -439,7 +426,7 @@ def test_options_name_interventions() -> None:
     ("arguments", "message"),
     [
         (["--mass", "blue sphere"], "--mass blue sphere: expected OBJECT=NUMBER"),
-        (["--mass", "cube=0"], "--mass cube=0: SetMass.factor: expected 0.001"),
+        (["--mass", "cube=0"], "--mass cube=0: SetMass.factor: expected a number from 0.001"),
         (["--velocity", "cube=1"], "--velocity cube=1: expected OBJECT=2 numbers with commas"),
         (
             ["--remove", "zebra"],
@@ -474,6 +461,8 @@ def test_the_command_writes_a_report_a_video_and_json(
     frames = [np.zeros((320, 480, 3), np.uint8)] * FRAMES
 
     class Made:
+        camera = CLEVRER_CAMERA
+
         def simulate(self, video, interventions, from_frame):
             assert (interventions, from_frame) == ([Freeze("cylinder")], 0)
             return simulation

@@ -17,8 +17,7 @@ import pytest
 from mcp import Client, StdioServerParameters, stdio_client
 
 from nsdr import DataError, DynamicsPrediction, Event, Pipeline, Remove
-from nsdr.apps.agent_tools import AgentTools, Change
-from nsdr.apps.mcp import make_server, serve
+from nsdr.apps.mcp import AgentTools, Change, make_server, serve
 from nsdr.cli.main import main
 from nsdr.dynamics.interventions import simulate_removal
 from nsdr.pipeline import Perception

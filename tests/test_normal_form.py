@@ -4,12 +4,9 @@ import random
 
 import pytest
 
-from nsdr import QuestionError
-from nsdr.language.lexicon import OTHER_WORDS
-from nsdr.language.paraphrase import VOCABULARY, draw_wording
-from nsdr.language.phrases import PHRASES
-from nsdr.language.templates import TEXT_KINDS
-from nsdr.question_parser.normal import corrected, normal_form
+from nsdr.language.normal import OTHER_WORDS, corrected, normal_form, rewritten
+from nsdr.language.texts import TEXT_KINDS, draw_wording, vocabulary
+from nsdr.question_parser.tokenizer import split_words
 
 
 @pytest.mark.parametrize(
@@ -52,17 +49,16 @@ def test_one_wrong_letter_is_corrected_and_reported(typo: str, word: str) -> Non
     assert normal == normal_form(f"How many {word} enter?").__class__(normal.words, ((typo, word),))
 
 
-@pytest.mark.parametrize("word", ["black", "tube", "mental", "world", "more", "same", "bell", "exsits", "cue", "rd"])
+@pytest.mark.parametrize("word", ["black", "mental", "world", "more", "same", "bell", "exsits", "cue", "rd"])
 def test_words_with_another_meaning_and_unclear_ones_are_not_corrected(word: str) -> None:
     assert corrected(word) == ""
-    with pytest.raises(QuestionError, match=f"unknown word '{word}'"):
-        normal_form(f"How many {word} cubes enter?")
-    assert normal_form(f"How many {word} cubes enter?", "ignore").left_out == (word,)
+    assert normal_form(f"How many {word} cubes enter?").left_out == (word,)
+    assert word in normal_form(f"How many {word} cubes enter?", keep_unknown=True).words
 
 
 def test_other_words_are_not_known() -> None:
     for word in OTHER_WORDS:
-        assert normal_form(word, "ignore").left_out == (word,)
+        assert normal_form(word).left_out == (word,)
 
 
 def test_an_attribute_named_twice_is_no_noun_phrase() -> None:
@@ -73,14 +69,12 @@ def test_an_attribute_named_twice_is_no_noun_phrase() -> None:
 def test_normal_forms_have_words_of_the_vocabulary_only(kind: str) -> None:
     rng = random.Random(kind)
     for _ in range(300):
-        assert set(draw_wording(kind, rng)[0].split()) <= set(VOCABULARY)
+        assert set(split_words(draw_wording(kind, rng)[0])) <= set(vocabulary())
 
 
 def test_phrases_keep_the_noun_phrases_in_order() -> None:
     texts = [draw_wording(kind, random.Random(i))[0] for kind in TEXT_KINDS for i in range(300)]
     for text in texts:
         forms = [form for form in normal_form(text).forms if form.isupper()]
-        rewritten = " ".join(normal_form(text).forms)
-        for pattern, replacement in PHRASES:
-            rewritten = " ".join(pattern.sub(replacement, rewritten).split())
-        assert [form for form in rewritten.split() if form.isupper()] == forms
+        again = rewritten(" ".join(normal_form(text).forms), "phrases")
+        assert [form for form in again.split() if form.isupper()] == forms

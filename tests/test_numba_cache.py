@@ -23,8 +23,8 @@ from nsdr.world import physics_constants
 physics_constants.{name} = {value}
 from numba.core.dispatcher import Dispatcher
 from nsdr.dynamics import sliding
-from nsdr.dynamics.physics import contact_geometry, contact_response, flight, simulator
-for module in (contact_geometry, contact_response, flight, simulator, sliding):
+from nsdr.dynamics.physics import contact_geometry, forces, simulator
+for module in (contact_geometry, forces, simulator, sliding):
     for name, value in vars(module).items():
         if isinstance(value, Dispatcher):
             print(name, value._cache._impl.filename_base)

@@ -1,24 +1,39 @@
-"""Videos from other places: sizes of objects, and the camera's place from the environment."""
+"""Videos from other cameras: sizes of objects, and another place, direction and lens."""
 
-import os
-import subprocess
-import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from nsdr import Camera, DataError, PipelineConfig
+from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
-from nsdr.tracking.localization import expected_size, outline
-from nsdr.tracking.size_check import size_doubt, size_ratio
+from nsdr.dynamics.motion_states import states_from_tracks
+from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
+from nsdr.dynamics.propnet.patch_predictor import patch_boxes
+from nsdr.dynamics.sliding import slide
+from nsdr.dynamics.track_smoothing import smooth_tracks
+from nsdr.generate.render.view import RenderConfig, view_of
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.storage import load, save
+from nsdr.pipeline import pipeline_settings
+from nsdr.tracking.localization import expected_size, ground_location, outline, size_ratio, size_warning
+from nsdr.tracking.tracker import track
+from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import SceneObject, Track, VideoTracks
-from nsdr.world.camera import eye_of
+from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.physics_constants import FRAME_SECONDS
+
+from .test_frame_parser import RED, as_proposals, moving
+
+OTHER = Camera(eye_world=(3.6, 1.6, 3.2), target_world=(0.2, -0.3, 0.1), lens_mm=28.0)
 
 
-def tracks(zoom: tuple[float, float], n: int = 2) -> VideoTracks:
+def tracks(zoom: tuple[float, float], n: int = 2, camera: Camera = CLEVRER_CAMERA) -> VideoTracks:
     """Spheres at rest, whose boxes are larger than they should be by a factor of width and height."""
     found = []
     for k in range(n):
-        polygon = outline("sphere", 0.5, k - 0.5)
+        polygon = outline("sphere", 0.5, k - 0.5, camera=camera)
         low, high = polygon.min(0), polygon.max(0)
         centre, half = (low + high) / 2, (high - low) / 2 * zoom
         frames = np.arange(9)
@@ -26,50 +41,106 @@ def tracks(zoom: tuple[float, float], n: int = 2) -> VideoTracks:
         place = np.tile([0.5, k - 0.5], (9, 1))
         sphere = SceneObject(k, "red", "rubber", "sphere")
         found.append(Track(sphere, frames, place, np.tile(centre, (9, 1)), box, np.ones(9)))
-    return VideoTracks(128, tuple(found))
+    return VideoTracks(128, tuple(found), camera)
 
 
 def test_expected_sizes_are_those_of_outlines() -> None:
-    polygon = outline("cylinder", 0.3, 0.8)
-    (found,) = expected_size("cylinder", np.array([[0.3, 0.8]]))
-    assert found == pytest.approx(polygon.max(0) - polygon.min(0), abs=0.5)
+    for camera in (CLEVRER_CAMERA, OTHER):
+        polygon = outline("cylinder", 0.3, 0.8, camera=camera)
+        (found,) = expected_size("cylinder", np.array([[0.3, 0.8]]), camera)
+        assert found == pytest.approx(polygon.max(0) - polygon.min(0), abs=0.5)
 
 
 def test_sizes_that_do_not_fit_the_camera_are_doubtful() -> None:
     assert size_ratio(tracks((1.25, 1.0))) == pytest.approx([1.25, 1.0], abs=0.03)
-    assert size_doubt(tracks((1.0, 1.0))) == ""
-    assert "1.2" in size_doubt(tracks((1.25, 1.25)))
-    assert "0.7" in size_doubt(tracks((0.75, 1.0)))
+    assert size_warning(tracks((1.0, 1.0))) == ""
+    assert "1.2" in size_warning(tracks((1.25, 1.25)))
+    assert "0.7" in size_warning(tracks((0.75, 1.0)))
     assert size_ratio(tracks((2.0, 2.0), n=1)) is None
+    assert size_warning(tracks((1.0, 1.0), camera=OTHER)) == ""
+    assert size_warning(replace(tracks((1.0, 1.0), camera=OTHER), camera=CLEVRER_CAMERA)) != ""
 
 
-def test_the_cameras_place_is_read_from_the_environment() -> None:
-    assert eye_of("") == (4.330127, 0.0, 2.5)
-    assert eye_of("5, 0.5,3") == (5.0, 0.5, 3.0)
-    for text in ("1,2", "1,2,x", "1,2,nan", "1,2,0.1", "0,0,3", "inf,0,2", "1,2,3,4"):
-        with pytest.raises(ValueError, match=f"NSDR_CAMERA_EYE={text}: expected"):
-            eye_of(text)
+def test_a_camera_sees_its_target_in_the_middle_and_upright() -> None:
+    np.testing.assert_allclose(OTHER.pixels(OTHER.target_world), [240, 160], atol=1e-9)
+    column, row = OTHER.pixels([0.2, -0.3, 1.0])
+    assert column == pytest.approx(240, abs=1e-9)
+    assert row < 160
+    assert OTHER.focal_px == pytest.approx(0.8 * CLEVRER_CAMERA.focal_px)
+    np.testing.assert_allclose(OTHER.ground(OTHER.pixels([1.0, -0.7, 0.2])), [1.0, -0.7], atol=1e-9)
 
 
-def test_another_place_changes_projection_and_fingerprints() -> None:
-    code = (
-        "from nsdr.world.camera import pixels_from_world as p; from nsdr.io.fingerprint import fingerprint as f; "
-        "from nsdr.generate.render.view import RenderConfig, view_of; "
-        "print(p([1.0, 1.0, 0.2]), f(code=False), view_of(RenderConfig(), 0).camera.eye_world)"
+@pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
+def test_positions_follow_from_masks_by_any_camera(shape: str) -> None:
+    polygon = outline(shape, 0.4, -0.6, 0.3, OTHER)
+    box = np.array([[*polygon.min(0), *polygon.max(0)]])
+    x, y = polygon.T
+    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+    centroid = np.array([((x + np.roll(x, -1)) * cross).sum(), ((y + np.roll(y, -1)) * cross).sum()]) / (
+        3 * cross.sum()
     )
-    texts = []
-    for eye in ("", "5.0,0.5,3.0"):
-        environment = {**os.environ, "NSDR_CAMERA_EYE": eye}
-        run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-        texts.append(run.stdout)
-    assert texts[0] != texts[1]
-    assert "(5.0, 0.5, 3.0)" in texts[1]
-    fingerprints = [text.split("(")[0].split()[-1] for text in texts]
-    assert fingerprints[0] != fingerprints[1]
+    (found,) = ground_location(shape, centroid, box, camera=OTHER)
+    np.testing.assert_allclose(found, [0.4, -0.6], atol=0.03)
 
 
-def test_a_wrong_place_is_one_line(monkeypatch, capsys) -> None:
-    monkeypatch.setenv("NSDR_CAMERA_EYE", "1,2")
-    monkeypatch.delitem(sys.modules, "nsdr.world.camera")
-    assert main(["answer", "v.mp4", "-q", "How many spheres are moving?"]) == 2
-    assert capsys.readouterr().err.startswith("error: NSDR_CAMERA_EYE=1,2: expected the camera's place as X,Y,Z")
+def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
+    """A cube slides through the image of the other camera; what is measured of it there explains it."""
+    frames = [
+        {
+            "objects": [
+                {
+                    "object_id": 0,
+                    "inside_camera_view": True,
+                    "location": [-1.0 + distance, 0.5, 0.2],
+                    "orientation": [0.0, 0.0, 0.3],
+                }
+            ]
+        }
+        for distance in slide("cube", np.array(1.2), np.arange(40) * FRAME_SECONDS)[0]
+    ]
+    cube = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
+    seen = tracks_from_motion([cube], frames, OTHER)
+    save(seen, tmp_path / "tracks.json")
+    assert load(VideoTracks, tmp_path / "tracks.json") == seen
+    states = states_from_tracks(seen)
+    assert states.camera == OTHER
+    smoothed = smooth_tracks(states, [])
+    assert smoothed.visible.all()
+    fit = fit_trajectories(states, [])
+    assert fit.cost < 0.2
+    assert fit_trajectories(replace(states, camera=CLEVRER_CAMERA), []).cost > 1.0  # the edges of the cube do not fit
+    boxes = patch_boxes(states.location_world, states.box_px, states.reliable, 0, OTHER)[0]
+    middle = boxes[:, :2] * [240, 160] + [240, 160]
+    np.testing.assert_allclose(middle, OTHER.pixels([frame["objects"][0]["location"] for frame in frames]), atol=1e-6)
+
+
+def test_tracks_hold_the_camera_they_were_made_with() -> None:
+    rows = as_proposals(moving(range(40), RED, 100, 3), 40)
+    ours, other = track(rows), track(rows, camera=OTHER)
+    assert (ours.camera, other.camera) == (CLEVRER_CAMERA, OTHER)
+    assert np.abs(ours.tracks[0].location_world - other.tracks[0].location_world).max() > 0.3
+
+
+def test_the_camera_is_a_setting() -> None:
+    settings = pipeline_settings(overrides=["camera.eye_world=[3.6,1.6,3.2]", "camera.lens_mm=28"])
+    assert settings.camera == Camera((3.6, 1.6, 3.2), lens_mm=28.0)
+    assert fingerprint(config=settings) != fingerprint(config=PipelineConfig())
+    with pytest.raises(DataError, match=r"camera: eye_world .* at least 0\.5 high"):
+        pipeline_settings(overrides=["camera.eye_world=[1,2,0.1]"])
+    with pytest.raises(ValueError, match="expected images of 480x320, got 640x320"):
+        PipelineConfig(camera=Camera(width=640))
+    view = view_of(RenderConfig(camera=OTHER, width=240, height=160), 0)
+    assert view.camera == replace(OTHER, width=240, height=160)
+
+
+@pytest.mark.parametrize("eye", [(0.0, 0.0, 3.0), (1.0, 2.0, 0.1), (1.0, np.nan, 2.0), (np.inf, 0.0, 2.0)])
+def test_impossible_places_are_refused(eye: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="expected the camera's place"):
+        Camera(eye)
+    with pytest.raises(ValueError, match="expected lens_mm"):
+        Camera(lens_mm=0.0)
+
+
+def test_a_wrong_place_is_one_line(capsys) -> None:
+    assert main(["answer", str(VIDEO), "-q", "How many spheres are moving?", "--set", "camera.eye_world=[1,2,0]"]) == 2
+    assert "expected the camera's place" in capsys.readouterr().err

@@ -14,8 +14,8 @@ from nsdr import DataError, Scene, load, save
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli import perceive
 from nsdr.cli.main import main
-from nsdr.io.outputs import check_output, check_output_folder
-from nsdr.io.runner import Job, Summary
+from nsdr.io.files import check_output, check_output_folder
+from nsdr.io.jobs import Job, Summary
 from nsdr.visualize.annotate import write_image
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)

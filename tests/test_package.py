@@ -121,7 +121,7 @@ def test_changed_question_parsers_are_refused(change, reason, tmp_path) -> None:
     from safetensors.torch import load_file, save_file
 
     from nsdr import QuestionParser
-    from nsdr.question_parser.parser import build_networks
+    from nsdr.question_parser.network import build_networks
     from nsdr.question_parser.tokenizer import Tokenizer
 
     words = Tokenizer(["how", "many", "cubes"])

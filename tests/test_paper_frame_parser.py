@@ -12,7 +12,7 @@ from nsdr import DataError
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.io.checkpoint import load_checkpoint
 from nsdr.training import frame_parser
-from nsdr.training.coco_weights import load_coco_weights
+from nsdr.training.frame_parser import load_coco_weights
 from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES
 
 CONFIG = Path(__file__).parent.parent / "configs" / "frame_parser" / "paper.yaml"

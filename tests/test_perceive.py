@@ -10,7 +10,7 @@ import pytest
 
 from nsdr import DataError, Executor, PipelineConfig, Scene, load, save
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
+from nsdr.clevrer.files.predictions import read_predictions, scene_from_predictions
 from nsdr.cli.main import main
 from nsdr.evaluation import EvaluationConfig, parse_videos, predict_dynamics
 from nsdr.io.files import write_json
@@ -200,14 +200,14 @@ def test_every_setting_of_an_evaluation_is_an_option(capsys) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--source", "zebra"], "source is 'zebra'; expected videos or proposals"),
+        (["--source", "zebra"], "source: expected one of videos, proposals,"),
         (["--source", "truth", "--stride", "2"], "stride is of the frame parser and needs --source videos"),
         (["--source", "truth", "--collisions", "velocity"], "needs --semantics official"),
         (["--source", "truth", "--semantics", "official"], "runs on predictions, not on truth"),
         (["--source", "truth", "--truth", "x"], "truth_source and truth go together"),
         (["--source", "truth", "--videos", "x"], "videos goes with --source proposals"),
         (["--source", "proposals", "--videos", "x"], "videos would do nothing: dynamics 'physics' reads no images"),
-        (["--source", "truth", "--every", "0"], "0 does not conform to restriction v>0"),
+        (["--source", "truth", "--every", "0"], "every: expected a whole number from 1 on, got 0"),
         (["--source", "truth", "--set", "tracker.score"], "expected key=value"),
         (["--source", "truth", "--split", "train"], "split train is of --root and does nothing without it"),
         (["--source", "predictions", "--semantics", "official", "--dynamics", "state"], "--dynamics would do nothing"),

@@ -10,19 +10,20 @@ import torch
 from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, StatePredictor
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
-from nsdr.dynamics.physics.collision_evidence import Evidence, EvidenceWeights, closest_gap, log_odds
-from nsdr.dynamics.physics.collision_search import CollisionSearchConfig, search_collisions
-from nsdr.dynamics.physics.predictor import PhysicsConfig, PhysicsPredictor
+from nsdr.dynamics.physics.collision_search import Evidence, closest_gap, log_odds, search_collisions
+from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
+from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.patches import patch_boxes
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
-from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents, velocity_collisions
+from nsdr.dynamics.velocity_events import VelocityEvents, velocity_collisions
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout, SceneObject, VideoTracks
-from nsdr.world.camera import ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import SHAPES
 
 from .test_dynamics import tracks
@@ -157,7 +158,7 @@ def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> 
     assert fit.cost < 0.2
     assert [event for event, _ in judged] == [event for event, _ in candidates]
     assert judged[0][1] > 0.9 > 0.3 > judged[1][1]  # by all evidence
-    untried = search_collisions(states, candidates, CollisionSearchConfig(trials=0))
+    untried = search_collisions(states, candidates, PhysicsConfig(trials=0))
     assert untried.candidates == candidates  # the detector's
 
 
@@ -190,10 +191,8 @@ def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
 
 
 def test_evidence_adds_up() -> None:
-    weights = EvidenceWeights(bias=0.5, network=2.0, gap=10.0, fit=3.0)
-    evidence = Evidence(1.0, 0.2, 1.5)
-    assert weights.log_odds(evidence) == pytest.approx(0.5 + 2.0 - 2.0 + 4.5)
-    assert weights.probability(evidence) == pytest.approx(1 / (1 + np.exp(-5.0)))
+    odds = 0.396 + 0.719 * 2.0 - 31.1 * 0.1 + 1.968 * 1.5
+    assert Evidence(2.0, 0.1, 1.5).probability == pytest.approx(1 / (1 + np.exp(-odds)))
 
 
 def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
@@ -223,10 +222,7 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
         return fits[-1]
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
-    weights = EvidenceWeights(bias=-1.0, network=1.0, gap=10.0, fit=1.0)
-    found, fit, _ = search_collisions(
-        states, [(Event("collision", 40, (0, 1)), 0.3)], CollisionSearchConfig(weights=weights)
-    )
+    found, fit, _ = search_collisions(states, [(Event("collision", 40, (0, 1)), 0.3)])
     assert found == []
     assert fit is fits[0]
     assert len(fits) == 2
@@ -250,7 +246,7 @@ def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: 
     backend = {
         "paper": paper,
         "velocity": VelocityEvents(physics),
-        "velocity of the paper": VelocityEvents(physics, VelocityConfig("paper")),
+        "velocity of the paper": VelocityEvents(physics, "paper"),
     }.get(name, physics)
     video = tracks(60)
     prediction = backend.predict(video)
@@ -288,48 +284,48 @@ class Detector:
         return self.candidates
 
 
-def test_doubts_about_observed_collisions_hold_without_other_objects_too() -> None:
+def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
     motion = run(start)
     hit, graze = Event("collision", int(motion.contact[0, 1]), (0, 1)), Event("collision", 70, (1, 2))
     # No trials: the detector's probabilities stay.
-    config = PhysicsConfig(runs=5, search=CollisionSearchConfig(trials=0))
+    config = PhysicsConfig(runs=5, trials=0)
     predictor = PhysicsPredictor(Detector((hit, 0.9), (graze, 0.2)), config)
     scene = predictor._fitted(seen(motion, start.shape), None)
     observed = scene.rollout(None)
     assert observed.collisions == (hit,)
-    assert [(d.event, d.probability, d.removed) for d in observed.doubts] == [(hit, 0.9, None), (graze, 0.2, None)]
+    assert [(d.event, d.probability, d.removed) for d in observed.uncertain] == [(hit, 0.9, None), (graze, 0.2, None)]
     without = scene.rollout(2)
     assert [e.objects for e in without.collisions] == [(0, 1)]
-    assert [(d.event.objects, d.probability, d.removed) for d in without.doubts] == [((0, 1), 0.9, 2)]
-    assert [(d.event, d.removed) for d in scene.rollout(0).doubts] == [(graze, 0)]
+    assert [(d.event.objects, d.probability, d.removed) for d in without.uncertain] == [((0, 1), 0.9, 2)]
+    assert [(d.event, d.removed) for d in scene.rollout(0).uncertain] == [(graze, 0)]
     sure = PhysicsPredictor(Detector((hit, 0.9999)), config)._fitted(seen(motion, start.shape), None)
-    assert sure.rollout(None).doubts == ()
-    assert sure.rollout(2).doubts == ()
+    assert sure.rollout(None).uncertain == ()
+    assert sure.rollout(2).uncertain == ()
 
 
-def test_doubts_about_predicted_collisions_are_shares_of_runs() -> None:
+def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
     start = bodies(("sphere", -1.5, 0.33, 1.0, 0.0), ("sphere", 0.3, 0.0, 0.0, 0.0))  # a near miss or a graze
     config = PhysicsConfig(runs=40, position_noise_world=0.05, velocity_noise_world_per_s=0.1)
     states = seen(run(start, 40), start.shape)
     rollout = PhysicsPredictor(Detector(), config, horizon_frame=150).continue_motion(states)
-    [doubt] = rollout.doubts
-    assert 0.05 < doubt.probability < 0.95
-    assert doubt.probability * 40 == pytest.approx(round(doubt.probability * 40))
-    assert doubt.event.frame >= 40
-    assert (doubt.event in rollout.collisions) == (doubt.probability > 0.5)
+    [one] = rollout.uncertain
+    assert 0.05 < one.probability < 0.95
+    assert one.probability * 40 == pytest.approx(round(one.probability * 40))
+    assert one.event.frame >= 40
+    assert (one.event in rollout.collisions) == (one.probability > 0.5)
 
 
 def test_collisions_from_velocity_alone() -> None:
     motion = run(TWO)
     rollout = Rollout(motion.position, np.ones((2, 128), bool), ())
-    found = velocity_collisions(rollout, VelocityConfig())
+    found = velocity_collisions(rollout)
     assert [e.objects for e in found] == [(0, 1)]
     assert found[0].frame == pytest.approx(motion.contact[0, 1], abs=3)
-    assert len(velocity_collisions(rollout, VelocityConfig("paper"))) == 1
+    assert len(velocity_collisions(rollout, "paper")) == 1
     position = motion.position.copy()
     position[:, :4] = np.nan  # seen from frame 4 on
-    assert velocity_collisions(replace(rollout, location_world=position), VelocityConfig()) == found
+    assert velocity_collisions(replace(rollout, location_world=position)) == found
 
 
 def test_patch_boxes_ignore_what_hides_an_object_and_reach_back_before_the_video() -> None:
@@ -371,7 +367,7 @@ def clock_states(first_seen: int) -> MotionStates:
     present[1, :first_seen] = False
     objects = tuple(SceneObject(i, COLORS[i], "metal", "sphere") for i in range(2))
     box = np.concatenate([pixels, np.full((2, 100, 2), 40.0)], -1)
-    return MotionStates(objects, ground_from_pixels(pixels), present, present, present, box)
+    return MotionStates(objects, CLEVRER_CAMERA.ground(pixels), present, present, present, box)
 
 
 def test_the_papers_observer_sees_collisions_by_what_comes_after_them() -> None:
@@ -420,10 +416,10 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     assert (physics.horizon_frame, physics.shortcut, physics.config.runs) == (150, False, 7)
     with pytest.raises(DataError, match="'magic': expected physics, state, paper"):
         load_backend(folder, "magic")
-    with pytest.raises(DataError, match="expected predicted or velocity"):
+    with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, velocity_paper, got"):
         load_backend(folder, BackendConfig(collisions="none"))
-    with pytest.raises(DataError, match="expected paper or tuned"):
-        VelocityEvents(load_backend(folder, "state"), VelocityConfig("mine"))
+    with pytest.raises(DataError, match="rule: expected one of tuned, paper, got"):
+        VelocityEvents(load_backend(folder, "state"), "mine")
 
 
 @pytest.mark.parametrize(
@@ -434,7 +430,6 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
         ("physics: {smoothing: {min_frames: 5}}", "smoothing"),
         ("backend: state\nphysics: {runs: 5}", "physics do nothing with dynamics 'state'"),
         ("backend: paper\nshortcut: false", "shortcut: false does nothing with dynamics 'paper'"),
-        ("velocity: {rule: paper}", "velocity do nothing without collisions: velocity"),
     ],
 )
 def test_settings_that_would_do_nothing_are_refused(tmp_path, text: str, message: str) -> None:
@@ -476,5 +471,5 @@ def test_checkpoints_of_another_network_are_named(observer: StatePredictor, pape
 
 def test_too_short_a_past_is_refused() -> None:
     assert StateModel(StateModelConfig(hidden=4, past_steps=4)).config.past_steps == 4
-    with pytest.raises(DataError, match="past_steps is 3; expected 4 to"):
+    with pytest.raises(DataError, match=r"past_steps: expected .* from 4 to .* got 3"):
         StateModelConfig(past_steps=3)

@@ -6,16 +6,26 @@ import numpy as np
 import pytest
 
 from nsdr import Event
-from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
+from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
 from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.physics.contact_geometry import CUBE_OUTLINE
-from nsdr.dynamics.physics.fit_objective import EDGES_PX, cube_edges_px, evaluate
+from nsdr.dynamics.physics.fit_objective import (
+    EDGE_NOISE_PX,
+    EDGES_PX,
+    POSITION_NOISE_WORLD,
+    REBOUND,
+    ROBUST_SCALE,
+    cube_edges_px,
+    evaluate,
+    rows_of,
+)
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate, simulate_perturbed
-from nsdr.dynamics.physics.trajectory_fit import TrajectoryFitConfig, _Problem, fit_trajectories
-from nsdr.dynamics.physics.trust_region import trust_region_step
+from nsdr.dynamics.physics.solver import trust_region_step
+from nsdr.dynamics.physics.trajectory_fit import REBOUND_DEVIATION, _Problem, fit_trajectories
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.physics_constants import LOG_MASS_STD
 from nsdr.world.vocabulary import SHAPES
 
 from .test_physics import bodies, run, seen
@@ -52,7 +62,7 @@ def measured(start: BodyStates, rebound: float = 0.4, frames: int = 60) -> tuple
 def problem_near(name: str) -> tuple[_Problem, np.ndarray]:
     """A problem, and parameters a little beside its solution."""
     states, collision = measured(PAIRS[name])
-    problem = _Problem(states, [collision], TrajectoryFitConfig(), MeasurementConfig())
+    problem = _Problem(states, [collision])
     x = problem.solve_with_restarts(problem.start(), problem.frames)
     return problem, x + 0.3 * np.random.default_rng(2).normal(size=len(x))
 
@@ -86,24 +96,23 @@ def test_the_gradient_is_that_of_the_cost(name: str) -> None:
 def test_the_cost_is_the_mean_robust_loss_of_all_residuals(name: str) -> None:
     problem, x = problem_near(name)
     cost, _, _, motion, _ = evaluate(problem.problem, x, 40)
-    c, residuals = problem.config, []
+    residuals = []
     for i, d in enumerate(problem.data):
         for frame, position, weight, edges in zip(
             d.frame, d.position, d.weight, [None] * 60 if d.edges_px is None else d.edges_px, strict=True
         ):
             if frame < 40:
-                off = (motion[i, frame, :2] - position) / c.position_noise_world
+                off = (motion[i, frame, :2] - position) / POSITION_NOISE_WORLD
                 residuals += (np.sqrt(weight) * off).tolist()
                 if edges is not None:
-                    off = (outline_px(motion[i, frame, :2], motion[i, frame, 4]) - edges) / c.edge_noise_px
+                    off = (outline_px(motion[i, frame, :2], motion[i, frame, 4]) - edges) / EDGE_NOISE_PX
                     residuals += (np.sqrt(weight) * off).tolist()
     for value, (kind, *_) in zip(x * problem.unit, problem.names, strict=True):
         if kind == "log_mass":
-            residuals.append(value / c.mass_deviation)
+            residuals.append(value / LOG_MASS_STD)
         elif kind == "rebound":
-            residuals.append((value - c.rebound) / c.rebound_deviation)
-    scale = c.robust_scale
-    loss = scale**2 * (np.sqrt(1 + (np.array(residuals) / scale) ** 2) - 1)
+            residuals.append((value - REBOUND) / REBOUND_DEVIATION)
+    loss = ROBUST_SCALE**2 * (np.sqrt(1 + (np.array(residuals) / ROBUST_SCALE) ** 2) - 1)
     assert cost == pytest.approx(loss.mean(), rel=1e-9)
 
 
@@ -112,7 +121,7 @@ def test_edges_are_found_from_any_start_of_the_climb() -> None:
     for _ in range(50):
         position, yaw = rng.uniform(-2, 2, 2), float(rng.uniform(-4, 4))
         start = rng.integers(0, len(CUBE_OUTLINE), (2, 2))
-        edges = cube_edges_px(*position, yaw, start, np.empty((2, 3)))
+        edges = cube_edges_px(rows_of(CLEVRER_CAMERA), *position, yaw, start, np.empty((2, 3)))
         np.testing.assert_allclose(edges, outline_px(position, yaw), atol=1e-6)
 
 
@@ -156,21 +165,17 @@ def test_a_fit_starts_from_another() -> None:
 
 def test_perturbed_runs_are_those_of_perturbed_bodies() -> None:
     start, rng = PAIRS["a cube that spins"], np.random.default_rng(0)
-    changes = Perturbations(
-        0.02 * rng.normal(size=(4, 2, 2)),
-        0.1 * rng.normal(size=(4, 2, 2)),
-        0.3 * rng.normal(size=(4, 2)),
-        rng.uniform(0.8, 1.2, (4, 2)),
-    )
+    noise = rng.normal(size=(4, 2, 6)) * [0.02, 0.02, 0.1, 0.1, 0.3, 0.0]
+    changes = Perturbations(noise, rng.uniform(0.8, 1.2, (4, 2)))
     first, contacts = simulate_perturbed(start, np.ones(2, bool), 60, changes)
     np.testing.assert_array_equal(first.position, run(start, 60).position)
     moves = np.linalg.norm(start.velocity, axis=1, keepdims=True) > 0
     for k in range(4):
         changed = replace(
             start,
-            position=start.position + changes.position[k],
-            velocity=start.velocity + changes.velocity[k] * moves,
-            yaw=start.yaw + changes.yaw[k],
+            position=start.position + noise[k, :, :2],
+            velocity=start.velocity + noise[k, :, 2:4] * moves,
+            yaw=start.yaw + noise[k, :, 4],
             mass=start.mass * changes.mass[k],
         )
         np.testing.assert_array_equal(contacts[k + 1], run(changed, 60).contact)
@@ -181,7 +186,7 @@ def test_a_probable_collision_that_the_fitted_objects_make_is_kept(monkeypatch: 
     states, collision = measured(PAIRS["spheres"])
     fit, calls = fit_trajectories(states, [collision]), []
 
-    def fitted(states, collisions, config, measurement, start):
+    def fitted(states, collisions, restarts, start):
         calls.append((len(collisions), start is not None))
         touches, cost = {(1, False): (False, 0.56), (0, False): (True, 0.14), (1, True): (True, 0.12)}[calls[-1]]
         return replace(

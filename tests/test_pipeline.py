@@ -20,7 +20,7 @@ from nsdr import (
     VideoProposals,
 )
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.questions import read_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.cli.simulate import _report as report_lines
 from nsdr.pipeline import Perception
 
@@ -59,13 +59,6 @@ def test_perceiving_is_done_once(pipeline: Pipeline, perception: Perception, mon
     monkeypatch.setattr(pipeline.frame_parser, "parse", never)
     assert pipeline.perceive(VIDEO) is perception
     assert pipeline.scene(VIDEO) is perception.scene
-
-
-def test_what_an_exit_needed_is_known_of_a_video(pipeline: Pipeline, perception: Perception) -> None:
-    question = "Which of the following is responsible for the cyan sphere's exit?"
-    choices = ["the presence of the brown metal cylinder", "the presence of the green metal cylinder"]
-    found = pipeline.answer(VIDEO, question, choices).choices
-    assert [choice.meanings["but_for"] for choice in found] == [True, False]
 
 
 def test_every_stage_can_be_given(pipeline: Pipeline, perception: Perception) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.clevrer import prompt, read_questions, solution, without_answers, write_questions
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 
 CHOICES = (
     Choice(0, "The red cube is removed", None, "correct", "observational", True),
@@ -41,6 +41,8 @@ def test_tags_are_kept_in_question_files(tmp_path) -> None:
     assert "tag" not in rows[0]["questions"][0]["choices"][2]
     rows[0]["questions"][0]["choices"][1]["tag"] = "maybe"
     (tmp_path / "bad.json").write_text(json.dumps(rows))
-    with pytest.raises(DataError, match=r"bad.json.*choices\[1\].tag: 'maybe'; expected observational or inferential"):
+    with pytest.raises(
+        DataError, match=r"bad.json.*choices\[1\].tag: expected one of inferential, observational or null, got 'maybe'"
+    ):
         read_questions(tmp_path / "bad.json")
     assert all(c.tag is None for c in without_answers(scene).questions[0].choices)

@@ -3,13 +3,12 @@
 import pytest
 
 from nsdr import Executor, QuestionParser, Scene
-from nsdr.clevrer.questions import iterate_questions
-from nsdr.question_parser.coverage import readings
-from nsdr.question_parser.normal import normal_form
+from nsdr.clevrer.files.questions import read_questions
+from nsdr.question_parser.grammar import readings
 
 
 def reading(text: str) -> list[str]:
-    found = readings(normal_form(text), "descriptive")
+    found = readings(text, "descriptive")
     assert len(found) == 1
     return found[0]
 
@@ -39,7 +38,7 @@ def test_no_real_text_is_refused(shared) -> None:
     parser = QuestionParser.from_pretrained()
     texts: dict[tuple[str, str], list[str]] = {}
     files = [*sorted((shared / "real/questions").glob("*.json")), shared / "clips/questions.json"]
-    for scene in (scene for path in files for scene in iterate_questions(path)):
+    for scene in (scene for path in files for scene in read_questions(path)):
         for q in scene.questions:
             kind = "multiple_choice" if q.choices else "descriptive"
             for text_kind, text, program in [
@@ -50,7 +49,7 @@ def test_no_real_text_is_refused(shared) -> None:
                     texts[text_kind, text] = list(program)
     assert len(texts) > 3000
     for (kind, text), program in texts.items():
-        assert readings(normal_form(text), kind) == [program]
+        assert readings(text, kind) == [program]
     for kind in ("descriptive", "multiple_choice", "choice"):
         of_kind = {text: program for (k, text), program in texts.items() if k == kind}
         assert [list(p.tokens) for p in parser.parse_batch(list(of_kind), kind)] == list(of_kind.values())

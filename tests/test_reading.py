@@ -85,7 +85,7 @@ def test_compressed_files_are_limited_before_they_fill_the_memory(tmp_path, monk
     bomb = gzip.compress(b" " * 50_000_000)
     assert len(bomb) < 100_000
     with pytest.raises(
-        DataError, match=r"bomb, decompressed: 1,048,576 json_bytes, more than 1,000,000; .*NSDR_LIMITS"
+        DataError, match=r"bomb, decompressed: 1,000,001 json_bytes, more than 1,000,000; .*NSDR_LIMITS"
     ):
         parse_json(bomb, "bomb")
     path = npz(tmp_path / "bomb.npz", a=npy("(6250000,)", data=bytes(50_000_000)))

@@ -6,20 +6,19 @@ import json
 import numpy as np
 import pytest
 
-from nsdr.clevrer.annotations import check_ground_truth, read_annotation
-from nsdr.clevrer.predictions import read_predictions
-from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
-from nsdr.clevrer.questions import read_questions
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
-from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.clevrer.files.annotations import check_ground_truth, read_annotation, read_truth
+from nsdr.clevrer.files.predictions import read_predictions
+from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
+from nsdr.clevrer.files.questions import read_questions
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.generate.physics.bullet import Simulator
-from nsdr.generate.physics.resimulate import resimulate
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.world.vocabulary import SHAPES
+from tests.resimulation import resimulate
 
 pytestmark = pytest.mark.real_data
 MOTION = {"filter_moving", "filter_stationary"}

@@ -7,7 +7,7 @@ import pytest
 
 from nsdr import DataError, Event, Scene, SceneObject
 from nsdr.baselines import keep_recording, tag_options
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import ExecutionError
 from nsdr.evaluation import accuracy_interval, evaluate, format_table, wilson_interval
 from nsdr.evaluation.experiments import markdown_table

@@ -8,7 +8,7 @@ import pytest
 
 from nsdr import DataError
 from nsdr.generate.render.blender import Blender
-from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.view import RenderConfig, View
 from nsdr.types import SceneObject
 from nsdr.world.camera import Camera

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from nsdr.clevrer import Response, prompt, read_response, read_response_to, solution
-from nsdr.clevrer.questions import ANSWERS, Choice, Question
+from nsdr.clevrer.files.questions import ANSWERS, Choice, Question
 
 OPTIONS = (
     "The red cube collides with the sphere",

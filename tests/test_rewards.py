@@ -199,7 +199,7 @@ def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) 
     with pytest.raises(DataError, match=r"broken\.json: frames"):
         trace_verified([text], [tmp_path / "broken.json"])
     (tmp_path / "number.json").write_text(json.dumps({**annotation, "motion_trajectory": 5}))
-    with pytest.raises(DataError, match=r"number\.json: .*motion_trajectory: expected list, got 5"):
+    with pytest.raises(DataError, match=r"number\.json: .*motion_trajectory: expected a list, got 5"):
         trace_verified([text], [tmp_path / "number.json"])
     (tmp_path / "part.json").write_text(json.dumps({"type": "Scene"}))
     with pytest.raises(DataError) as refused:

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from nsdr import DataError
-from nsdr.io.fingerprint import code_fingerprint, fingerprint
-from nsdr.io.runner import LEDGER, Job, run_jobs
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import LEDGER, Job, run_jobs
 
 
 def write(item: str, output: Path) -> None:
@@ -53,13 +53,13 @@ def test_fingerprints_read_large_files_piece_by_piece(tmp_path) -> None:
     file = tmp_path / "large.mp4"
     with file.open("wb") as opened:
         opened.truncate(1 << 26)  # 64 MiB of zeros
-    small = fingerprint(inputs=[b"a" * 10], code=False)
+    small = fingerprint(inputs=[b"a" * 10])
     tracemalloc.start()
-    found = fingerprint(inputs=[file], code=False)
+    found = fingerprint(inputs=[file])
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1 << 23
-    assert found == fingerprint(inputs=[bytes(1 << 26)], code=False) != small
+    assert found == fingerprint(inputs=[bytes(1 << 26)]) != small
 
 
 def test_fingerprints_depend_on_content_settings_and_weights(tmp_path) -> None:
@@ -76,33 +76,3 @@ def test_fingerprints_depend_on_content_settings_and_weights(tmp_path) -> None:
     assert changed != fingerprint(inputs=[file], config={"x": 1}, weights=[weights])
     with pytest.raises(DataError, match=r"nowhere: no such file"):
         fingerprint(inputs=[tmp_path / "nowhere"])
-
-
-def test_the_codes_fingerprint_is_of_this_package() -> None:
-    assert len(code_fingerprint()) == 16
-    assert code_fingerprint() == code_fingerprint()
-
-
-def test_a_modules_fingerprint_is_of_what_it_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = tmp_path / "nsdr"
-    (package / "world").mkdir(parents=True)
-    (package / "world" / "__init__.py").write_text("")
-    (package / "a.py").write_text("import os\n\ndef f():\n    from nsdr.world import b\n    return b, os\n")
-    (package / "world" / "b.py").write_text("from nsdr.c import VALUE\n")
-    (package / "c.py").write_text("import nsdr.a\nVALUE = 1\n")
-    (package / "other.py").write_text("VALUE = 1\n")
-    monkeypatch.setattr("nsdr.io.fingerprint._PACKAGE", package)
-
-    def value(module: str = "") -> str:
-        code_fingerprint.cache_clear()
-        return code_fingerprint(module)
-
-    before, whole = value("nsdr.a"), value()
-    (package / "other.py").write_text("VALUE = 2\n")
-    assert value("nsdr.a") == before
-    assert value() != whole
-    (package / "c.py").write_text('"""Text."""\nimport nsdr.a\nVALUE = (1)  # as before\n')
-    assert value("nsdr.a") == before
-    (package / "c.py").write_text("import nsdr.a\nVALUE = 2\n")
-    assert value("nsdr.a") != before
-    code_fingerprint.cache_clear()

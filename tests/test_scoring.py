@@ -1,4 +1,4 @@
-"""`nsdr score`, `nsdr dummy` and `nsdr controls`."""
+"""`nsdr score` and `nsdr controls`."""
 
 import json
 from dataclasses import replace
@@ -19,13 +19,12 @@ from nsdr.clevrer import (
     write_submission,
 )
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
 from nsdr.evaluation.comparison import compare_reports, format_comparison
 from nsdr.evaluation.controls import exchange, write_controls
-from nsdr.evaluation.intervals import difference_interval
-from nsdr.evaluation.references import reference_rows
-from nsdr.evaluation.responses import format_report, score_responses
+from nsdr.evaluation.measures import difference_interval
+from nsdr.evaluation.responses import format_report, reference_rows, score_responses
 from nsdr.io.video import sample_frames, write_video
 
 OPEN = Question(0, "What color is it?", "descriptive", "query_color", None, "red", (), True)
@@ -108,7 +107,10 @@ def test_every_form_of_file_is_read_alike(tmp_path: Path) -> None:
         ),
         ("id,response,response\n10000-0,A,B\n", "has the column response twice"),
         ("id,id,response\n10000-0,10000-1,B\n", "has the column id twice"),
-        ('[{"scene_index": 1, "questions": [{"question_id": 0}]}]', "questions[0]: has neither 'answer' nor"),
+        (
+            '[{"scene_index": 1, "questions": [{"question_id": 0}]}]',
+            "questions[0]: expected 'answer' or, for a question with options, 'choices', got neither",
+        ),
         ("id,response\n", "at least 1 answer"),
         ("[]", "at least 1 answer"),
     ],
@@ -214,26 +216,20 @@ def test_interval_of_a_difference() -> None:
     assert 0.2 < high < 0.3
 
 
-def test_dummies_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_recording_knows_more_than_constant_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "scene_500002.json").write_bytes(TRUTH.read_bytes())
     scenes = read_questions(QUESTIONS)
-    yes, keep = tmp_path / "yes.jsonl", tmp_path / "keep.jsonl"
-    assert main(["dummy", "always-yes", "--questions", str(QUESTIONS), "-o", str(yes)]) == 0
-    keep_recording = ["dummy", "keep-recording", "--questions", str(QUESTIONS), "-o", str(keep)]
-    assert main([*keep_recording, "--source", "scenes", "--data", str(tmp_path)]) == 0
-    out = tmp_path / "report.json"
-    assert main(["score", str(yes), str(keep), "--questions", str(QUESTIONS), "-o", str(out)]) == 0
+    rows = ((s.scene_index, q.id, "none" if q.choices else "yes") for s in scenes for q in s.questions)
+    constant, keep, out = tmp_path / "no.jsonl", tmp_path / "keep.json", tmp_path / "report.json"
+    write_responses(constant, rows)
+    recording = ["evaluate", "--counterfactuals", "recording", "--programs", "gold", "--submission", str(keep)]
+    assert main([*recording, "--questions", str(QUESTIONS), "--source", "scenes", "--data", str(tmp_path)]) == 0
+    assert main(["score", str(constant), str(keep), "--questions", str(QUESTIONS), "-o", str(out)]) == 0
     document = json.loads(out.read_text())
     assert [r["responses"]["unread"] for r in document["reports"]] == [[], []]
     assert document["comparison"]["descriptive"]["per_question"]["difference"] > 0.5
     assert "minus" in capsys.readouterr().out
     assert len(read_answers(keep)) == sum(len(s.questions) for s in scenes)
-    assert main(keep_recording) == 2
-    assert "keep-recording needs --source and --data" in capsys.readouterr().err
-    assert main([*keep_recording, "--source", "truth", "--data", str(tmp_path)]) == 2
-    assert f"--source truth --data {tmp_path}: {tmp_path}: has no truth_500002.json" in capsys.readouterr().err
-    assert main(["dummy", "always-yes", "--questions", "", "-o", str(yes)]) == 2
-    assert "questions" in capsys.readouterr().err
 
 
 def test_score_names_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

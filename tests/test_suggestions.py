@@ -3,14 +3,15 @@
 import pytest
 
 from nsdr import Executor, QuestionError, Scene
+from nsdr.errors import EndpointError
 from nsdr.pipeline import Pipeline
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.suggestions import nearest_questions
 
 
 @pytest.fixture(scope="module")
-def parser() -> QuestionParser:
-    return QuestionParser.from_pretrained(device="cpu")
+def parser() -> GrammarParser:
+    return GrammarParser()
 
 
 @pytest.mark.parametrize(
@@ -32,7 +33,7 @@ def test_nearest_without_a_scene(text: str, kind: str, nearest: str) -> None:
 
 @pytest.mark.parametrize("kind", ["descriptive", "multiple_choice", "choice"])
 @pytest.mark.parametrize("text", ["Which yellow sphere is faster?", "the red cube hits the green one", "", "zork"])
-def test_suggestions_can_be_parsed_and_fit_the_scene(small_scene: Scene, parser: QuestionParser, text, kind) -> None:
+def test_suggestions_can_be_parsed_and_fit_the_scene(small_scene: Scene, parser: GrammarParser, text, kind) -> None:
     executor = Executor(small_scene)
     found = nearest_questions(text, small_scene, kind)
     assert len(found) == 3
@@ -51,7 +52,7 @@ def test_an_empty_scene_has_no_suggestions_about_objects(small_scene: Scene) -> 
     assert nearest_questions("How many zebras?", empty) == []
 
 
-def test_a_pipeline_names_the_nearest_questions(small_scene: Scene, parser: QuestionParser) -> None:
+def test_a_pipeline_names_the_nearest_questions(small_scene: Scene, parser: GrammarParser) -> None:
     pipeline = Pipeline(None, None, parser)  # type: ignore[arg-type]
     with pytest.raises(QuestionError, match="the nearest questions: How many cubes exit the scene"):
         pipeline.answer(small_scene, "How many zebras exit the scene?")
@@ -63,15 +64,12 @@ def test_a_pipeline_names_the_nearest_questions(small_scene: Scene, parser: Ques
 
 
 def test_an_error_of_the_parser_itself_is_not_taken_for_one_of_the_choice(small_scene, parser, monkeypatch) -> None:
-    class ServerError(QuestionError):
-        pass
-
     def parse(text: str, kind: str) -> object:
         if kind == "choice":
-            raise ServerError("no server")
+            raise EndpointError("no server")
         return parser.parse(text, kind)
 
     pipeline = Pipeline(None, None, parser)  # type: ignore[arg-type]
     monkeypatch.setattr(pipeline, "question_parser", type("Stub", (), {"parse": staticmethod(parse)}))
-    with pytest.raises(ServerError, match=r"^no server$"):
+    with pytest.raises(EndpointError, match=r"^no server$"):
         pipeline.answer(small_scene, "What will happen next?", ["the cube", "the sphere"])

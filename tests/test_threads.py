@@ -1,11 +1,9 @@
 """Threads of the libraries: small parts run on one, idle ones sleep, and the process's own settings come back."""
 
-import math
 import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from threading import Barrier, Thread
 from typing import Any
 
@@ -19,8 +17,8 @@ from nsdr import PatchPredictor, QuestionParser, StatePredictor
 from nsdr.dynamics.physics import trajectory_fit
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.io import threads
-from nsdr.io.threads import available_cores, limit_threads
+from nsdr.io import device
+from nsdr.io.device import available_cores, limit_threads
 
 from .test_dynamics import tracks
 from .test_frame_parser import TINY, build_frame_parser
@@ -76,7 +74,7 @@ def test_the_question_parser_runs_on_one_thread(used: Used) -> None:
 
 @pytest.mark.parametrize(("cores", "expected"), [(2, 2), (8, 3)])
 def test_the_detector_uses_the_available_cores(used: Used, monkeypatch: pytest.MonkeyPatch, cores, expected) -> None:
-    monkeypatch.setattr(threads, "available_cores", lambda: cores)
+    monkeypatch.setattr(device, "available_cores", lambda: cores)
     FrameParser(build_frame_parser(TINY)).parse(np.zeros((1, 320, 480, 3), np.uint8))
     assert used == {(expected, 1)}  # never more than the user's three
 
@@ -130,35 +128,22 @@ def test_limits_end_with_an_error(used: Used) -> None:
 )
 def test_idle_threads_sleep_unless_the_user_says_otherwise(own: dict[str, str], expected: dict[str, str]) -> None:
     program = (
-        "import os, sys, nsdr.cli.main\nfrom nsdr.io.threads import WAITING\n"
+        "import os, sys, nsdr.cli.main\nfrom nsdr.io.device import WAITING\n"
         "print('torch' in sys.modules, {k: os.environ[k] for k in WAITING if k in os.environ})"
     )
-    environment = {k: v for k, v in os.environ.items() if k not in threads.WAITING}
+    environment = {k: v for k, v in os.environ.items() if k not in device.WAITING}
     done = subprocess.run([sys.executable, "-c", program], env=environment | own, capture_output=True, text=True)
     assert done.stdout == f"False {expected}\n", done.stderr
 
 
-@pytest.mark.parametrize(
-    ("files", "groups", "expected"),
-    [
-        ({"cpu.max": "150000 100000"}, "0::/", 1.5),
-        ({"cpu.max": "max 100000"}, "0::/", math.inf),
-        ({"cpu.max": "max 100000", "job/cpu.max": "400000 100000"}, "0::/job/step", 4),
-        ({"cpu/cpu.cfs_quota_us": "200000", "cpu/cpu.cfs_period_us": "100000"}, "3:cpu,cpuacct:/docker/1a", 2),
-        ({"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, "3:cpu:/\n4:memory:/", math.inf),
-        ({}, "", math.inf),
-    ],
-)
-def test_quotas_of_control_groups(tmp_path: Path, files: dict[str, str], groups: str, expected: float) -> None:
-    for name, text in files.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text + "\n")
-    (tmp_path / "groups").write_text(groups)
-    assert threads._quota_cores(tmp_path, tmp_path / "groups") == expected
+def test_available_cores_are_those_of_the_affinity() -> None:
+    assert available_cores() <= len(os.sched_getaffinity(0))
 
 
-def test_available_cores_are_of_the_affinity_and_the_quota(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(6)), raising=False)
-    for quota, expected in ((1e9, 6), (2.5, 3), (0.5, 1)):
-        monkeypatch.setattr(threads, "_quota_cores", lambda quota=quota: quota)
-        assert available_cores() == expected
+def test_a_pipeline_runs_without_torchs_compiler() -> None:
+    code = (
+        "import sys, numpy as np, nsdr; pipeline = nsdr.Pipeline.from_pretrained(device='cpu'); "
+        "pipeline.frame_parser.parse(np.full((1, 320, 480, 3), 128, np.uint8)); "
+        "sys.exit(any(m in sys.modules for m in ('torch._dynamo', 'torch._inductor', 'sympy')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

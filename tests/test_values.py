@@ -14,16 +14,15 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from pycocotools import mask as rle
 
 from nsdr import DataError, Event, Rollout, Scene, SceneObject, VideoError, VideoProposals, load
-from nsdr.clevrer.annotations import check_truth
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
-from nsdr.clevrer.masks import mask_numbers, numbers_of_runs, runs_of_mask
-from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.predictions import predictions_from_document
-from nsdr.clevrer.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
-from nsdr.clevrer.questions import read_questions
-from nsdr.clevrer.submissions import read_submission
-from nsdr.clevrer.truth_blocks import check_truth_blocks
+from nsdr.clevrer.files.annotations import check_truth, check_truth_blocks
+from nsdr.clevrer.files.masks import mask_numbers, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.parsed_programs import with_parsed_programs
+from nsdr.clevrer.files.predictions import predictions_from_document
+from nsdr.clevrer.files.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
+from nsdr.clevrer.files.questions import read_questions
+from nsdr.clevrer.files.submissions import read_submission
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import VARIABLE
 from nsdr.io.video import read_video, write_video
@@ -124,8 +123,8 @@ def test_bad_lists_of_truth_blocks() -> None:
     for rows, message in (
         ([], "at least one block"),
         ([block, block], r"\[1\]\.video: 1 is there twice"),
-        ([{**block, "n_frames": 0}], "n_frames: expected 1 to 10000, got 0"),
-        ([{**block, "video": -1}], "video: expected 0 to"),
+        ([{**block, "n_frames": 0}], "n_frames: expected a whole number from 1 on, got 0"),
+        ([{**block, "video": -1}], "video: expected a whole number from 0 to"),
     ):
         with pytest.raises(DataError, match=message):
             check_truth_blocks(rows, "b.json")
@@ -138,11 +137,11 @@ def test_bad_lists_of_truth_blocks() -> None:
     ("change", "message"),
     [
         (lambda d: d["frames"].pop(), "frames: expected 128 or more, got 127"),
-        (lambda d: d.update(n_frames=129), "n_frames: expected 1 to 128, got 129"),
-        (lambda d: d["frames"][5]["objects"].pop(), r"frames\[5\]\.objects: expected all 2 objects, \[1\] are missing"),
-        (lambda d: d["frames"][5]["objects"][1].update(object_id=0), r"frames\[5\].*0 is there twice"),
-        (lambda d: d["frames"][5]["objects"][1].update(velocity=[1e300, 0, 0]), "velocity: expected 3 numbers from -1000"),
-        (lambda d: d["frames"][5]["objects"][1].update(velocity=[True, 0, 0]), "velocity: expected 3 numbers"),
+        (lambda d: d.update(n_frames=129), "frames: expected 129 or more, got 128"),
+        (lambda d: d["frames"][5]["objects"].pop(), r"frames\[5\]\.objects: expected object_id 0 to 1, each once, got \[0\]"),
+        (lambda d: d["frames"][5]["objects"][1].update(object_id=0), r"frames\[5\]\.objects: .*each once, got \[0, 0\]"),
+        (lambda d: d["frames"][5]["objects"][1].update(velocity=[1e300, 0, 0]), r"velocity\[0\]: expected a number from -1000"),
+        (lambda d: d["frames"][5]["objects"][1].update(velocity=[True, 0, 0]), r"velocity.*: expected a (number|list of 3)"),
         (lambda d: d["counterfactual"].update({"9": []}), "counterfactual.9: expected an object id from 0 to 1"),
         (lambda d: d["counterfactual"].update({"0": d["collisions"]}), "expected no collision of the removed object 0"),
         (lambda d: d["collisions"][0].update(frame_id=128), "frame_id: expected a frame from 0 to 127, got 128"),
@@ -159,11 +158,11 @@ def test_bad_truth_files(change, message) -> None:
     ("change", "message"),
     [
         (lambda d: d.update(predictions=[]), "predictions: expected at least 1"),
-        (lambda d: d["objects"].append({"id": 2, **RED}), "a second red metal cube"),
+        (lambda d: d["objects"].append({"id": 2, **RED}), "red metal cube is there twice"),
         (lambda d: d["predictions"][2].update(what_if=0), r"predictions\[2\]\.what_if: 0 is there twice"),
         (lambda d: d["predictions"][0]["trajectory"].reverse(), r"trajectory\[1\]\.frame_index: expected more than 5"),
         (lambda d: d["predictions"][0]["trajectory"][1].update(frame_index=10**9), "expected a frame from 0 to 9999"),
-        (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(x=1e300), "x: expected a number <= 1000.0"),
+        (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(x=1e300), "x: expected a number from -1000"),
         (lambda d: d["predictions"][0]["trajectory"][0]["objects"][0].update(BLUE), "blue metal cube is there twice"),
         (lambda d: d["predictions"][0]["collisions"][0].update(objects=[RED, RED]), "expected two different objects"),
         (lambda d: d["predictions"][0]["collisions"][0].update(frame=-1), "frame: expected a frame from 0"),
@@ -188,18 +187,18 @@ def first(kind: str, d: Any) -> Any:
         (lambda d: d[0].update(questions=[]), "expected at least 1 question, found 1 scenes"),
         (lambda d: d[0]["questions"].append(d[0]["questions"][0]), "question_id: .* is there twice"),
         (lambda d: first("choices", d)["choices"].append(first("choices", d)["choices"][0]), "choice_id: 0 is there twice"),
-        (lambda d: first("choices", d)["choices"][0].update(answer=None), "some choices have answers and some have none"),
-        (lambda d: first("choices", d)["choices"][0].update(answer="yes"), "answer: 'yes'; expected correct or wrong"),
-        (lambda d: first("", d).update(answer="17"), "answer: '17'; expected 0 to 15, yes, no or an attribute word"),
-        (lambda d: first("", d).update(answer=["yes"]), "answer: .*expected 0 to 15"),
-        (lambda d: first("", d).update(program="count"), "expected a list of tokens, got 'count'"),
-        (lambda d: first("", d).update(program=[]), "expected a list of tokens"),
-        (lambda d: first("", d).update(program=["events"] * 100_000), r"\(scene 500002\): 100,000 program_tokens"),
+        (lambda d: first("choices", d)["choices"][0].update(answer=None), "choices: expected answers of all or none"),
+        (lambda d: first("choices", d)["choices"][0].update(answer="yes"), "answer: expected one of correct, wrong"),
+        (lambda d: first("", d).update(answer="17"), "answer: expected 0 to 15, yes, no or an attribute word, got '17'"),
+        (lambda d: first("", d).update(answer=["yes"]), "answer: expected a text or null, got"),
+        (lambda d: first("", d).update(program="count"), "program: expected a list of 1 or more items or null, got 'count'"),
+        (lambda d: first("", d).update(program=[]), "program: expected a list of 1 or more items or null"),
+        (lambda d: first("", d).update(program=["events"] * 100_000), r"questions\[0\]\.program: 100,000 program_tokens"),
         (lambda d: first("", d).update(question="a " * 100_000), "200,000 text_characters"),
         (lambda d: first("", d).update(question="How many\x00 cubes?"), "question: expected a line of text"),
         (lambda d: first("", d).update(question=" "), "question: expected a line of text"),
         (lambda d: d[0].update(video_filename="../../etc/passwd"), "video_filename: expected the name of a file"),
-        (lambda d: d[0].update(scene_index=-1), "scene_index: expected 0 to"),
+        (lambda d: d[0].update(scene_index=-1), "scene_index: expected a whole number from 0 to"),
     ],
 )  # fmt: skip
 def test_bad_questions(change, message, tmp_path) -> None:
@@ -213,7 +212,7 @@ def test_bad_questions(change, message, tmp_path) -> None:
 
 def test_question_files_end_after_their_list(tmp_path) -> None:
     (tmp_path / "q.json").write_text(QUESTIONS.read_text() + "[]")
-    with pytest.raises(DataError, match=r"q\.json: data after the end of the list"):
+    with pytest.raises(DataError, match=r"q\.json: .*Extra data"):
         read_questions(tmp_path / "q.json")
     (tmp_path / "q.json").write_bytes(b"\xef\xbb\xbf" + QUESTIONS.read_bytes())
     assert read_questions(tmp_path / "q.json") == read_questions(QUESTIONS)
@@ -222,8 +221,8 @@ def test_question_files_end_after_their_list(tmp_path) -> None:
 def test_bad_parsed_programs_and_submissions(tmp_path) -> None:
     path = tmp_path / "x.json"
     for content, message in (
-        ([], "expected an object with scene indices"),
-        ({"zebra": 1}, "expected the index of a scene"),
+        ([], "expected an object, got"),
+        ({"zebra": 1}, "expected keys that are the index of a scene, got"),
         ({"7": {"questions": []}}, "holds none of the 1 scenes, such as 500002"),
         ({"500002": {"questions": [5]}}, r"500002\.questions\[0\]: expected an object, got 5"),
     ):
@@ -325,9 +324,9 @@ def scene_document() -> dict[str, Any]:
     return dict(json.loads(TRUTH.read_text()))
 
 
-def doubt(probability: object = 0.5, removed: object = None, frame: int = 30) -> dict[str, Any]:
+def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30) -> dict[str, Any]:
     event = {"type": "Event", "kind": "collision", "frame": frame, "objects": [0, 1]}
-    return {"type": "Doubt", "event": event, "probability": probability, "removed": removed}
+    return {"type": "UncertainCollision", "event": event, "probability": probability, "removed": removed}
 
 
 @pytest.mark.parametrize(
@@ -336,25 +335,25 @@ def doubt(probability: object = 0.5, removed: object = None, frame: int = 30) ->
         (lambda d: d.update(objects=5), "objects: expected a list, got 5"),
         (lambda d: d.update(zebra=5), "unknown key 'zebra' of a Scene"),
         (lambda d: d.pop("events"), "missing key 'events' of a Scene"),
-        (lambda d: d.update(n_frames=500), r"Scene.visible: expected shape \(6, 500\)"),
-        (lambda d: d.update(n_frames=True), "n_frames: expected a whole number, got True"),
-        (lambda d: d["events"][0].update(frame=1.5), r"events\[0\]\.frame: expected a whole number, got 1.5"),
-        (lambda d: d["events"][0].update(frame=9999), "is after the video's 128 frames"),
-        (lambda d: d["events"][0].update(frame=-1), "or no frame"),
-        (lambda d: d["events"][0].update(objects=[0, 99]), "outside 0-5"),
-        (lambda d: d["events"].append(7), r"events\[7\]: expected Event, got 7"),
-        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen, counterfactual and doubtful events: frame: 1(,000){4}"),
+        (lambda d: d.update(n_frames=500), r"Scene.visible: expected the shape \(6, 500\)"),
+        (lambda d: d.update(n_frames=True), "n_frames: expected a whole number from 1 on, got True"),
+        (lambda d: d["events"][0].update(frame=1.5), r"events\[0\]: Event.frame: expected a whole number from -1 on, got 1.5"),
+        (lambda d: d["events"][0].update(frame=9999), "expected frames from 0 to 127, got Event"),
+        (lambda d: d["events"][0].update(frame=-1), "expected objects from 0 to 5 at a frame"),
+        (lambda d: d["events"][0].update(objects=[0, 99]), "expected objects from 0 to 5 at a frame"),
+        (lambda d: d["events"].append(7), r"events\[7\]: expected a Event, got 7"),
+        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen, counterfactual and uncertain events: frame: 1(,000){4}"),
         (lambda d: d["counterfactual"].update(map={}), r"counterfactual\.map: expected a list"),
         (lambda d: d["counterfactual"]["map"].append([99, []]), "counterfactual: expected object ids from 0 to 5 as keys"),
-        (lambda d: d.update(doubts=[doubt(probability=1.5)]), r"doubts\[0\]: Doubt.probability: expected 0 to 1, got 1.5"),
-        (lambda d: d.update(doubts=[doubt(probability="high")]), r"doubts\[0\].probability: expected float, got 'high'"),
-        (lambda d: d.update(doubts=[doubt(removed=9)]), "Scene.doubts: expected removed objects from 0 to 5, got 9"),
-        (lambda d: d.update(doubts=[doubt(frame=10**12)]), r"doubtful events: frame: 1(,000){4}"),
+        (lambda d: d.update(uncertain=[uncertain(probability=1.5)]), "probability: expected a number from 0 to 1, got 1.5"),
+        (lambda d: d.update(uncertain=[uncertain(probability="a")]), r"probability: expected a number from 0 to 1, got 'a'"),
+        (lambda d: d.update(uncertain=[uncertain(removed=9)]), "Scene.uncertain: expected removed objects from 0 to 5, got 9"),
+        (lambda d: d.update(uncertain=[uncertain(frame=10**12)]), r"uncertain events: frame: 1(,000){4}"),
         (lambda d: d["visible"].update(dtype="object"), r"visible\.dtype: expected one of bool"),
         (lambda d: d["visible"].update(shape=[10**6, 10**6]), "visible: expected 1000000000000 values"),
-        (lambda d: d["visible"].update(shape=[-1, 128]), r"visible\.shape: expected a list of sizes"),
+        (lambda d: d["visible"].update(shape=[-1, 128]), r"visible\.shape\[0\]: expected a whole number from 0 on, got -1"),
         (lambda d: d["visible"].update(values="x" * 768), r"visible\.values: expected a text of 0 and 1"),
-        (lambda d: d.update(visible={"array": "array_0"}), "visible: there is no array 'array_0'"),
+        (lambda d: d.update(visible={"array": "array_0"}), "visible: expected the name of an array, got array_0"),
     ],
 )  # fmt: skip
 def test_bad_saved_scenes(change, message, tmp_path) -> None:
@@ -374,7 +373,7 @@ def test_types_refuse_values_out_of_range() -> None:
     ):
         with pytest.raises(DataError, match=message):
             VideoProposals(1, ints, ints, floats + score, centre + place, ints, box)
-    with pytest.raises(DataError, match="processed: expected 0 to 0, got 5"):
+    with pytest.raises(DataError, match="processed: expected frames from 0 to 0, got 5 to 5"):
         VideoProposals(1, ints, ints, floats, centre, ints, box, processed=np.array([5]))
     with pytest.raises(DataError, match=r"SceneObject\.id: expected a whole number from 0 on, got '0'"):
         SceneObject("0", "red", "metal", "cube")  # type: ignore[arg-type]
@@ -448,9 +447,9 @@ def test_large_and_damaged_members_are_refused(tmp_path, monkeypatch) -> None:
         ({"splits": {"train": [0, 10**12]}}, "splits.train: expected first and last"),
         ({"splits": {"train": [5, 3]}}, "splits.train: expected first and last"),
         ({"splits": {"train": [-5, 3]}}, "splits.train: expected first and last"),
-        ({"kinds": ["zebra"]}, "kinds: expected different ones of videos"),
-        ({"kinds": [5]}, "kinds: expected different ones of videos"),
-        ({"n_frames": 10**9}, "n_frames: expected 1 to 10000"),
+        ({"kinds": ["zebra"]}, "kinds.*: expected (one of annotations|different ones)"),
+        ({"kinds": [5]}, "kinds.*: expected (one of annotations|different ones)"),
+        ({"n_frames": 10**9}, "n_frames: (expected a whole number from 1|.* more than 10,000)"),
     ],
 )
 def test_bad_manifests(changes, message, tmp_path) -> None:
@@ -495,10 +494,10 @@ def frame_line(**changes: Any) -> dict[str, Any]:
     [
         ({"file_name": "../../a.jpg"}, "file_name: expected a file below images/"),
         ({"file_name": "/a.jpg"}, "file_name: expected a file below images/"),
-        ({"scene": -1}, "scene: expected 0"),
+        ({"scene": -1}, "scene: expected a whole number from 0"),
         ({"objects": [{**RED, "segmentation": {"size": [10**6, 10**6], "counts": "1"}}]}, "image_pixels, more than"),
         ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": "11"}}]}, "expected runs of the image's 4x6"),
-        ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": 5}}]}, "counts: expected str"),
+        ({"objects": [{**RED, "segmentation": {"size": [4, 6], "counts": 5}}]}, "counts: expected a text"),
     ],
 )
 def test_bad_frame_records(changes, message, tmp_path) -> None:

@@ -13,10 +13,10 @@ from accelerate import Accelerator
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.question_parser.model import QuestionParserConfig
+from nsdr.training.dynamics import StateModelTask
 from nsdr.training.loop import LoopConfig, Task, train
 from nsdr.training.patch_dynamics import PatchModelTask
 from nsdr.training.question_parser_task import QuestionParserTask, QuestionParserTraining
-from nsdr.training.state_dynamics import StateModelTask
 from nsdr.training.track_task import DynamicsTraining
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer import prompt, read_questions, read_response, solution, write_responses
-from nsdr.clevrer.prompts import option_letters
+from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.errors import DataError
-from nsdr.io.listing import find_files
+from nsdr.io.files import find_files
 
 
 def _variable(name: str) -> str:

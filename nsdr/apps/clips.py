@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import VideoError
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.video import video_seconds
-from nsdr.io.video_kinds import check_is_video
+from nsdr.io.video import check_is_video, video_seconds
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import Answer, Simulation
 from nsdr.types.interventions import Intervention
@@ -38,7 +37,7 @@ class Clip:
     Attributes:
         path: its video file.
         perception: what was found in it.
-        notes: what is doubtful about it, a sentence each.
+        notes: what is uncertain about it, a sentence each.
         jpegs: its frames as JPEG files, which takes a hundredth of the memory.
     """
 
@@ -76,7 +75,7 @@ class Clips:
         """
         path = Path(path)
         check_is_video(path)
-        key = fingerprint(inputs=[path], code=False)
+        key = fingerprint(inputs=[path])
         if (known := self._known(key)) is not None:
             return known
         seconds = video_seconds(path)
@@ -94,11 +93,11 @@ class Clips:
                 self._kept.popitem(last=False)
         return clip
 
-    def answer(self, clip: Clip, question: str, choices: Sequence[str] = (), **programs: Any) -> Answer:
+    def answer(self, clip: Clip, question: str, choices: Sequence[str] = ()) -> Answer:
         """`Pipeline.answer` about a clip, with its errors."""
         scene = clip.perception.scene_with_dynamics
         with self._asking:
-            return self.pipeline.answer(scene, question, list(choices) or None, **programs)
+            return self.pipeline.answer(scene, question, list(choices) or None)
 
     def simulate(self, clip: Clip, interventions: Sequence[Intervention], from_frame: int) -> Simulation:
         """`Pipeline.simulate` of a clip, with its errors."""

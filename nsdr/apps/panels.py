@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from nsdr.apps.clips import Clip
 from nsdr.types import Answer, Scene, Simulation, TraceStep
-from nsdr.visualize.differences import change_text, interventions_text
 from nsdr.visualize.html_parts import answer_html, summary_html, thumbnail
+from nsdr.visualize.impacts import change_text, interventions_text
 from nsdr.visualize.timeline import TIMELINE_STYLE
 
 __all__ = ["STYLE", "answer_panel", "difference_panel", "notes_panel", "rests_on"]
@@ -86,7 +86,7 @@ def difference_panel(simulation: Simulation) -> str:
 
 
 def notes_panel(clip: Clip) -> str:
-    """Name and length of the clip, and what is doubtful about it, as Markdown."""
+    """Name and length of the clip, and what is uncertain about it, as Markdown."""
     scene = clip.perception.scene
     head = f"**{clip.path.name}**: {scene.n_frames} frames, {len(scene.objects)} objects"
     return "\n\n".join([head, *(f"Note: {note}" for note in clip.notes)])

@@ -9,25 +9,23 @@ import os
 import re
 import tempfile
 import threading
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial, wraps
 from itertools import count
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from nsdr.apps import changes, menus
+from nsdr.apps import menus
 from nsdr.apps.clips import Clip, Clips
-from nsdr.apps.comparison_video import write_comparison
+from nsdr.apps.comparison import write_comparison
 from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
 from nsdr.errors import DataError, NsdrError
 from nsdr.types.interventions import Intervention
+from nsdr.visualize.annotate import write_annotated_video
 from nsdr.visualize.timeline import timeline_html
-from nsdr.visualize.video import write_annotated_video
 
-__all__ = ["ServerConfig", "serve"]
+__all__ = ["serve"]
 
 log = logging.getLogger(__name__)
 
@@ -52,43 +50,38 @@ POLICY = (
 """Content-Security-Policy of every reply: browsers fetch nothing from other hosts."""
 
 
-@dataclass(frozen=True)
-class ServerConfig:
-    """Where the page is, and what it takes.
-
-    Attributes:
-        host: address to listen on.
-        port: TCP port.
-        max_megabytes: size of the largest upload.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 7860
-    max_megabytes: int = 50
-
-
-def serve(clips: Clips, files: Mapping[str, Path], config: ServerConfig, started: Callable[[str], None]) -> None:
+def serve(
+    clips: Clips,
+    files: Mapping[str, Path],
+    started: Callable[[str], None],
+    host: str = "127.0.0.1",
+    port: int = 7860,
+    max_megabytes: int = 50,
+) -> None:
     """Run the page until the process is interrupted.
 
     Args:
         clips: does the work.
         files: clips to pick from, by the names that visitors see.
-        config: where, and what it takes.
         started: called with the page's address when it is there.
+        host: address to listen on.
+        port: TCP port.
+        max_megabytes: size of the largest upload.
 
     Raises:
         DataError: the address cannot be listened on.
     """
-    with tempfile.TemporaryDirectory(prefix="nsdr-page-") as folder, _environment(folder):
+    with tempfile.TemporaryDirectory(prefix="nsdr-page-") as folder:
+        os.environ |= {"GRADIO_ANALYTICS_ENABLED": "False", "GRADIO_TEMP_DIR": str(Path(folder) / "uploads")}
         import gradio as gr
 
         page = _Page(gr, clips, files, Path(folder)).build()
         page.queue(max_size=QUEUE)
         try:
             _, address, _ = page.launch(
-                server_name=config.host,
-                server_port=config.port,
-                max_file_size=f"{config.max_megabytes}mb",
+                server_name=host,
+                server_port=port,
+                max_file_size=f"{max_megabytes}mb",
                 share=False,
                 prevent_thread_lock=True,
                 quiet=True,
@@ -100,29 +93,13 @@ def serve(clips: Clips, files: Mapping[str, Path], config: ServerConfig, started
                 app_kwargs={"middleware": [(_Policy, (), {})]},
             )
         except OSError as e:
-            where = f"--host {config.host} --port {config.port}"
+            where = f"--host {host} --port {port}"
             raise DataError(f"{where}: cannot be listened on, or is in use; choose another port") from e
         try:
             started(address)
             threading.Event().wait()
         finally:
             page.close(verbose=False)
-
-
-@contextmanager
-def _environment(folder: str) -> Iterator[None]:
-    """Gradio sends no analytics, and keeps its files in a folder."""
-    changed = {"GRADIO_ANALYTICS_ENABLED": "False", "GRADIO_TEMP_DIR": str(Path(folder) / "uploads")}
-    before = {name: os.environ.get(name) for name in changed}
-    os.environ.update(changed)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 class _Policy:
@@ -200,9 +177,9 @@ class _Page:
     def _what_if_tab(self) -> None:
         gr = self.gr
         with gr.Row():
-            self.change = gr.Dropdown(list(changes.CHANGES), label="Change", elem_id="change")
+            self.change = gr.Dropdown(list(menus.CHANGES), label="Change", elem_id="change")
             self.object = gr.Dropdown([], label="Object", elem_id="object")
-        self.sliders = [gr.Slider(visible=False, elem_id=f"slider-{i}") for i in range(changes.MAX_SLIDERS)]
+        self.sliders = [gr.Slider(visible=False, elem_id=f"slider-{i}") for i in range(menus.MAX_SLIDERS)]
         self.from_frame = gr.Slider(0, 127, 0, step=1, label="From frame", elem_id="from-frame")
         self.simulate = gr.Button("Simulate", variant="primary", elem_id="simulate")
         self.compared = gr.Video(
@@ -225,17 +202,9 @@ class _Page:
             return self._watch(Path(path), progress)
 
         def simulated(
-            path: str,
-            kind: str,
-            name: str | None,
-            frame: float,
-            a: float,
-            b: float,
-            c: float,
-            d: float,
-            progress: Any = bar,
+            path: str, kind: str, name: str, frame: float, a: float, b: float, c: float, d: float, progress: Any = bar
         ) -> Any:
-            return self._simulate(path, changes.intervention(kind, name, [a, b, c, d]), int(frame), progress)
+            return self._simulate(path, menus.intervention(kind, name, [a, b, c, d]), int(frame), progress)
 
         private = {"api_visibility": "private"}
         work = {**private, "concurrency_id": "work", "concurrency_limit": 1}
@@ -299,10 +268,10 @@ class _Page:
             self.shown[clip] = (video, timeline_html(p, frames, "#tracks video"))
         video, timeline = self.shown[clip]
         scene = clip.perception.scene
-        texts = [built.question[0] for built in menus.examples(scene)[:EXAMPLES]]
+        texts = [built.question for built in menus.examples(scene)[:EXAMPLES]]
         buttons = [update(value=text, visible=True) for text in texts]
         buttons += [update(visible=False)] * (EXAMPLES - len(texts))
-        kind, change = menus.KINDS[0], next(iter(changes.CHANGES))
+        kind, change = menus.KINDS[0], next(iter(menus.CHANGES))
         return {
             **dict.fromkeys([self.answer, self.difference], ""),
             self.clip: str(path),
@@ -326,7 +295,7 @@ class _Page:
     def _example(self, index: int, path: str) -> tuple[str, str]:
         """Question and choices of an example's button."""
         built = menus.examples(self._clip(path).perception.scene)[index]
-        return built.question[0], "\n".join(text for text, _ in built.choices)
+        return built.question, "\n".join(built.choices)
 
     def _menus(self, path: str, kind: str, about: str, verb: str, time: str) -> dict[Any, Any]:
         """The menus that fit the chosen entries, and the question that these make."""
@@ -342,22 +311,19 @@ class _Page:
         built = menus.build(kind, about, verb, time, scene)
         return {
             **updates,
-            self.built: "\n".join([f"**{built.question[0]}**", "", *(f"- {text}" for text, _ in built.choices)]),
+            self.built: "\n".join([f"**{built.question}**", "", *(f"- {text}" for text in built.choices)]),
         }
 
     def _ask_built(self, path: str, kind: str, about: str, verb: str, time: str) -> str:
         clip = self._clip(path)
         built = menus.build(kind, about, verb, time, clip.perception.scene)
-        texts, programs = [text for text, _ in built.choices], [program for _, program in built.choices]
-        question, program = built.question
-        given = {"program": program, "choice_programs": programs or None}
-        return answer_panel(self.clips.answer(clip, question, texts, **given), clip)
+        return answer_panel(self.clips.answer(clip, built.question, built.choices), clip)
 
     def _change(self, path: str, kind: str) -> dict[Any, Any]:
         """The objects and sliders of a kind of change."""
-        names = changes.changed_objects(kind, self._clip(path).perception.scene)
+        names = menus.changed_objects(kind, self._clip(path).perception.scene)
         updates = {self.object: self.gr.update(choices=names, value=next(iter(names), None))}
-        sliders = changes.CHANGES[kind].sliders
+        sliders = menus.CHANGES[kind].sliders
         for part, slider in zip(self.sliders, sliders, strict=False):
             numbers = {"minimum": slider.low, "maximum": slider.high, "step": slider.step, "value": slider.start}
             updates[part] = self.gr.update(label=slider.label, visible=True, **numbers)
@@ -368,8 +334,11 @@ class _Page:
         progress(0.0, desc="simulating")
         simulation = self.clips.simulate(clip, [change], frame)
         video = self._new_file()
-        draw = partial(_drawing, progress)
-        write_comparison(video, list(clip.frames()), simulation, PRESET, draw)
+
+        def drawing(done: int, total: int) -> None:
+            progress(done / total, desc=f"drawing frame {done}")
+
+        write_comparison(video, list(clip.frames()), simulation, PRESET, drawing, clip.perception.camera)
         return difference_panel(simulation), str(video)
 
     def _new_file(self) -> Path:
@@ -379,10 +348,6 @@ class _Page:
             if all(old != video for video, _ in self.shown.values()):
                 old.unlink()
         return self.folder / f"{next(self.names)}.mp4"
-
-
-def _drawing(progress: Callable[..., Any], done: int, total: int) -> None:
-    progress(done / total, desc=f"drawing frame {done}")
 
 
 def _without_folders(message: str) -> str:

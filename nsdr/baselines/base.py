@@ -22,8 +22,8 @@ class Batch(NamedTuple):
         objects: (V, F, N, C + 4) float32 features of the detected objects and their boxes (left, top, right, bottom as shares
             of the image), padded with zeros; or None.
         has_object: (V, F, N) bool, which of them are objects, or None.
-        program: (B, P) int64 postfix program tokens of the question, and for an option of `SEPARATOR` and the option's; padded
-            with `PAD`; or None.
+        program: (B, P) int64 postfix program tokens of the question, and for an option of `PROGRAM_SEPARATOR` and the option's;
+            padded with `PAD`; or None.
     """
 
     words: Tensor
@@ -42,28 +42,34 @@ class Sizes:
     Attributes:
         words: number of word indices.
         answers: number of answers.
-        program_tokens: number of program token indices.
-        channels: C of the feature vectors and maps.
-        grid: (h, w) of the feature maps.
+        channels: C of the feature vectors and maps; 0 where none are read.
+        grid: (h, w) of the feature maps; (0, 0) where none are read.
     """
 
     words: int
     answers: int
-    program_tokens: int
     channels: int
     grid: tuple[int, int]
 
 
 class Baseline(nn.Module):
-    """A baseline: a network that scores every answer to a text about a video.
+    """A network that scores every answer to a text about a video.
+
+    Args:
+        config: its settings, of the class `Config`.
+        sizes: of the data set and the features.
 
     Attributes:
         needs: what it reads of a `Batch` beside the words: some of "pooled", "maps", "objects", "program".
-        Config: frozen dataclass of its settings; the constructor takes one, and the `Sizes`.
+        Config: frozen dataclass of its settings.
     """
 
     needs: ClassVar[frozenset[str]] = frozenset()
     Config: ClassVar[type[Any]]
+
+    def __init__(self, config: Any, sizes: Sizes) -> None:
+        super().__init__()
+        self.config, self.sizes = config, sizes
 
     @abstractmethod
     def forward(self, batch: Batch) -> Tensor:
@@ -74,15 +80,15 @@ BASELINES: Registry[type[Baseline]] = Registry(
     "baseline",
     "nsdr.baselines",
     {
-        "lstm": "nsdr.baselines.lstm:Lstm",
-        "cnn_mlp": "nsdr.baselines.cnn_mlp:CnnMlp",
-        "cnn_lstm": "nsdr.baselines.cnn_lstm:CnnLstm",
-        "tvqa": "nsdr.baselines.tvqa:TvqaPlus",
-        "memory": "nsdr.baselines.memory:HeterogeneousMemory",
-        "iep": "nsdr.baselines.iep:Iep",
-        "tbd": "nsdr.baselines.tbd:TbdNet",
-        "mac": "nsdr.baselines.mac:Mac",
-        "mac_objects": "nsdr.baselines.mac:MacObjects",
+        "lstm": "nsdr.baselines.systems.simple:Lstm",
+        "cnn_mlp": "nsdr.baselines.systems.simple:CnnMlp",
+        "cnn_lstm": "nsdr.baselines.systems.simple:CnnLstm",
+        "tvqa": "nsdr.baselines.systems.tvqa:TvqaPlus",
+        "memory": "nsdr.baselines.systems.memory:HeterogeneousMemory",
+        "iep": "nsdr.baselines.systems.modular:Iep",
+        "tbd": "nsdr.baselines.systems.modular:TbdNet",
+        "mac": "nsdr.baselines.systems.mac:Mac",
+        "mac_objects": "nsdr.baselines.systems.mac:MacObjects",
     },
 )
 """Trained baselines by name; other packages add theirs by the entry point group `nsdr.baselines`."""

@@ -6,13 +6,13 @@ answers it predicts, so it knows what a question set repeats, not what one video
 
 import random
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed
+from nsdr.io.files import check_installed
 
 __all__ = ["FOLDS", "tag_blind"]
 
@@ -22,15 +22,12 @@ NGRAMS = (1, 3)
 """Shortest and longest sequence of words that is a feature."""
 MAX_STEPS = 1000
 """Max number of steps of the fit."""
+Key = tuple[int, int, int | None]
+"""Scene, question and choice (None for a descriptive question)."""
 
 
-@dataclass(frozen=True)
-class _Text:
-    """A text to predict an answer from: `scene`, `question` and `choice` (None for a descriptive question) say whose it is."""
-
-    scene: int
-    question: int
-    choice: int | None
+class _Text(NamedTuple):
+    key: Key
     text: str
     answer: str
 
@@ -59,15 +56,24 @@ def tag_blind(
             f"{len(shared)} scenes, such as {min(shared)}, are among the training questions too, so their answers are known;"
             " give questions of other scenes, or none to leave out each scene in turn"
         )
-    right: dict[tuple[int, int, int | None], bool] = {}
+    right: dict[Key, bool] = {}
     for kind in QUESTION_TYPES:
         texts = [t for scene in scenes for t in _texts(scene, kind)]
         known = texts if training is None else [t for scene in training for t in _texts(scene, kind)]
-        if texts:
-            _check_enough(kind, known)
-            for fitted, asked in _folds(texts, seed) if training is None else [(known, texts)]:
-                answers = _answers(fitted, asked)
-                right |= {(t.scene, t.question, t.choice): a == t.answer for t, a in zip(asked, answers, strict=True)}
+        known_scenes = sorted({t.key[0] for t in known})
+        if texts and len(known_scenes) < FOLDS:
+            raise DataError(
+                f"{len(known_scenes)} scenes with {kind} questions are too few to predict answers from; expected at least "
+                f"{FOLDS}"
+            )
+        if training is not None:
+            right |= _predicted(known, texts)
+            continue
+        random.Random(seed).shuffle(known_scenes)
+        for fold in range(FOLDS):
+            left_out = set(known_scenes[fold::FOLDS])
+            asked = [t for t in texts if t.key[0] in left_out]
+            right |= _predicted([t for t in texts if t.key[0] not in left_out], asked)
     return [_tagged(scene, right) for scene in scenes]
 
 
@@ -78,7 +84,7 @@ def _texts(scene: SceneQuestions, kind: str) -> list[_Text]:
         for choice, text, answer in options or ((None, q.text, q.answer),):
             if answer is None:
                 raise DataError(f"scene {scene.scene_index}, question {q.id}: has no answer, so none can be predicted")
-            found.append(_Text(scene.scene_index, q.id, choice, text, answer))
+            found.append(_Text((scene.scene_index, q.id, choice), text, answer))
     return found
 
 
@@ -87,42 +93,25 @@ def _option_text(question: Question, choice: str) -> str:
     return " ".join(f"not_{word}" for word in words) if "not" in words else " ".join(words)
 
 
-def _check_enough(kind: str, known: Sequence[_Text]) -> None:
-    n = len({t.scene for t in known})
-    if n < FOLDS:
-        raise DataError(
-            f"{n} scenes with {kind} questions are too few to predict answers from; expected at least {FOLDS}"
-        )
-
-
-def _folds(texts: Sequence[_Text], seed: int) -> Iterator[tuple[list[_Text], list[_Text]]]:
-    """(the texts to fit on, the texts to predict) of each fold of the scenes."""
-    scenes = sorted({t.scene for t in texts})
-    random.Random(seed).shuffle(scenes)
-    fold_of = {scene: i % FOLDS for i, scene in enumerate(scenes)}
-    for fold in range(FOLDS):
-        yield [t for t in texts if fold_of[t.scene] != fold], [t for t in texts if fold_of[t.scene] == fold]
-
-
-def _answers(known: Sequence[_Text], asked: Sequence[_Text]) -> list[str]:
-    """The predicted answers."""
+def _predicted(known: Sequence[_Text], asked: Sequence[_Text]) -> dict[Key, bool]:
+    """Of each text, whether its answer is predicted by what is fitted on the known ones."""
     from sklearn.feature_extraction.text import CountVectorizer
     from sklearn.linear_model import LogisticRegression
     from sklearn.pipeline import make_pipeline
 
     answers = [t.answer for t in known]
-    if len(set(answers)) == 1:
-        return answers[:1] * len(asked)
-    words = CountVectorizer(ngram_range=NGRAMS, binary=True)
-    model: Any = make_pipeline(words, LogisticRegression(max_iter=MAX_STEPS))
-    model.fit([t.text for t in known], answers)
-    return [str(answer) for answer in model.predict([t.text for t in asked])]
+    predictions = answers[:1] * len(asked)
+    if asked and len(set(answers)) > 1:
+        words = CountVectorizer(ngram_range=NGRAMS, binary=True)
+        model: Any = make_pipeline(words, LogisticRegression(max_iter=MAX_STEPS))
+        predictions = model.fit([t.text for t in known], answers).predict([t.text for t in asked])
+    return {t.key: str(answer) == t.answer for t, answer in zip(asked, predictions, strict=True)}
 
 
-def _tagged(scene: SceneQuestions, right: Mapping[tuple[int, int, int | None], bool]) -> SceneQuestions:
+def _tagged(scene: SceneQuestions, right: dict[Key, bool]) -> SceneQuestions:
     questions = []
     for q in scene.questions:
-        about = (scene.scene_index, q.id)
-        choices = tuple(replace(c, blind=right[*about, c.id]) for c in q.choices)
-        questions.append(replace(q, choices=choices, blind=None if choices else right[*about, None]))
+        choices = tuple(replace(c, blind=right[scene.scene_index, q.id, c.id]) for c in q.choices)
+        blind = None if choices else right[scene.scene_index, q.id, None]
+        questions.append(replace(q, choices=choices, blind=blind))
     return replace(scene, questions=tuple(questions))

@@ -1,58 +1,81 @@
 """From questions and features of videos to the `Batch` of a baseline."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
-from nsdr.baselines.base import Batch
-from nsdr.baselines.vocabulary import PAD, Vocabulary, encode_program
-from nsdr.clevrer.questions import Question, SceneQuestions
+from nsdr.baselines.base import Batch, Sizes
+from nsdr.baselines.features.files import KINDS, FeatureCache
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
+from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer
 
-__all__ = [
-    "VIDEO_FEATURES",
-    "Example",
-    "FeatureSource",
-    "encoded",
-    "feature_sizes",
-    "make_batch",
-    "training_examples",
-    "video_needs",
-]
+__all__ = ["PAD", "PROGRAM_SEPARATOR", "Example", "Vocabulary", "encoded", "make_batch", "training_examples"]
 
-VIDEO_FEATURES = ("pooled", "maps", "objects")
-"""What of `Baseline.needs` comes from a `FeatureSource`."""
+CHOICE_ANSWERS = ("correct", "wrong")
+"""Answers to an option, the last two of all answers; the others are those to descriptive questions."""
+PROGRAM_SEPARATOR = END
+"""Token between the question's program and the option's."""
+_TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
-class FeatureSource(Protocol):
-    """Features of videos, such as `nsdr.baselines.features.FeatureCache`.
+@dataclass(frozen=True)
+class Vocabulary:
+    """Indices of the words and answers of the training questions.
+
+    A text is the words of a question, and for an option the index `SEPARATOR`, which is the highest one, and its words.
 
     Attributes:
-        channels: C of the feature vectors and maps.
-        grid: (h, w) of the feature maps.
+        words: known words, whose indices begin at 1; 0 is `PAD`.
+        answers: answers to descriptive questions in alphabetical order, then `CHOICE_ANSWERS`.
     """
 
-    @property
-    def channels(self) -> int: ...
+    words: tuple[str, ...]
+    answers: tuple[str, ...]
 
-    @property
-    def grid(self) -> tuple[int, int]: ...
+    def __post_init__(self) -> None:
+        if self.answers[-len(CHOICE_ANSWERS) :] != CHOICE_ANSWERS:
+            raise DataError(f"answers end with {self.answers[-2:]}; expected {' and '.join(CHOICE_ANSWERS)}")
 
-    def get(self, scene_index: int, needs: Collection[str]) -> Mapping[str, NDArray[Any]]:
-        """Arrays of one video, named as the fields of `Batch`, without their first axis.
+    @classmethod
+    def from_questions(cls, scenes: Iterable[SceneQuestions]) -> "Vocabulary":
+        """The vocabulary of training questions."""
+        questions = [q for scene in scenes for q in scene.questions]
+        texts = {text for q in questions for text in (q.text, *(c.text for c in q.choices))}
+        answers = sorted({q.answer for q in questions if q.answer is not None})
+        return cls(Tokenizer.from_texts(texts).words, (*answers, *CHOICE_ANSWERS))
 
-        Args:
-            scene_index: index of the video.
-            needs: some of `VIDEO_FEATURES`; "objects" gives `has_object`, too.
+    @cached_property
+    def _tokenizer(self) -> Tokenizer:
+        return Tokenizer(self.words)
+
+    def sizes(self, channels: int = 0, grid: tuple[int, int] = (0, 0)) -> Sizes:
+        """Those of a network for these words and answers, and for features of so many channels and maps of this (h, w)."""
+        return Sizes(len(self.words) + 2, len(self.answers), channels, grid)
+
+    def encode_text(self, question: Question, choice: Choice | None) -> list[int]:
+        """Word indices of a question, or of a question with one of its options.
 
         Raises:
-            DataError: the video has no such features; names it.
+            QuestionError: an empty text, or a word that did not occur in training; names it.
         """
+        try:
+            words = self._tokenizer.encode(question.text)
+            return words if choice is None else [*words, len(self.words) + 1, *self._tokenizer.encode(choice.text)]
+        except QuestionError as e:
+            reason = str(e).partition(";")[0]
+            raise QuestionError(f"{reason}; the baseline knows the {len(self.words)} words of its training") from e
+
+    def possible_answers(self) -> Tensor:
+        """(2, answers) bool: the answers to descriptive questions, and those to options."""
+        is_choice = torch.tensor([answer in CHOICE_ANSWERS for answer in self.answers])
+        return torch.stack([~is_choice, is_choice])
 
 
 class Example(NamedTuple):
@@ -61,7 +84,7 @@ class Example(NamedTuple):
     Attributes:
         scene_index: index of the video.
         words: word indices, as of `Vocabulary.encode_text`.
-        program: program token indices, as of `encode_program`; empty where they are not needed.
+        program: program token indices, as of `Batch.program`; empty where they are not needed.
         is_choice: whether the text is an option.
         answer: index of the answer; -1 where the file has none, or one that did not occur in training.
     """
@@ -73,7 +96,7 @@ class Example(NamedTuple):
     answer: int
 
 
-def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, with_program: bool) -> list[Example]:
+def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs: Collection[str]) -> list[Example]:
     """The examples of a question: one for a descriptive question, else one for each of its options.
 
     Raises:
@@ -81,22 +104,27 @@ def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, with_p
     """
     examples = []
     for choice in question.choices or (None,):
+        words, program = vocabulary.encode_text(question, choice), list[int]()
+        if "program" in needs:
+            program = _token_indices(question)
+            program += [] if choice is None else [PROGRAM_SEPARATOR, *_token_indices(choice)]
         answer = question.answer if choice is None else choice.answer
-        index = None if answer is None else vocabulary.answer_index(answer)
-        examples.append(
-            Example(
-                scene_index,
-                vocabulary.encode_text(question, choice),
-                encode_program(question, choice) if with_program else [],
-                choice is not None,
-                -1 if index is None else index,
-            )
-        )
+        index = vocabulary.answers.index(answer) if answer in vocabulary.answers else -1
+        examples.append(Example(scene_index, words, program, choice is not None, index))
     return examples
 
 
+def _token_indices(text: Question | Choice) -> list[int]:
+    if text.program is None:
+        raise QuestionError(f"{text.text!r} has no program; parse the questions, or give a file with programs")
+    unknown = [token for token in text.program if token not in _TOKEN_INDEX]
+    if unknown:
+        raise QuestionError(f"the program of {text.text!r} has the unknown token {unknown[0]!r}")
+    return [_TOKEN_INDEX[token] for token in text.program]
+
+
 def training_examples(
-    scenes: Iterable[SceneQuestions], vocabulary: Vocabulary, with_program: bool
+    scenes: Iterable[SceneQuestions], vocabulary: Vocabulary, needs: Collection[str]
 ) -> list[list[Example]]:
     """The examples of each video that has some.
 
@@ -108,7 +136,7 @@ def training_examples(
         examples: list[Example] = []
         for question in scene.questions:
             try:
-                found = encoded(scene.scene_index, question, vocabulary, with_program)
+                found = encoded(scene.scene_index, question, vocabulary, needs)
                 if any(example.answer < 0 for example in found):
                     raise QuestionError("has no answer; train on questions with answers")
             except QuestionError as e:
@@ -119,19 +147,7 @@ def training_examples(
     return videos
 
 
-def video_needs(needs: Collection[str]) -> frozenset[str]:
-    """Those of `Baseline.needs` that come from a `FeatureSource`."""
-    return frozenset(needs) & frozenset(VIDEO_FEATURES)
-
-
-def feature_sizes(features: FeatureSource | None, needs: Collection[str]) -> tuple[int, tuple[int, int]]:
-    """C and (h, w) of the features, as far as they are read: 0 and (0, 0) without features and without maps."""
-    if features is None:
-        return 0, (0, 0)
-    return features.channels, (features.grid[0], features.grid[1]) if "maps" in needs else (0, 0)
-
-
-def make_batch(examples: Sequence[Example], features: FeatureSource | None, needs: Collection[str]) -> Batch:
+def make_batch(examples: Sequence[Example], features: FeatureCache | None, needs: Collection[str]) -> Batch:
     """One batch on the CPU: row b is that of example b, each video has one row.
 
     Args:
@@ -143,12 +159,11 @@ def make_batch(examples: Sequence[Example], features: FeatureSource | None, need
         DataError: a video has no features, or videos have features of different shapes; names the video.
     """
     rows = {index: row for row, index in enumerate(dict.fromkeys(e.scene_index for e in examples))}
-    wanted, arrays = video_needs(needs), {}
-    if wanted:
-        assert features is not None, f"needs {', '.join(sorted(wanted))}"
-        videos = [features.get(index, wanted) for index in rows]
-        for name in (*sorted(wanted), *(("has_object",) if "objects" in wanted else ())):
-            arrays[name] = _stacked(name, {index: video[name] for index, video in zip(rows, videos, strict=True)})
+    arrays: dict[str, Tensor] = {}
+    if set(needs) & set(KINDS):
+        assert features is not None, f"needs {', '.join(sorted(needs))}"
+        videos = [features.get(index, needs) for index in rows]
+        arrays = {name: torch.from_numpy(np.stack([video[name] for video in videos])) for name in videos[0]}
     return Batch(
         _padded([e.words for e in examples]),
         torch.tensor([rows[e.scene_index] for e in examples]),
@@ -159,23 +174,3 @@ def make_batch(examples: Sequence[Example], features: FeatureSource | None, need
 
 def _padded(rows: Sequence[Sequence[int]]) -> Tensor:
     return pad_sequence([torch.tensor(row, dtype=torch.long) for row in rows], batch_first=True, padding_value=PAD)
-
-
-def _stacked(name: str, arrays: Mapping[int, NDArray[Any]]) -> Tensor:
-    """Arrays of videos with a new first axis; those of objects are padded to the largest number of objects."""
-    if name in ("objects", "has_object"):
-        most = max(array.shape[1] for array in arrays.values())
-        arrays = {index: _with_objects(array, most) for index, array in arrays.items()}
-    shape = next(iter(arrays.values())).shape
-    for index, array in arrays.items():
-        if array.shape != shape:
-            raise DataError(
-                f"scene {index}: {name} has shape {array.shape}, another video {shape}; make the features anew"
-            )
-    return torch.from_numpy(np.stack(list(arrays.values())))
-
-
-def _with_objects(array: NDArray[Any], number: int) -> NDArray[Any]:
-    missing = [(0, 0)] * array.ndim
-    missing[1] = (0, number - array.shape[1])
-    return np.pad(array, missing)

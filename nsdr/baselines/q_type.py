@@ -2,10 +2,10 @@
 
 import random
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -57,7 +57,7 @@ def q_type_answers(
         DataError: a question without its answer, an unknown subtype, or a type or subtype that the training set lacks.
     """
     counts: dict[str, Counter[str]] = defaultdict(Counter)
-    for question in _questions(training if training is not None else scenes):
+    for question in (q for scene in (scenes if training is None else training) for q in scene.questions):
         counts[_key(question)].update(_answers(question))
     rng = random.Random(seed)
     for scene in scenes:
@@ -70,8 +70,12 @@ def q_type_answers(
                 )
             possible = OPTION_ANSWERS if question.choices else ANSWERS[key]
             frequent = min(counts[key], key=lambda answer: (-counts[key][answer], answer))
-            guesses = [rng.choice(possible) if name == "random" else frequent for _ in range(n)]
-            given[question.id] = _answer(question, guesses)
+            words = [rng.choice(possible) if name == "random" else frequent for _ in range(n)]
+            judged = (
+                ChoiceAnswer(c.text, w, c.program or (), ()) for c, w in zip(question.choices, words, strict=False)
+            )
+            answer = None if question.choices else words[0]
+            given[question.id] = Answer(question.text, question.program or (), answer, choices=tuple(judged))
         yield scene, given
 
 
@@ -82,11 +86,15 @@ def q_type_baselines(
 
     Arguments and errors are those of `q_type_answers`.
     """
-    return {name: _accuracies(q_type_answers(scenes, name, seed, training)) for name in ("random", "frequent")}
-
-
-def _questions(scenes: Sequence[SceneQuestions]) -> list[Question]:
-    return [q for scene in scenes for q in scene.questions]
+    found: dict[str, dict[str, Any]] = {}
+    for name in ("random", "frequent"):
+        right: dict[str, list[list[bool]]] = defaultdict(list)
+        for scene, given in q_type_answers(scenes, name, seed, training):
+            for question in scene.questions:
+                words = [c.answer for c in given[question.id].choices] or [given[question.id].answer]
+                right[question.type].append([a == b for a, b in zip(words, _answers(question), strict=True)])
+        found[name] = {kind: _accuracy(kind, right[kind]) for kind in QUESTION_TYPES if kind in right}
+    return found
 
 
 def _key(question: Question) -> str:
@@ -102,24 +110,6 @@ def _answers(question: Question) -> list[str]:
     if None in answers:
         raise DataError(f"{question.text!r} has no answer; Q-type baselines need questions with answers")
     return [str(answer) for answer in answers]
-
-
-def _answer(question: Question, words: Sequence[str]) -> Answer:
-    """The answer, or the judgements of the options."""
-    if not question.choices:
-        return Answer(question.text, question.program or (), words[0])
-    judged = [ChoiceAnswer(c.text, word, c.program or (), ()) for c, word in zip(question.choices, words, strict=True)]
-    return Answer(question.text, question.program or (), None, choices=tuple(judged))
-
-
-def _accuracies(answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer]]]) -> dict[str, Any]:
-    right: dict[str, list[list[bool]]] = defaultdict(list)
-    for scene, given in answered:
-        for question in scene.questions:
-            found = given[question.id]
-            words = [c.answer for c in found.choices] or [found.answer]
-            right[question.type].append([a == b for a, b in zip(words, _answers(question), strict=True)])
-    return {kind: _accuracy(kind, right[kind]) for kind in QUESTION_TYPES if kind in right}
 
 
 def _accuracy(kind: str, rows: list[list[bool]]) -> Any:

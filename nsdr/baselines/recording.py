@@ -6,7 +6,7 @@ are the options that it gets wrong. `OPTION_TAGS` name the two kinds.
 
 from dataclasses import replace
 
-from nsdr.clevrer.questions import OPTION_TAGS, Question, SceneQuestions
+from nsdr.clevrer.files.questions import OPTION_TAGS, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
@@ -21,7 +21,7 @@ def keep_recording(scene: Scene) -> Scene:
     """The scene with the collisions of the video, except those of the removed object, as every counterfactual."""
     collisions = [e for e in scene.events if e.kind == "collision"]
     without = {o.id: tuple(e for e in collisions if o.id not in e.objects) for o in scene.objects}
-    return replace(scene, counterfactual=without, dynamics=None, doubts=None)
+    return replace(scene, counterfactual=without, dynamics=None, uncertain=None)
 
 
 def option_tags(recording: Executor, question: Question) -> list[str | None]:

@@ -1,6 +1,6 @@
 """A trained baseline: answers the questions of a file about videos whose features are known."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -8,17 +8,15 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor
 
-from nsdr.baselines.base import BASELINES, Baseline, Sizes
-from nsdr.baselines.data import Example, FeatureSource, encoded, feature_sizes, make_batch, video_needs
-from nsdr.baselines.vocabulary import Vocabulary
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.baselines.base import BASELINES, Baseline
+from nsdr.baselines.data import Example, Vocabulary, encoded, make_batch
+from nsdr.baselines.features.files import KINDS, FeatureCache
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import CheckpointError, DataError, NsdrError
-from nsdr.io.checkpoint import load_description, load_network
-from nsdr.io.pretrained import PretrainedPart
-from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
+from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
 from nsdr.types import Answer, ChoiceAnswer
 
-__all__ = ["TrainedBaseline", "baseline_sizes", "masked_scores"]
+__all__ = ["TrainedBaseline", "masked_scores"]
 
 TEXTS_PER_BATCH = 64
 """Most texts of one video that are answered at once; memory is the only thing that depends on it."""
@@ -29,16 +27,14 @@ class TrainedBaseline(PretrainedPart):
 
     Args:
         system: its name in `BASELINES`.
-        config: its settings.
-        network: the network that was built of them.
+        network: the network.
         vocabulary: of its training.
-        sizes: that it was built with.
     """
 
     part: ClassVar[str] = "baseline"
 
-    def __init__(self, system: str, config: Any, network: Baseline, vocabulary: Vocabulary, sizes: Sizes) -> None:
-        self.system, self.config, self.vocabulary, self.sizes = system, config, vocabulary, sizes
+    def __init__(self, system: str, network: Baseline, vocabulary: Vocabulary) -> None:
+        self.system, self.vocabulary = system, vocabulary
         self._network = network
         self._possible = vocabulary.possible_answers()
 
@@ -46,37 +42,24 @@ class TrainedBaseline(PretrainedPart):
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
         """The baseline of a checkpoint's folder; there are no options."""
         details = load_description(folder, cls.part)
-        where = Path(folder) / f"{cls.part}.json"
         try:
-            system = str(details["system"])
+            system, sizes = str(details["system"]), details["sizes"]
             vocabulary = Vocabulary(tuple(map(str, details["words"])), tuple(map(str, details["answers"])))
-            given = details["sizes"]
-            sizes = Sizes(**{**given, "grid": (int(given["grid"][0]), int(given["grid"][1]))})
+            known = vocabulary.sizes(int(sizes["channels"]), (int(sizes["grid"][0]), int(sizes["grid"][1])))
             kind = BASELINES[system]
         except (KeyError, TypeError, ValueError, IndexError, DataError) as e:
+            where = Path(folder) / f"{cls.part}.json"
             raise CheckpointError(f"{where}: not the description of a baseline ({e}); train it again") from e
-        found = baseline_sizes(vocabulary, sizes.channels, sizes.grid)
-        if sizes != found:
-            raise CheckpointError(f"{where}: sizes are {sizes}; its words and answers and this version have {found}")
-        network = load_network(folder, cls.part, kind.Config, lambda config: kind(config, sizes))
-        config = kind.Config(**{k: tuple(v) if isinstance(v, list) else v for k, v in details["config"].items()})
-        return cls(system, config, network, vocabulary, sizes, **options)
+        network = load_network(folder, cls.part, kind.Config, lambda config: kind(config, known))
+        return cls(system, network, vocabulary, **options)
 
     @property
     def network(self) -> Baseline:
         """The network."""
         return self._network
 
-    def with_network(self, network: Baseline) -> Self:
-        """The same with other weights, such as averaged ones.
-
-        Args:
-            network: of the same settings and sizes.
-        """
-        return type(self)(self.system, self.config, network, self.vocabulary, self.sizes)
-
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
-        return self.config, self.details()
+        return self.network.config, self.details()
 
     def details(self) -> dict[str, Any]:
         """What the checkpoint's JSON holds beside the settings: system, words, answers, sizes, number of parameters."""
@@ -84,39 +67,31 @@ class TrainedBaseline(PretrainedPart):
             "system": self.system,
             "words": self.vocabulary.words,
             "answers": self.vocabulary.answers,
-            "sizes": asdict(self.sizes),
-            "parameters": sum(p.numel() for p in self._network.parameters()),
+            "sizes": asdict(self.network.sizes),
+            "parameters": sum(p.numel() for p in self.network.parameters()),
         }
 
-    def check_features(self, features: FeatureSource | None, where: str) -> None:
+    def check_features(self, features: FeatureCache | None) -> None:
         """Refuse features that do not fit, that do nothing or that are missing.
-
-        Args:
-            features: of the videos to answer about.
-            where: their folder, for the message.
 
         Raises:
             DataError: says what was expected and found.
         """
-        wanted = ", ".join(sorted(video_needs(self._network.needs)))
-        if features is None and wanted:
-            raise DataError(f"{self.system} needs features of the videos ({wanted}); give a folder with them")
+        wanted, sizes = ", ".join(sorted(self.network.needs & set(KINDS))), self.network.sizes
         if features is None:
+            if wanted:
+                raise DataError(f"{self.system} needs features of the videos ({wanted}); give a folder with them")
             return
         if not wanted:
-            raise DataError(f"features {where} would do nothing: {self.system} does not see the video; leave them out")
-        expected, found = (self.sizes.channels, self.sizes.grid), feature_sizes(features, self._network.needs)
-        if expected != found:
+            raise DataError(f"features {features.folder} would do nothing: {self.system} does not see the video")
+        if (sizes.channels, sizes.grid) != (features.channels, features.grid):
             raise DataError(
-                f"{where}: features have {found[0]} channels and grid {found[1]}, the baseline was trained with "
-                f"{expected[0]} and {expected[1]}; make the features with the settings of the training's"
+                f"{features.folder}: features have {features.channels} channels and grid {features.grid}, the baseline was "
+                f"trained with {sizes.channels} and {sizes.grid}; make the features with the settings of the training's"
             )
 
     def answer_questions(
-        self,
-        scenes: Iterable[SceneQuestions],
-        features: FeatureSource | None,
-        types: Collection[str] = QUESTION_TYPES,
+        self, scenes: Iterable[SceneQuestions], features: FeatureCache | None, types: Collection[str] = QUESTION_TYPES
     ) -> Iterator[tuple[SceneQuestions, dict[int, Answer | NsdrError]]]:
         """Answer questions scene by scene; what `nsdr.evaluation.score.score_answers` takes.
 
@@ -131,29 +106,28 @@ class TrainedBaseline(PretrainedPart):
         Raises:
             DataError: features are missing or do not fit (`check_features`).
         """
-        self.check_features(features, "the features")
+        self.check_features(features)
         for scene in scenes:
-            yield scene, self._answered(scene, features, types)
+            asked = [question for question in scene.questions if question.type in types]
+            yield scene, self._answered(scene.scene_index, asked, features)
 
     def _answered(
-        self, scene: SceneQuestions, features: FeatureSource | None, types: Collection[str]
+        self, scene_index: int, questions: Sequence[Question], features: FeatureCache | None
     ) -> dict[int, Answer | NsdrError]:
         answers: dict[int, Answer | NsdrError] = {}
         examples: dict[int, list[Example]] = {}
-        for question in scene.questions:
-            if question.type in types:
-                try:
-                    with_program = "program" in self._network.needs
-                    examples[question.id] = encoded(scene.scene_index, question, self.vocabulary, with_program)
-                except NsdrError as e:
-                    answers[question.id] = e
+        for question in questions:
+            try:
+                examples[question.id] = encoded(scene_index, question, self.vocabulary, self.network.needs)
+            except NsdrError as e:
+                answers[question.id] = e
         listed = [e for of_question in examples.values() for e in of_question]
         try:
             parts = [listed[i : i + TEXTS_PER_BATCH] for i in range(0, len(listed), TEXTS_PER_BATCH)]
             rows = iter([row for part in parts for row in self.probabilities(part, features)])
         except NsdrError as e:
             return answers | dict.fromkeys(examples, e)
-        for question in scene.questions:
+        for question in questions:
             if question.id in examples:
                 answers[question.id] = self._answer(question, [next(rows) for _ in examples[question.id]])
         return answers
@@ -162,8 +136,7 @@ class TrainedBaseline(PretrainedPart):
         """The answer by the probabilities (answers,) of each of its texts."""
         words = [self.vocabulary.answers[int(row.argmax())] for row in probabilities]
         if question.type == "descriptive":
-            (row,) = probabilities
-            return Answer(question.text, question.program or (), words[0], probability=float(row.max()))
+            return Answer(question.text, question.program or (), words[0], probability=float(probabilities[0].max()))
         correct = self.vocabulary.answers.index("correct")
         choices = tuple(
             ChoiceAnswer(choice.text, word, choice.program or (), (), probability=float(row[correct]))
@@ -172,28 +145,17 @@ class TrainedBaseline(PretrainedPart):
         return Answer(question.text, question.program or (), None, choices=choices)
 
     @torch.no_grad()
-    def probabilities(self, examples: list[Example], features: FeatureSource | None) -> Tensor:
+    def probabilities(self, examples: Sequence[Example], features: FeatureCache | None) -> Tensor:
         """Probabilities (B, answers) of every answer to each example, on the CPU; impossible answers have 0.
 
         Raises:
             DataError: a video has no features; names it.
         """
-        self._network.eval()
-        batch = make_batch(examples, features, self._network.needs)
+        self.network.eval()
+        batch = make_batch(examples, features, self.network.needs)
         moved = batch._replace(**{name: t.to(self.device) for name, t in batch._asdict().items() if t is not None})
         is_choice = torch.tensor([e.is_choice for e in examples])
-        return masked_scores(self._network(moved).float().cpu(), is_choice, self._possible).softmax(1)
-
-
-def baseline_sizes(vocabulary: Vocabulary, channels: int, grid: tuple[int, int]) -> Sizes:
-    """The sizes that a vocabulary and features give.
-
-    Args:
-        vocabulary: words and answers.
-        channels: of the features; 0 where none are read.
-        grid: (h, w) of the feature maps; (0, 0) where none are read.
-    """
-    return Sizes(vocabulary.size, len(vocabulary.answers), len(PROGRAM_TOKENS), channels, grid)
+        return masked_scores(self.network(moved).float().cpu(), is_choice, self._possible).softmax(1)
 
 
 def masked_scores(scores: Tensor, is_choice: Tensor, possible: Tensor) -> Tensor:

@@ -1,25 +1,42 @@
-from .annotations import (
-    IRREGULAR_VIDEOS as IRREGULAR_VIDEOS,
-    check_annotation as check_annotation,
-    check_ground_truth as check_ground_truth,
-    check_truth as check_truth,
-    read_annotation as read_annotation,
-    read_truth_file as read_truth_file,
-    write_annotation as write_annotation,
-)
-from .answer_files import (
+from .answers.answer_files import (
     RESPONSE_KEYS as RESPONSE_KEYS,
     GivenAnswer as GivenAnswer,
     read_answers as read_answers,
     read_given as read_given,
     write_responses as write_responses,
 )
+from .answers.prompts import (
+    NO_OPTION as NO_OPTION,
+    answer_text as answer_text,
+    option_letters as option_letters,
+    prompt as prompt,
+    solution as solution,
+)
+from .answers.responses import (
+    READ_AS as READ_AS,
+    Response as Response,
+    read_response as read_response,
+    read_response_to as read_response_to,
+)
 from .compact_files import write_compact_files as write_compact_files
 from .dataset import CLEVRER as CLEVRER, KINDS as KINDS, SPLITS as SPLITS, Inventory as Inventory, Split as Split
 from .download import OFFICIAL_ROOT as OFFICIAL_ROOT, download as download
-from .masks import check_mask as check_mask, mask_numbers as mask_numbers
-from .parsed_programs import with_parsed_programs as with_parsed_programs
-from .predictions import (
+from .files.annotations import (
+    IRREGULAR_VIDEOS as IRREGULAR_VIDEOS,
+    check_annotation as check_annotation,
+    check_ground_truth as check_ground_truth,
+    check_truth as check_truth,
+    check_truth_blocks as check_truth_blocks,
+    read_annotation as read_annotation,
+    read_truth as read_truth,
+    read_truth_file as read_truth_file,
+    truth_block as truth_block,
+    write_annotation as write_annotation,
+    write_truth as write_truth,
+)
+from .files.masks import check_mask as check_mask, mask_numbers as mask_numbers
+from .files.parsed_programs import with_parsed_programs as with_parsed_programs
+from .files.predictions import (
     SAMPLE_FRAMES as SAMPLE_FRAMES,
     PredictionFile as PredictionFile,
     predictions_document as predictions_document,
@@ -27,14 +44,7 @@ from .predictions import (
     read_predictions as read_predictions,
     scene_from_predictions as scene_from_predictions,
 )
-from .prompts import (
-    NO_OPTION as NO_OPTION,
-    answer_text as answer_text,
-    option_letters as option_letters,
-    prompt as prompt,
-    solution as solution,
-)
-from .proposals import (
+from .files.proposals import (
     compact_rows as compact_rows,
     ground_truth_of as ground_truth_of,
     parse_proposals as parse_proposals,
@@ -45,41 +55,28 @@ from .proposals import (
     read_ground_truth as read_ground_truth,
     read_proposals as read_proposals,
 )
-from .questions import (
+from .files.questions import (
     OPTION_TAGS as OPTION_TAGS,
     QUESTION_TYPES as QUESTION_TYPES,
     Choice as Choice,
     Question as Question,
     SceneQuestions as SceneQuestions,
     by_type as by_type,
-    iterate_questions as iterate_questions,
     read_questions as read_questions,
     without_answers as without_answers,
     write_questions as write_questions,
 )
-from .responses import (
-    READ_AS as READ_AS,
-    Response as Response,
-    read_response as read_response,
-    read_response_to as read_response_to,
-)
-from .scene_files import iterate_scenes as iterate_scenes
-from .scenes import (
+from .files.scenes import (
     collisions_in_view as collisions_in_view,
     enter_exit_events as enter_exit_events,
+    iterate_scenes as iterate_scenes,
     scene_from_annotation as scene_from_annotation,
     scene_from_ground_truth as scene_from_ground_truth,
     scene_from_truth as scene_from_truth,
     speed_world_per_s as speed_world_per_s,
 )
-from .submissions import (
+from .files.submissions import (
     read_submission as read_submission,
     submission_document as submission_document,
     write_submission as write_submission,
-)
-from .truth_blocks import (
-    check_truth_blocks as check_truth_blocks,
-    read_truth as read_truth,
-    truth_block as truth_block,
-    write_truth as write_truth,
 )

@@ -9,21 +9,22 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import check_annotation, check_truth
 from nsdr.clevrer.dataset import CLEVRER, Entry
-from nsdr.clevrer.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, proposals_from_document
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.truth_blocks import truth_block, write_truth
+from nsdr.clevrer.files.annotations import check_annotation, check_truth, truth_block, write_truth
+from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, proposals_from_document
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, locked
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.lock import locked
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import parse_json, read_npz
-from nsdr.io.runner import Job, run_jobs
 
 __all__ = ["write_compact_files"]
 
 PROPOSALS_FILE, TRUTH_FILE = "proposals.npz", "truth.json.gz"
+
+VERSION = 1
+"""Of the files' content: raised when it changes."""
 
 
 def write_compact_files(
@@ -63,7 +64,9 @@ def write_compact_files(
         generated = Path(root) / "truth" / split / f"truth_{index:05d}.json"
         if truth is None and generated.is_file():
             truth = Entry(generated)
-        value = fingerprint(inputs=[e.read() for e in (entry, truth) if e is not None], config=files.n_frames)
+        value = fingerprint(
+            inputs=[e.read() for e in (entry, truth) if e is not None], config=[VERSION, files.n_frames]
+        )
         jobs.append(Job(f"video {index}", (index, entry, truth), folder / "videos" / f"{index:05d}.npz", value))
     with locked(folder):
         summary = run_jobs(partial(_write_video, files.n_frames), jobs, folder, engine, workers)
@@ -93,14 +96,11 @@ def _write_video(n_frames: int, video: tuple[int, Entry, Entry | None], output: 
 def _block(entry: Entry, n_frames: int) -> dict[str, Any]:
     """The ground-truth block of an annotation, or of a generated video's truth file."""
     content = parse_json(entry.read(), str(entry))
-    try:
-        if isinstance(content, dict) and "motion_trajectory" not in content:
-            check_truth(content)
-            return truth_block(scene_from_truth(content))
-        check_annotation(content, n_frames)
-        return truth_block(scene_from_annotation(content))
-    except DataError as e:
-        raise DataError(f"{entry}: {e}") from e
+    if isinstance(content, dict) and "motion_trajectory" not in content:
+        check_truth(content, where=f"{entry}: ")
+        return truth_block(scene_from_truth(content))
+    check_annotation(content, n_frames, f"{entry}: ")
+    return truth_block(scene_from_annotation(content))
 
 
 def _join(parts: Sequence[Path], folder: Path) -> None:

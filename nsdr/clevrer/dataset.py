@@ -10,18 +10,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Literal, TypedDict
 
-from nsdr.clevrer.annotations import check_annotation
-from nsdr.clevrer.proposals import parse_proposals
-from nsdr.clevrer.questions import SceneQuestions, iterate_questions
-from nsdr.clevrer.schema import get, get_whole, shown
+from nsdr.clevrer.files.annotations import check_annotation
+from nsdr.clevrer.files.proposals import parse_proposals
+from nsdr.clevrer.files.questions import SceneQuestions, read_questions
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
-from nsdr.io.limits import check_limit, limits
-from nsdr.io.listing import is_hidden
+from nsdr.io.files import atomic_path, is_hidden
+from nsdr.io.limits import check_limit
 from nsdr.io.reading import UNZIP_ERRORS, parse_json, read_bytes, read_json
 from nsdr.types import VideoProposals
+from nsdr.validation import PositiveCount, convert, expect, shown
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"]
@@ -48,6 +47,12 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 """System errors of the place to which a member is written."""
 _ENCRYPTED = 1
 """Flag of encrypted zip members."""
+
+
+class _Manifest(TypedDict):
+    splits: dict[str, tuple[int, int]]
+    kinds: list[Literal["videos", "annotations", "questions", "proposals"]]
+    n_frames: PositiveCount
 
 
 @dataclass(frozen=True)
@@ -120,20 +125,18 @@ def read_manifest(path: Path) -> dict[str, Any]:
     Raises:
         DataError: the file is missing or malformed; names the file and the location in the file.
     """
-    manifest = read_json(path)
-    splits = get(manifest, "splits", dict, str(path))
+    manifest: dict[str, Any] = read_json(path)
+    content: _Manifest = convert(manifest, _Manifest, f"{path}: ")
     for name, official in SPLITS.items():
-        ends = get(splits, name, list, f"{path}: splits")
-        if len(ends) != 2 or not all(type(end) is int for end in ends):
-            raise DataError(f"{path}: splits.{name}: expected two numbers, got {shown(ends)}")
-        if not official.start <= ends[0] <= ends[1] <= official.stop:
-            expected = f"first and last video index + 1, from {official.start} to {official.stop}"
-            raise DataError(f"{path}: splits.{name}: expected {expected}, got {shown(ends)}")
-    kinds = get(manifest, "kinds", list, str(path))
-    if not all(isinstance(kind, str) and kind in KINDS for kind in kinds) or len(set(kinds)) < len(kinds):
-        raise DataError(f"{path}: kinds: expected different ones of {', '.join(KINDS)}, got {shown(kinds)}")
-    get_whole(manifest, "n_frames", str(path), 1, limits().frames)
-    return dict(manifest)
+        expect(name in content["splits"], f"{path}: splits", f"the key {name!r}", list(content["splits"]))
+        start, stop = content["splits"][name]
+        expected = f"first and last video index + 1, from {official.start} to {official.stop}"
+        fits = official.start <= start <= stop <= official.stop
+        expect(fits, f"{path}: splits.{name}", expected, [start, stop])
+    kinds = content["kinds"]
+    expect(len(set(kinds)) == len(kinds), f"{path}: kinds", "different ones", kinds)
+    check_limit(content["n_frames"], "frames", f"{path}: n_frames")
+    return manifest
 
 
 class Split:
@@ -166,8 +169,8 @@ class Split:
                 return path
         return None
 
-    def questions(self) -> Iterator[SceneQuestions]:
-        """Yield the questions scene by scene.
+    def questions(self) -> list[SceneQuestions]:
+        """The questions of every scene.
 
         Raises:
             DataError: the file is missing or malformed.
@@ -175,7 +178,7 @@ class Split:
         path = self.question_file
         if path is None:
             raise DataError(f"{self.root}: has no questions/{self.name}.json")
-        return iterate_questions(path)
+        return read_questions(path)
 
     def video(self, index: int) -> Path:
         """Path of a video. A video in a zip is first extracted next to the zip.
@@ -199,14 +202,10 @@ class Split:
             DataError: the file is missing or malformed.
         """
         entry = self._entry("annotations", index)
-        annotation = parse_json(entry.read(), str(entry))
-        try:
-            check_annotation(annotation, self.n_frames)
-        except DataError as e:
-            raise DataError(f"{entry}: {e}") from e
-        if annotation["scene_index"] != index:
-            raise DataError(f"{entry}: scene_index: expected {index}, got {annotation['scene_index']}")
-        return dict(annotation)
+        annotation: dict[str, Any] = parse_json(entry.read(), str(entry))
+        check_annotation(annotation, self.n_frames, f"{entry}: ")
+        expect(annotation["scene_index"] == index, f"{entry}: scene_index", str(index), annotation["scene_index"])
+        return annotation
 
     def raw_proposals(self, index: int) -> bytes:
         """Bytes of a proposal file.

@@ -15,28 +15,18 @@ OFFICIAL_ROOT = "https://data.csail.mit.edu/clevrer"
 """Where the authors publish the data set."""
 CHECKSUMS = "checksums.json"
 """File in the target folder with the SHA-256 of every file as it was first seen, by path."""
-
 WHAT = {
     "videos": "videos/{split}/video_{split}.zip",
     "annotations": "annotations/{split}/annotation_{split}.zip",
     "questions": "questions/{split}.json",
 }
 """Path below `OFFICIAL_ROOT` of each kind of files."""
-RETRIES = 5
-"""Default number of retries of a broken connection."""
-WAIT_S = 2.0
-"""Default pause before the first retry (s)."""
+NOT_ITS_BEGINNING = 416
+"""HTTP status where an incomplete file is longer than the server's."""
 
 
 def download(
-    root: str | Path,
-    split: str,
-    what: Iterable[str] = tuple(WHAT),
-    base_url: str = OFFICIAL_ROOT,
-    retries: int = RETRIES,
-    wait_s: float = WAIT_S,
-    progress: bool = True,
-    trust_first_use: bool = False,
+    root: str | Path, split: str, what: Iterable[str] = tuple(WHAT), base_url: str = OFFICIAL_ROOT
 ) -> list[Path]:
     """Download the files of a split into the official layout. Complete files are skipped, incomplete ones continued.
 
@@ -48,10 +38,6 @@ def download(
         split: "train", "validation" or "test" (which has no annotations).
         what: any of "videos", "annotations", "questions".
         base_url: where the official layout is served.
-        retries: number of retries in a row that may fail without any progress.
-        wait_s: pause before the first retry (s); it doubles with each further one.
-        progress: whether to show a progress bar.
-        trust_first_use: accept files over plain HTTP that have no checksum yet.
 
     Returns:
         Paths of the files.
@@ -61,9 +47,7 @@ def download(
             that cannot be trusted or does not have its checksum; or another process downloads to `root`.
     """
     from nsdr.clevrer.dataset import SPLITS
-    from nsdr.clevrer.transfer import fetch
-    from nsdr.io.files import write_json
-    from nsdr.io.lock import locked
+    from nsdr.io.files import locked, write_json
     from nsdr.io.reading import read_json
 
     if split not in SPLITS:
@@ -77,13 +61,39 @@ def download(
             if kind == "annotations" and split == "test":
                 continue
             name = WHAT[kind].format(split=split)
-            target = Path(root) / name
+            target, url = Path(root) / name, f"{base_url.rstrip('/')}/{name}"
             if not target.exists():
-                url = f"{base_url.rstrip('/')}/{name}"
-                if not (url.startswith("https://") or name in known or trust_first_use):
-                    raise DataError(f"{url}: plain HTTP, and no checksum is known; use HTTPS or --trust-first-use")
-                found = fetch(url, target, retries, wait_s, progress, known.get(name))
-                known = {**known, name: found}
+                if not (url.startswith("https://") or name in known):
+                    raise DataError(f"{url}: plain HTTP, and {ledger} has no checksum of it; use HTTPS")
+                known = {**known, name: _fetch(url, target, known.get(name))}
                 write_json(ledger, known, indent=1)
             paths.append(target)
     return paths
+
+
+def _fetch(url: str, target: Path, sha256: str | None) -> str:
+    """Fetch a file; `target.part` holds an incomplete one, which a later call continues. Returns its SHA-256."""
+    import hashlib
+
+    from huggingface_hub.file_download import http_get
+
+    from nsdr.io.files import sync
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(f"{target.name}.part")
+    try:
+        with part.open("ab") as file:
+            http_get(url, file, resume_size=file.tell(), displayed_filename=target.name)
+    except Exception as e:  # of the system, the HTTP client and the hub's
+        if getattr(getattr(e, "response", None), "status_code", 0) == NOT_ITS_BEGINNING:
+            part.unlink()
+        reason = (str(e).splitlines() or [type(e).__name__])[0]
+        raise DataError(f"{url}: cannot be fetched ({reason}); run the command again to continue") from e
+    with part.open("rb") as file:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    if found != (sha256 or found):
+        part.unlink()
+        raise DataError(f"{url}: has SHA-256 {found}, expected {sha256}; it was changed on the way or at its source")
+    sync(part)
+    part.replace(target)
+    return found

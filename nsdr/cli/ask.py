@@ -1,35 +1,55 @@
 """`nsdr answer`, `parse-question`, `execute` and `demo`: questions and programs."""
 
 import json
+import textwrap
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from nsdr.cli.common import endpoint_parser, is_scene, load_scene, make_pipeline
-from nsdr.cli.status import failures_line
-from nsdr.errors import DataError, EndpointError, QuestionError
+from nsdr.cli.common import (
+    failures_line,
+    is_scene,
+    load_scene,
+    make_pipeline,
+    question_parser,
+    refuse_for_scene,
+    shared_options,
+)
+from nsdr.errors import DataError, EndpointError, NsdrError, QuestionError
+from nsdr.io.files import check_output
 from nsdr.types import Answer
 
+if TYPE_CHECKING:
+    from nsdr.clevrer.files.questions import Question
+
 __all__ = ["answer", "demo", "execute", "parse_question"]
+
+EXTENSIONS = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects (docs/questions.md)"
+
+
+def answer_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("video", help="video file, or a scene saved by parse-video")
+    add("-q", "--question", required=True, help="in CLEVRER's English")
+    add("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
+    add("--extensions", action="store_true", help=EXTENSIONS)
+    add("--trace", action="store_true", help="print every executed step")
+    add("--json", action="store_true", help="print the answer as JSON")
+    shared_options(parser, "failures", "parser", "checkpoint", "pipeline", "video")
 
 
 def answer(options: Any) -> int:
     """`nsdr answer`: a question about a video or a saved scene."""
     saved = is_scene(options.video)
-    given = [f"--{name}" for name in ("dynamics", "config", "force", "background") if getattr(options, name)]
-    given += [f"--set {value}" for value in options.set]
-    if saved and given:
-        raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
+    if saved:
+        refuse_for_scene(options)
     if not options.question.strip():
         raise QuestionError("the question is empty")
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
     source: Any = load_scene(options.video) if saved else options.video
-    parser = endpoint_parser(options)
-    _check_extensions(options)
+    parser = question_parser(options)
     pipeline = make_pipeline(options)
-    pipeline.question_parser.extensions = options.extensions
-    pipeline.question_parser = parser or pipeline.question_parser
-    pipeline.responsible = options.responsible
+    pipeline.question_parser = parser
     found = pipeline.answer(source, options.question, options.choice or None)
     if options.json:
         print(json.dumps(asdict(found)))
@@ -41,7 +61,6 @@ def answer(options: Any) -> int:
 
 def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
     from nsdr.symbolic import format_probability, format_trace
-    from nsdr.symbolic.traces import disagreement
 
     say = format_probability if probable else lambda _: ""
     width = len("correct (>99 %)") if any(map(say, found.choices)) else len("correct ")
@@ -51,10 +70,18 @@ def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
         print(found.answer + say(found))
     for choice in found.choices:
         judgement = (choice.answer or "error") + say(choice)
-        other = disagreement(choice)
-        print(f"{judgement:<{width}} {choice.choice}{other}{': ' + choice.error if choice.error else ''}")
+        print(f"{judgement:<{width}} {choice.choice}{': ' + choice.error if choice.error else ''}")
         if trace:
             print(format_trace(choice.trace))
+
+
+def parse_question_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("text", help="in CLEVRER's English")
+    add("--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text")
+    add("--extensions", action="store_true", help=EXTENSIONS)
+    add("--tree", action="store_true", help="print it as the paper writes it")
+    shared_options(parser, "parser", "checkpoint")
 
 
 def parse_question(options: Any) -> int:
@@ -67,12 +94,7 @@ def parse_question(options: Any) -> int:
     given = [f"--{k}" for k, v in (("checkpoint", "default"), ("device", "auto")) if getattr(options, k) != v]
     if options.parser and given:
         raise DataError(f"{', '.join(given)} would do nothing with --parser; leave it out")
-    _check_extensions(options)
-    parser = endpoint_parser(options)
-    if parser is None:
-        from nsdr.question_parser.parser import QuestionParser
-
-        parser = QuestionParser.from_pretrained(options.checkpoint, options.device, extensions=options.extensions)
+    parser = question_parser(options)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
     for kind in kinds:
         try:
@@ -87,16 +109,19 @@ def parse_question(options: Any) -> int:
     return 0
 
 
-def _check_extensions(options: Any) -> None:
-    if options.extensions and options.parser:
-        raise DataError(
-            "--extensions is of the shipped parser's rules and would do nothing with --parser; leave one out"
-        )
+def execute_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("--scene", required=True, help="scene saved by parse-video; official: prediction file")
+    add("--program", required=True, help="postfix tokens, or a tree as in the paper")
+    add("--semantics", default="paper", choices=["paper", "official"], help="of the executor")
+    velocity = "official semantics: velocity is NE"
+    add("--collisions", default="predicted", choices=["predicted", "velocity"], help=velocity)
+    add("--trace", action="store_true", help="print every executed step")
 
 
 def execute(options: Any) -> int:
     """`nsdr execute`: a program on a saved scene, or with the official semantics on a prediction file."""
-    from nsdr.clevrer.predictions import read_predictions
+    from nsdr.clevrer.files.predictions import read_predictions
     from nsdr.symbolic import Executor
 
     if not options.scene:
@@ -107,8 +132,51 @@ def execute(options: Any) -> int:
     return 0
 
 
-def demo(options: Any) -> int:
-    """`nsdr demo`: questions about the clip that ships with the package."""
-    from nsdr.cli.demo import run_demo
+def demo_options(parser: Any) -> None:
+    parser.add_argument("-o", "--output", default="nsdr_demo.png", help="annotated image to write")
+    shared_options(parser, "checkpoint")
 
-    return run_demo(options.checkpoint, options.output, options.device)
+
+def demo(options: Any) -> int:
+    """`nsdr demo`: perceive the package's clip, answer its questions from pixels, compare with the truth, write an image."""
+    check_output(options.output, (".png", ".jpg"))
+    from nsdr.clevrer.example import QUESTIONS, VIDEO
+    from nsdr.clevrer.files.questions import read_questions
+    from nsdr.pipeline import Pipeline
+    from nsdr.visualize import write_annotated_image
+
+    pipeline = Pipeline.from_pretrained(options.checkpoint, device=options.device)
+    print(f"Watching {VIDEO.name} ...")
+    perception = pipeline.perceive(VIDEO)
+    scene = perception.scene
+    collisions = sum(e.kind == "collision" for e in scene.events)
+    print(f"{scene.n_frames} frames, {len(scene.objects)} objects, {collisions} collisions\n")
+    right, failed = 0, []
+    questions = read_questions(QUESTIONS)[0].questions
+    for question in questions:
+        try:
+            found = pipeline.answer(VIDEO, question.text, [c.text for c in question.choices] or None)
+        except NsdrError as e:
+            print(f"[{question.type}] {question.text}\n  could not be answered: {e}\n")
+            failed.append(f"{question.text!r}: {e}")
+            continue
+        right += _print_compared(question, found)
+    print(f"{right} of {len(questions)} answers equal the ground truth")
+    write_annotated_image(options.output, str(VIDEO), perception)
+    print(f"Image: {options.output}")
+    return failures_line(len(failed), len(questions), "questions", "".join(failed[:1]), keep_going=False)
+
+
+def _print_compared(question: "Question", found: Answer) -> bool:
+    """Print an answer beside the true one; returns whether they are equal."""
+    print(f"[{question.type}] {question.text}")
+    print(textwrap.fill(" ".join(found.program), 110, initial_indent="  program: ", subsequent_indent=" " * 11))
+    if found.answer is not None:
+        print(f"  answer:  {found.answer} (truth: {question.answer})")
+    for choice, true in zip(found.choices, question.choices, strict=True):
+        print(f"  {choice.answer or 'error':<7}  {choice.choice} (truth: {true.answer})")
+    agrees = found.answer == question.answer
+    if question.choices:
+        agrees = [c.answer for c in found.choices] == [c.answer for c in question.choices]
+    print(f"  {'equal to' if agrees else 'DIFFERS from'} the ground truth\n")
+    return agrees

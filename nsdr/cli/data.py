@@ -1,64 +1,23 @@
-"""`nsdr data`: CLEVRER's files, and training data made from them."""
+"""`nsdr data verify|download|frames|motion` and `nsdr export`: data sets, and what is made of them to train on."""
 
 from typing import Any
 
-from nsdr.cli.status import left_out
-from nsdr.errors import DataError
-from nsdr.io.outputs import check_output_folder
+from jsonargparse.typing import NonNegativeInt, PositiveInt
 
-__all__ = ["data"]
+from nsdr.cli.common import SPLITS, left_out, shared_options
+from nsdr.io.files import check_output_folder
+
+__all__ = ["data_download", "data_frames", "data_motion", "data_verify", "export"]
 
 SHOWN_MISSING = 5
-TAKES: dict[str, dict[str, Any]] = {
-    "verify": {},
-    "download": {"split": None, "what": ["videos", "annotations", "questions"], "trust_first_use": False},
-    "frames": {"proposals": None, "output": None, "every": 8, "keep_going": False},
-    "motion": {"output": None, "split": "train", "engine": "processes", "workers": 0, "keep_going": False},
-}
-"""The options of each action, and their defaults; None for those that must be given."""
 
 
-def data(options: Any) -> int:
-    """`nsdr data verify|download|frames|motion`."""
-    action, takes = options.action, TAKES[options.action]
-    for name in sorted({name for values in TAKES.values() for name in values}):
-        if getattr(options, name) is None:
-            setattr(options, name, takes.get(name))
-            if name in takes and takes[name] is None:
-                raise DataError(f"nsdr data {action}: --{name.replace('_', '-')} is missing")
-        elif name not in takes:
-            raise DataError(f"nsdr data {action}: --{name.replace('_', '-')} does nothing here")
-    return {"verify": _verify, "download": _download, "frames": _frames, "motion": _motion}[action](options)
+def data_verify_options(parser: Any) -> None:
+    parser.add_argument("root", help="the data set's folder")
 
 
-def _download(options: Any) -> int:
-    from nsdr.clevrer.download import download
-
-    for path in download(options.root, options.split, options.what, trust_first_use=options.trust_first_use):
-        print(path)
-    return 0
-
-
-def _frames(options: Any) -> int:
-    from nsdr.frame_parser.training_frames import write_frames
-
-    check_output_folder(options.output)
-    count = write_frames(options.root, options.proposals, options.output, options.every, keep_going=options.keep_going)
-    print(f"{options.output}: {count} frames")
-    return left_out(options.output)
-
-
-def _motion(options: Any) -> int:
-    from nsdr.clevrer.compact_files import PROPOSALS_FILE, TRUTH_FILE, write_compact_files
-
-    o = options
-    check_output_folder(o.output)
-    count = write_compact_files(o.root, o.output, o.split, o.engine, o.workers, o.keep_going)
-    print(f"{o.output}: {PROPOSALS_FILE} and {TRUTH_FILE} of {count} videos")
-    return left_out(o.output)
-
-
-def _verify(options: Any) -> int:
+def data_verify(options: Any) -> int:
+    """`nsdr data verify`: how many files of each kind there are; status 1 if some are missing."""
     from nsdr.clevrer.dataset import CLEVRER
 
     rows, complete = CLEVRER(options.root).inventory(), True
@@ -70,3 +29,101 @@ def _verify(options: Any) -> int:
         print(f"{row.split:<12}{row.kind:<14}{row.found:>7}{row.expected:>10}  {first}")
     print("complete" if complete else "incomplete: `nsdr data download` fetches videos, annotations and questions")
     return 0 if complete else 1
+
+
+def data_download_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("root", help="folder to write to")
+    add("--split", required=True, choices=SPLITS, help="which videos")
+    kinds = ["videos", "annotations", "questions"]
+    add("--what", nargs="+", default=kinds, help="videos, annotations, questions (default: all)")
+
+
+def data_download(options: Any) -> int:
+    """`nsdr data download`: files of a split."""
+    from nsdr.clevrer.download import download
+
+    for path in download(options.root, options.split, options.what):
+        print(path)
+    return 0
+
+
+def data_frames_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("root", help="the videos' folder")
+    add("--proposals", required=True, help="folder of the videos' mask proposals")
+    add("-o", "--output", required=True, help="folder to write")
+    add("--every", type=PositiveInt, default=8, help="take every n-th frame (default: 8)")
+    shared_options(parser, "failures")
+
+
+def data_frames(options: Any) -> int:
+    """`nsdr data frames`: what `nsdr train frame-parser` reads."""
+    from nsdr.frame_parser.training_frames import write_frames
+
+    check_output_folder(options.output)
+    count = write_frames(options.root, options.proposals, options.output, options.every, keep_going=options.keep_going)
+    print(f"{options.output}: {count} frames")
+    return left_out(options.output)
+
+
+def data_motion_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("root", help="the data set's folder")
+    add("-o", "--output", required=True, help="folder to write")
+    add("--split", default="train", choices=SPLITS, help="which videos (default: train)")
+    shared_options(parser, "work", "failures")
+
+
+def data_motion(options: Any) -> int:
+    """`nsdr data motion`: what `nsdr train dynamics` and `nsdr train collisions` read."""
+    from nsdr.clevrer.compact_files import PROPOSALS_FILE, TRUTH_FILE, write_compact_files
+
+    o = options
+    check_output_folder(o.output)
+    count = write_compact_files(o.root, o.output, o.split, o.engine, o.workers, o.keep_going)
+    print(f"{o.output}: {PROPOSALS_FILE} and {TRUTH_FILE} of {count} videos")
+    return left_out(o.output)
+
+
+def export_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("root", help="the data set's folder: generated, or in the official layout")
+    add("--format", required=True, help="grpo, chat, parquet, webdataset, or an installed one")
+    add("-o", "--output", required=True, help="folder to write")
+    add("--split", nargs="+", default=[], help="which splits (default: train and validation, as far as they are there)")
+    add("--questions", default="", help="question file of the one --split, in place of the data set's")
+    add("--videos", default="copy", help="copy, link, or none (paths only)")
+    add("--limit", type=NonNegativeInt, default=0, help="first n videos of each split; 0 for all")
+    add("--shard-mb", type=PositiveInt, default=1000, help="webdataset: largest size of a shard (MB)")
+    add(
+        "--reasoning",
+        default="",
+        choices=["", "short", "long"],
+        help="sentences that lead to each answer, from true scenes",
+    )
+    add("--scenes", action="store_true", help="the true scenes, too, for the reward trace_verified")
+    add("--license", default="unknown", help="parquet: licence identifier for the card, such as cc-by-4.0")
+
+
+def export(options: Any) -> int:
+    """`nsdr export`."""
+    from nsdr.generate.export import ExportConfig, export_dataset
+
+    o = options
+    config = ExportConfig(
+        o.root,
+        o.output,
+        o.format,
+        tuple(o.split),
+        o.questions,
+        o.videos,
+        o.limit,
+        o.shard_mb,
+        o.license,
+        o.reasoning,
+        o.scenes,
+    )
+    for name, summary in export_dataset(config).items():
+        print(f"{o.output}: {name}: {summary.questions} questions about {summary.videos} videos")
+    return 0

@@ -1,25 +1,30 @@
-"""`nsdr figures`: the paper's figures: question sets, the question parser's ablation, sample results; and training curves."""
+"""`nsdr figures`: question sets and sample results as the paper shows them, and training curves."""
 
-import csv
-import io
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import settings_of
+from nsdr.cli.common import frames_of, settings_of, shared_options
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed, check_output_folder
+from nsdr.io.files import check_installed, check_output_folder
 
 __all__ = ["figures"]
 
-DISTRIBUTION, CURVE, SAMPLE = "question_distribution.png", "program_curve.png", "sample_{:05d}.jpg"
-TRAINING = "training_curves.png"
+DISTRIBUTION, SAMPLE, TRAINING = "question_distribution.png", "sample_{:05d}.jpg", "training_curves.png"
 """Names of the files."""
 METRICS = "metrics.jsonl"
 """File of a run folder with a line of numbers for each of some steps."""
-COLUMNS = ("programs", "question_type", "program_accuracy", "answer_accuracy")
-"""Columns of an ablation's CSV file that the curve shows."""
+
+
+def figures_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("--questions", default="", help="question file whose distribution is drawn beside the release's")
+    add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
+    add("--videos", default="", help="samples: folder of their videos")
+    add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
+    add("--runs", nargs="+", default=[], help="run folders of trainings, whose losses are drawn")
+    add("-o", "--output", required=True, help="folder for the pictures")
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def figures(options: Any) -> int:
@@ -33,16 +38,14 @@ def figures(options: Any) -> int:
         raise DataError(f"{', '.join(given)} would do nothing without --samples; leave it out")
     if options.samples and not (options.videos and options.show):
         raise DataError("--samples needs --videos FOLDER and --show SCENE:QUESTION")
-    if not (options.questions or options.ablation or options.samples or options.runs):
-        raise DataError("nsdr figures: expected some of --questions, --ablation, --samples and --runs")
+    if not (options.questions or options.samples or options.runs):
+        raise DataError("nsdr figures: expected some of --questions, --samples and --runs")
     check_output_folder(options.output)
     check_installed("matplotlib", "figures need matplotlib", "visualize")
     output = Path(options.output)
     chosen = _chosen(options.samples, options.show) if options.samples else {}
     if options.questions:
         _write_distribution(options.questions, output / DISTRIBUTION)
-    if options.ablation:
-        _write_curve(options.ablation, output / CURVE)
     if options.runs:
         _write_training(options.runs, output / TRAINING)
     if chosen:
@@ -51,8 +54,8 @@ def figures(options: Any) -> int:
 
 
 def _write_distribution(questions: str, path: Path) -> None:
-    from nsdr.clevrer.questions import read_questions
-    from nsdr.generate.questions.statistics import RELEASED_QUESTIONS, count_questions
+    from nsdr.clevrer.files.questions import read_questions
+    from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
     from nsdr.visualize.distributions import question_figure
 
     scenes = read_questions(questions)
@@ -65,21 +68,6 @@ def _write_distribution(questions: str, path: Path) -> None:
 
 def _total(scenes: Any) -> int:
     return sum(len(scene.questions) for scene in scenes)
-
-
-def _write_curve(ablation: str, path: Path) -> None:
-    from nsdr.io.reading import read_bytes
-    from nsdr.visualize.distributions import program_curve
-
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_bytes(ablation).decode())))
-        if not rows or any(set(COLUMNS) - set(row) for row in rows):
-            raise ValueError(f"expected the columns {', '.join(COLUMNS)}")
-        figure = program_curve(rows)
-    except (ValueError, TypeError, csv.Error) as e:
-        message = f"{ablation}: not the CSV file of an ablation ({e}); see `nsdr train question-parser --ablation`"
-        raise DataError(message) from e
-    _write(path, figure)
 
 
 def _write_training(runs: list[str], path: Path) -> None:
@@ -111,7 +99,7 @@ def _write(path: Path, figure: Any) -> None:
 
 def _chosen(samples: str, show: list[str]) -> dict[Any, list[Any]]:
     """The scenes and questions that `--show` names."""
-    from nsdr.clevrer.questions import read_questions
+    from nsdr.clevrer.files.questions import read_questions
 
     scenes = {scene.scene_index: scene for scene in read_questions(samples)}
     chosen: dict[Any, list[Any]] = {}
@@ -128,8 +116,6 @@ def _chosen(samples: str, show: list[str]) -> dict[Any, list[Any]]:
 
 
 def _write_samples(options: Any, chosen: dict[Any, list[Any]], output: Path) -> None:
-    import numpy as np
-
     from nsdr.pipeline import Pipeline
     from nsdr.visualize.annotate import write_image
     from nsdr.visualize.samples import sample_image
@@ -139,16 +125,13 @@ def _write_samples(options: Any, chosen: dict[Any, list[Any]], output: Path) -> 
     for scene, questions in chosen.items():
         video = Path(options.videos) / scene.video_filename
         perception = pipeline.perceive(video)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # perceiving the video has already shown them
-            frames = np.stack(list(pipeline.frames(video)))
         assert perception.proposals is not None
         assert perception.tracks is not None
         texts = [[choice.text for choice in q.choices] or None for q in questions]
         answers = [
             pipeline.answer(perception.scene, q.text, choices) for q, choices in zip(questions, texts, strict=True)
         ]
-        image = stroboscopic_image(frames, perception.proposals, perception.tracks)
+        image = stroboscopic_image(frames_of(pipeline, video), perception.proposals, perception.tracks)
         path = output / SAMPLE.format(scene.scene_index)
         write_image(path, sample_image(image, list(zip(questions, answers, strict=True))))
         print(path)

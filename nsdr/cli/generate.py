@@ -4,37 +4,36 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import write_questions
-from nsdr.clevrer.scene_files import iterate_scenes
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import write_questions
+from nsdr.clevrer.files.scenes import iterate_scenes
+from nsdr.cli.common import left_out
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
-from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import truth_document
+from nsdr.generate.statistics import write_question_statistics
 from nsdr.io.configuration import parse_config
-from nsdr.io.files import write_json
-from nsdr.io.listing import find_files
-from nsdr.io.outputs import check_output, check_output_folder
-from nsdr.io.tasks import ENGINES, run_in_order
-from nsdr.io.validation import COUNT, check_choices, check_ranges
+from nsdr.io.files import check_output, check_output_folder, find_files, write_json
+from nsdr.io.jobs import ENGINES, run_in_order
+from nsdr.validation import Count, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA
 
-__all__ = ["COMMANDS", "SceneOptions", "main"]
+__all__ = ["COMMANDS", "SceneOptions", "generate"]
 
 KEEP_GOING = "--keep-going"
 """Flag of `nsdr generate dataset`: make questions and statistics of the videos that did not fail."""
 
 
 @dataclass(frozen=True)
-class SceneOptions:
+class SceneOptions(Settings):
     """One scene's truth file, by seed.
 
     Attributes:
@@ -45,11 +44,8 @@ class SceneOptions:
     """
 
     output: str
-    seed: int = 0
+    seed: Count = 0
     scene: SceneConfig = field(default_factory=SceneConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, seed=COUNT)
 
 
 def _dataset(argv: Sequence[str]) -> str:
@@ -68,13 +64,13 @@ def _scene(argv: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class QuestionOptions:
+class QuestionOptions(Settings):
     """Balanced questions for scenes.
 
     Attributes:
         scenes: truth files (`truth_*.json`), annotation files, or compact ground truth (`.json` or `.json.gz` with a list
             of blocks); folders stand for the truth files, or else the annotation files, below them.
-        output: question file to write, with `.statistics.md` and `.statistics.png` beside it.
+        output: question file to write, with `.statistics.md` beside it.
         questions: which are wanted.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
@@ -83,21 +79,15 @@ class QuestionOptions:
     scenes: str | list[str]
     output: str
     questions: QuestionConfig = field(default_factory=QuestionConfig)
-    engine: str = "processes"
-    workers: int = 0
-
-    def __post_init__(self) -> None:
-        check_choices(self, engine=ENGINES)
-        check_ranges(self, workers=COUNT)
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
 
 
 def _questions(argv: Sequence[str]) -> str:
     options = parse_config(QuestionOptions, argv, "nsdr generate questions")
     check_output(options.output, [".json"], _listed(options.scenes))
     wanted = options.questions
-    find = partial(
-        find_candidates, seed=wanted.seed, extensions=wanted.extensions, changed_per_video=wanted.changed_per_video
-    )
+    find = partial(find_candidates, config=wanted)
     scenes = _scenes(_listed(options.scenes), wanted.changed_per_video > 0)
     found = run_in_order(find, scenes, options.engine, options.workers)
     bar = tqdm(found, total=len(scenes), unit="scene", desc="questions")
@@ -128,12 +118,11 @@ def _scenes(paths: list[str], changes: bool) -> list[Any]:
 COMMANDS = {"dataset": _dataset, "scene": _scene, "questions": _questions}
 
 
-def main(argv: Sequence[str]) -> str:
-    """Run one of `COMMANDS` with its arguments (`-o` is short for `--output`); returns what was written.
-
-    Raises:
-        DataError: an unknown command, or anything the command complains about.
-    """
-    if not argv or argv[0] not in COMMANDS:
-        raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {argv[0] if argv else 'nothing'!r}")
-    return COMMANDS[argv[0]](["--output" if a == "-o" else a for a in argv[1:]])
+def generate(arguments: list[str]) -> int:
+    """Run one of `COMMANDS` with its arguments (`-o` is short for `--output`), and print what was written."""
+    command, *rest = arguments or ["nothing"]
+    if command not in COMMANDS:
+        raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {command!r}")
+    written = COMMANDS[command](["--output" if a == "-o" else a for a in rest])
+    print(written)
+    return left_out(written)

@@ -1,47 +1,61 @@
-"""The command `nsdr`: which commands there are, and how errors are reported."""
+"""The command `nsdr`: which commands there are, and how they end."""
 
 import logging
 import os
+import re
+import signal
 import sys
+import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 import jsonargparse
 
-from nsdr.cli import agents, ask, data, evaluate, export, figures, options, perceive, score, serve, simulate, tag
-from nsdr.cli.status import ERROR, interruptible, left_out, outcome_of
-from nsdr.cli.train import PARTS, train
-from nsdr.errors import DataError
+from nsdr.errors import DataError, NsdrError
 from nsdr.io.configuration import check_arguments
-from nsdr.io.limits import VARIABLE, limits
+from nsdr.io.limits import limits
 
-__all__ = ["main"]
+__all__ = ["COMMANDS", "Terminated", "interruptible", "main", "outcome_of"]
 
-COMMANDS: dict[str, Callable[[Any], int]] = {
-    "answer": ask.answer,
-    "parse-video": perceive.parse_video,
-    "parse-videos": perceive.parse_videos,
-    "predict-dynamics": perceive.predict_dynamics,
-    "visualize": perceive.visualize,
-    "simulate": simulate.simulate,
-    "parse-question": ask.parse_question,
-    "execute": ask.execute,
-    "evaluate": evaluate.evaluate,
-    "experiment": evaluate.experiment,
-    "score": score.score,
-    "dummy": score.dummy,
-    "controls": score.controls,
-    "tag": tag.tag,
-    "data": data.data,
-    "export": export.export,
-    "figures": figures.figures,
-    "mcp": agents.mcp,
-    "serve": serve.serve,
-    "demo": ask.demo,
+COMMANDS: dict[str, tuple[str, str]] = {
+    "answer": ("ask", "answer a question about a video"),
+    "parse-question": ("ask", "turn a question or choice into a program"),
+    "execute": ("ask", "run a program on a saved scene"),
+    "demo": ("ask", "answer questions about the clip that ships with the package"),
+    "parse-video": ("perceive", "turn a video into a symbolic scene"),
+    "parse-videos": ("perceive", "turn a folder of videos into scenes and proposals; resumable"),
+    "predict-dynamics": ("perceive", "turn mask proposals into motion and collisions; resumable"),
+    "visualize": ("perceive", "show what was seen, and why a question got its answer"),
+    "simulate": ("simulate", "what would happen in a video with objects removed, changed or added"),
+    "figures": ("figures", "pictures of question sets and sample results, and training curves"),
+    "evaluate": ("evaluate", "score answers to a question file; resumable"),
+    "experiment": ("evaluate", "measure all rows of a table; resumable"),
+    "score": ("score", "score a file of answers, or compare two"),
+    "controls": ("score", "write blind, reversed and shuffled videos of a data set, as controls; resumable"),
+    "tag": ("score", "mark the questions that the recording alone, or the text alone, answers"),
+    "data verify": ("data", "count the files of a data set"),
+    "data download": ("data", "fetch CLEVRER's official files; resumable"),
+    "data frames": ("data", "make training frames of videos and their mask proposals; resumable"),
+    "data motion": ("data", "make training motion of a data set's proposals and annotations; resumable"),
+    "export": ("data", "write a data set as prompts, chats, a Hugging Face data set or WebDataset shards; resumable"),
+    "mcp": ("serve", "tools for agents (Model Context Protocol) on a folder's videos"),
+    "serve": ("serve", "a page to ask and to intervene on"),
+    "generate": ("generate", "dataset|scene|questions [--config configs/generate/….yaml] -o OUTPUT [--field value]"),
+    "extract-features": ("train", "--config configs/baselines/features.yaml --root DATA -o OUTPUT [--field value]"),
+    "train": ("train", "PART --config configs/….yaml [--field value]; without a part, says which there are"),
 }
+"""Module and summary of each. The module has a function of the command's name, and one that adds its options; without the
+latter, the function gets the arguments."""
+ERROR, BUG = 2, 70
+"""Exit statuses: an error; a bug of ours (EX_SOFTWARE of sysexits.h)."""
+BY_SIGNAL = 128
+"""Added to a signal's number, as shells do."""
+SIGPIPE = 13
+"""Number of the signal about a closed pipe, which Windows lacks."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,10 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     debug = "--debug" in arguments
     arguments = [a for a in arguments if a != "--debug"]
     logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
-    with warnings.catch_warnings(), interruptible(), _changed_limits() as change:
+    with warnings.catch_warnings(), interruptible():
         warnings.showwarning = _show_warning
         try:
-            status = _run(change(arguments))
+            status = _run(arguments)
             sys.stdout.flush()
             return status
         except BaseException as e:
@@ -72,108 +86,103 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     check_arguments(arguments)
+    limits()
+    name = next((n for n in (" ".join(arguments[:2]), *arguments[:1]) if n in COMMANDS), "")
+    rest = arguments[len(name.split()) :]
+    if not name:
+        return _overview(arguments)
+    module, summary = COMMANDS[name]
+    loaded, function = import_module(f"nsdr.cli.{module}"), re.sub("[- ]", "_", name)
+    run, add_options = getattr(loaded, function), getattr(loaded, f"{function}_options", None)
+    if add_options is None:
+        if rest[:1] in (["--help"], ["-h"]):
+            print(f"nsdr {name} {summary}")
+            return 0
+        return int(run(rest))
+    parser = jsonargparse.ArgumentParser(prog=f"nsdr {name}", description=summary, exit_on_error=False)
+    add_options(parser)
     try:
-        import nsdr.world.camera  # noqa: F401  # reads the camera's place from the environment
-    except ValueError as e:
-        raise DataError(str(e)) from e
-    configured = {"train": train, "generate": _generate, "extract-features": _extract_features}.get(
-        arguments[0] if arguments else ""
-    )
-    if configured and arguments[1:2] not in (["--help"], ["-h"]):
-        return configured(arguments[1:])
-    parser = _parser()
-    try:
-        given = parser.parse_args(arguments)
+        given = parser.parse_args(rest)
     except jsonargparse.ArgumentError as e:
         _, missing, names = str(e).partition("the following arguments are required: ")
-        if not missing:
-            raise
-        command = arguments[0]
-        names = names.replace(f"{command}.", "")
-        raise DataError(f"nsdr {command}: {missing}{names}; nsdr {command} --help shows them") from e
-    if given.command is None:
-        parser.print_help()
-        return ERROR
-    return COMMANDS[given.command](given[given.command])
+        if missing:
+            raise DataError(f"nsdr {name}: {missing}{names}; nsdr {name} --help shows them") from e
+        raise
+    return int(run(given))
 
 
-@contextmanager
-def _changed_limits() -> Iterator[Callable[[list[str]], list[str]]]:
-    """Takes `--limits NAME=NUMBER,…` out of the arguments, for this process and its workers, until the block ends."""
-    before = os.environ.get(VARIABLE)
+def _overview(arguments: list[str]) -> int:
+    """Lists the commands, or those of a first word such as `data`."""
+    if arguments[:1] == ["--version"]:
+        import nsdr
 
-    def change(arguments: list[str]) -> list[str]:
-        left = []
-        rest = iter(arguments)
-        for argument in rest:
-            name, _, value = argument.partition("=")
-            if name == "--limits":
-                os.environ[VARIABLE] = value or next(rest, "")
-                if not os.environ[VARIABLE]:
-                    raise DataError("--limits: expected NAME=NUMBER, such as frames=20000")
-            else:
-                left.append(argument)
-        limits()
-        return left
-
-    try:
-        yield change
-    finally:
-        if before is None:
-            os.environ.pop(VARIABLE, None)
-        else:
-            os.environ[VARIABLE] = before
-
-
-def _generate(arguments: list[str]) -> int:
-    from nsdr.cli.generate import main as generate
-
-    written = generate(arguments)
-    print(written)
-    return left_out(written)
-
-
-def _extract_features(arguments: list[str]) -> int:
-    from nsdr.cli.features import main as extract
-
-    written = extract(arguments)
-    return left_out(written)
+        print(nsdr.__version__)
+        return 0
+    asked = arguments[:1] in (["--help"], ["-h"])
+    group = {n: row for n, row in COMMANDS.items() if arguments and n.startswith(f"{arguments[0]} ")}
+    if arguments and not asked and not (group and arguments[1:2] in ([], ["--help"], ["-h"])):
+        known = ", ".join(group or COMMANDS)
+        raise DataError(f"nsdr: unknown command {' '.join(arguments[: 1 + bool(group)])!r}; expected one of {known}")
+    print("nsdr COMMAND …: answers questions about videos of colliding objects. --help shows a command's options,")
+    print("--debug tracebacks; docs/cli.md explains them.\n")
+    for name, (_, summary) in (group or COMMANDS).items():
+        print(f"  {name:<18}{summary}")
+    return 0 if asked or arguments[1:] else ERROR
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"warning: {message}", file=sys.stderr)
 
 
-def _parser() -> jsonargparse.ArgumentParser:
-    parser = jsonargparse.ArgumentParser(
-        prog="nsdr",
-        exit_on_error=False,
-        description="Answer questions about videos of colliding objects. Every command takes --debug for tracebacks, and "
-        "--limits NAME=NUMBER,… to read larger files (docs/cli.md).",
-    )
-    commands = options.Commands(parser)
-    options.ask_options(commands)
-    options.perceive_options(commands)
-    options.evaluate_options(commands)
-    score.add_options(commands, options.SPLITS, options.ENGINES)
-    options.data_options(commands)
-    export.add_options(commands)
-    agents.add_options(commands)
-    serve.add_options(commands.add("serve", "a page to ask and to intervene on", pipeline=True, videos=True))
-    parser.add_argument("--version", action="version", version=_version())
-    train_help = f"train {'|'.join(PARTS)} …; the parts: --config configs/….yaml [--field value]"
-    generate_help = "generate dataset|scene|questions [--config configs/generate/….yaml] -o OUTPUT [--field value]"
-    extract_help = "extract-features --config configs/baselines/features.yaml --root DATA -o OUTPUT [--field value]"
-    for name, text in (("train", train_help), ("generate", generate_help), ("extract-features", extract_help)):
-        sub = jsonargparse.ArgumentParser(description=f"nsdr {text}; --help after the part shows its fields")
-        commands.commands.add_subcommand(name, sub, help=text)
-    return parser
+class Terminated(BaseException):
+    """The program got SIGTERM."""
 
 
-def _version() -> str:
-    import nsdr
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """The first Ctrl-C or SIGTERM ends the block by an exception, so that workers and files are tidied up; a second one kills.
 
-    return nsdr.__version__
+    Outside of the main thread, where Python does not handle signals, this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _: Any) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+
+    handled = [s for s in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(s) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, end) for number in handled}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def outcome_of(error: BaseException) -> tuple[int, str]:
+    """The exit status and the line for stderr after an exception that ended the command; other lines are empty."""
+    if isinstance(error, SystemExit):
+        return (0 if error.code is None else error.code if isinstance(error.code, int) else ERROR), ""
+    if isinstance(error, KeyboardInterrupt):
+        return BY_SIGNAL + signal.SIGINT, "interrupted"
+    if isinstance(error, Terminated):
+        return BY_SIGNAL + signal.SIGTERM, "terminated"
+    if isinstance(error, BrokenPipeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left to print goes nowhere
+        return BY_SIGNAL + SIGPIPE, ""
+    text = " ".join(str(error).split())
+    if isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    elif isinstance(error, MemoryError):
+        text = f"not enough memory ({text or 'MemoryError'}); use smaller inputs, batches or networks, or fewer workers"
+    elif isinstance(error, RecursionError):
+        text = "a file or value is nested too deeply"
+    elif not isinstance(error, NsdrError | jsonargparse.ArgumentError | FloatingPointError | OSError):
+        kind = type(error).__name__
+        return BUG, f"error: a bug in nsdr, please report it: {kind}: {text} (--debug shows where)"
+    return ERROR, f"error: {text}"
 
 
 if __name__ == "__main__":

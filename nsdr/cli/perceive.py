@@ -1,14 +1,24 @@
 """`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.cli.common import is_scene, load_scene, make_pipeline, settings_of
-from nsdr.cli.status import failures_line
+from jsonargparse.typing import NonNegativeInt, PositiveInt
+
+from nsdr.cli.common import (
+    check_outputs,
+    failures_line,
+    frames_of,
+    is_scene,
+    load_scene,
+    make_pipeline,
+    refuse_for_scene,
+    settings_of,
+    shared_options,
+)
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_installed, check_output, check_output_folder
+from nsdr.io.files import check_installed, check_output, check_output_folder
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
@@ -16,23 +26,24 @@ DECIMALS = 3
 __all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
 
+def parse_video_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("video", help="video file")
+    add("-o", "--output", required=True, help="scene file, .json or .npz")
+    add("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
+    add("--image", default=None, help="also write the annotated last frame as an image")
+    shared_options(parser, "checkpoint", "pipeline", "video")
+
+
 def parse_video(options: Any) -> int:
     """`nsdr parse-video`: one video as a scene."""
-    outputs = [
-        (options.output, (".json", ".npz")),
-        (options.proposals_out, (".json",)),
-        (options.image, (".png", ".jpg")),
-    ]
-    taken = [options.video]
-    for path, suffixes in outputs:
-        if path is not None:
-            check_output(path, suffixes, taken)
-            taken.append(path)
+    images = (options.image, (".png", ".jpg"))
+    check_outputs(options.video, (options.output, (".json", ".npz")), (options.proposals_out, (".json",)), images)
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
-    from nsdr.clevrer.proposals import proposals_document
+    from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io import storage
     from nsdr.io.files import write_json
-    from nsdr.symbolic.world import world_of
+    from nsdr.symbolic.world import event_sentence
     from nsdr.visualize import write_annotated_image
 
     perception = pipeline.perceive(options.video)
@@ -47,9 +58,8 @@ def parse_video(options: Any) -> int:
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
     for o in scene.objects:
         print(f"  object {o.id}: {o.name}")
-    world = world_of(scene)
-    for text in world.event_text(world.observed).split("; ") if scene.events else ():
-        print(f"  {text}")
+    for event in scene.events:
+        print(f"  {event_sentence(event, [o.name for o in scene.objects])}")
     return 0
 
 
@@ -65,6 +75,14 @@ def _rounded(dynamics: Any) -> Any:
     return replace(dynamics, observed=short(dynamics.observed), counterfactual=counterfactual)
 
 
+def parse_videos_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("videos", help="folder with *.mp4")
+    add("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
+    add("--stride", type=PositiveInt, default=1, help="process every n-th frame")
+    shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
+
+
 def parse_videos(options: Any) -> int:
     """`nsdr parse-videos`: a folder of videos as scenes and proposals."""
     from nsdr.evaluation import parse_videos as run
@@ -75,13 +93,21 @@ def parse_videos(options: Any) -> int:
     return _report(o, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device), "videos")
 
 
+def predict_dynamics_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("proposals", help="folder of proposal files, or one compact NPZ")
+    add("-o", "--output", required=True, help="folder for the files")
+    forms = "the research code's files, or ours"
+    add("--form", default="predictions", choices=["predictions", "scenes"], help=forms)
+    shared_options(parser, "checkpoint", "pipeline", "work", "failures")
+
+
 def predict_dynamics(options: Any) -> int:
     """`nsdr predict-dynamics`: a folder of proposals as predictions or scenes."""
     from nsdr.evaluation import predict_dynamics as run
-    from nsdr.pipeline import pipeline_settings
 
     o = options
-    settings = pipeline_settings(o.config, o.dynamics, o.set)
+    settings = settings_of(o)
     check_output_folder(o.output)
     summary = run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers, o.device)
     return _report(o, summary, "files")
@@ -101,6 +127,19 @@ IMAGES = ("strobe", "last", "plan", "causal")
 OF_SCENES = ("plan", "causal")
 
 
+def visualize_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("video", help="video file, or a scene saved by parse-video")
+    add("-q", "--question", default=None, help="for an HTML report: a question")
+    add("-c", "--choice", action="append", default=[], help="its options; repeat it for each")
+    image = "for a PNG: which image (default: strobe; of a saved scene, causal); all adds each one's name to the file's"
+    add("--image", default=None, choices=[*IMAGES, "all"], help=image)
+    add("--removed", type=NonNegativeInt, default=None, help="plan: draw the scene without this object")
+    output = "file ending in .mp4, .png or .html; repeatable"
+    add("-o", "--output", action="append", required=True, help=output)
+    shared_options(parser, "failures", "checkpoint", "pipeline", "video")
+
+
 def visualize(options: Any) -> int:
     """`nsdr visualize`: annotated videos, images and HTML reports of one video or saved scene, which is looked at once."""
     saved = is_scene(options.video)
@@ -112,11 +151,8 @@ def visualize(options: Any) -> int:
     scene = load_scene(options.video) if saved else None
     if scene is not None and scene.dynamics is None and "plan" in {image for _, image in outputs}:
         raise DataError(f"{options.video}: holds no trajectories for --image plan; make it again with nsdr parse-video")
-    given = [
-        f"--{name}" for name in ("dynamics", "config", "set", "force", "background") if saved and getattr(options, name)
-    ]
-    if given:
-        raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
+    if saved:
+        refuse_for_scene(options)
 
     from nsdr.pipeline import Perception
 
@@ -128,7 +164,7 @@ def visualize(options: Any) -> int:
     answers = [pipeline.answer(p.scene, options.question, options.choice or None)] if options.question else []
     frames = None
     if not saved and {"strobe", "last", "mp4", "html"}.intersection(image for _, image in outputs):
-        frames = _frames(pipeline, options.video)
+        frames = frames_of(pipeline, options.video)
     for path, image in outputs:
         _write_picture(path, image, frames, p, answers, options.removed)
         print(path)
@@ -167,15 +203,6 @@ def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
     return pictures
 
 
-def _frames(pipeline: Any, video: str) -> Any:
-    """The frames that perception saw, without the warnings that it has given."""
-    import numpy as np
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return np.stack(list(pipeline.frames(video)))
-
-
 def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any], removed: int | None) -> None:
     from nsdr.io.files import atomic_path
     from nsdr.visualize import annotated_image, stroboscopic_image, write_annotated_video, write_report
@@ -191,6 +218,6 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
     elif image == "strobe":
         write_image(path, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
-        figure = plan_figure(p.dynamics, removed) if image == "plan" else causal_figure(p.scene)
+        figure = plan_figure(p.dynamics, removed, p.camera) if image == "plan" else causal_figure(p.scene)
         with atomic_path(path) as temporary:
             temporary.write_bytes(figure_png(figure))

@@ -1,55 +1,32 @@
-"""`nsdr score`, `nsdr dummy` and `nsdr controls`: one protocol for any system's answers."""
+"""`nsdr score`, `controls` and `tag`: one protocol for any system's answers, and what questions demand."""
 
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from jsonargparse.typing import NonNegativeInt, NotEmptyStr
 
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
+from nsdr.cli.common import SPLITS, failures_line, shared_options
 from nsdr.errors import DataError
-from nsdr.io.outputs import check_output, check_output_folder
+from nsdr.io.files import check_output, check_output_folder
 
-__all__ = ["add_options", "controls", "dummy", "score"]
+__all__ = ["controls", "score", "tag"]
 
 
-def add_options(commands: Any, splits: list[str], engines: list[str]) -> None:
-    """Add the three commands.
-
-    Args:
-        commands: `add(name, summary, …)` adds one.
-        splits: names of the splits.
-        engines: names of the engines.
-    """
-    add = commands.add("score", "score a file of answers, or compare two", checkpoint=False).add_argument
+def score_options(parser: Any) -> None:
+    add = parser.add_argument
     add("predictions", help="JSON Lines, CSV, or an EvalAI submission")
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
     add("--questions", type=NotEmptyStr, required=True, help="question file with answers, in CLEVRER's format")
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")
     add("-o", "--output", default=None, help="write the report as JSON")
 
-    add = commands.add("dummy", "write the answers of a system that understands nothing", checkpoint=False).add_argument
-    add("name", choices=["always-yes", "always-no", "keep-recording"], help="which system")
-    add("--questions", type=NotEmptyStr, required=True, help="question file in CLEVRER's format")
-    add("--source", default="", help="keep-recording: what the true scenes are made from, such as truth")
-    add("--data", default="", help="keep-recording: folder of these files")
-    add("-o", "--output", required=True, help="JSON Lines file to write")
-
-    summary = "write blind, reversed and shuffled videos of a data set, as controls; resumable"
-    add = commands.add("controls", summary, checkpoint=False).add_argument
-    add("root", help="data set in the official layout")
-    add("--split", default="validation", choices=splits, help="which videos")
-    add("--kinds", nargs="+", default=["blind", "reversed", "shuffled"], help="which controls")
-    add("--seed", type=NonNegativeInt, default=0, help="shuffled: which exchange of videos")
-    add("--limit", type=NonNegativeInt, default=0, help="the first n videos and their questions; 0 for all")
-    add("-o", "--output", required=True, help="folder, with one data set for each kind")
-    add("--workers", type=NonNegativeInt, default=0, help="number of processes; 0 for one per CPU core")
-    add("--engine", default="processes", choices=engines, help="where to work")
-    add("--keep-going", action="store_true", help="exit with status 0 although a part of the work failed")
-
 
 def score(options: Any) -> int:
     """`nsdr score`: the table of one system, or the difference of two."""
-    from nsdr.clevrer.answer_files import read_answers
-    from nsdr.clevrer.questions import read_questions
+    from nsdr.clevrer.answers.answer_files import read_answers
     from nsdr.evaluation.comparison import compare_reports, format_comparison
     from nsdr.evaluation.responses import format_report, score_responses
     from nsdr.io.files import write_json
@@ -77,21 +54,19 @@ def score(options: Any) -> int:
     return 0
 
 
-def dummy(options: Any) -> int:
-    """`nsdr dummy`: the answers of a system that understands nothing."""
-    from nsdr.clevrer.questions import read_questions
-    from nsdr.evaluation.dummies import write_dummy
-
-    check_output(options.output, [".jsonl"], [options.questions])
-    scenes = read_questions(options.questions)
-    empty = write_dummy(options.name, scenes, options.output, options.source, options.data)
-    print(f"{options.output}: {sum(len(s.questions) for s in scenes)} responses, {empty} of them empty")
-    return 0
+def controls_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("root", help="data set in the official layout")
+    add("--split", default="validation", choices=SPLITS, help="which videos")
+    add("--kinds", nargs="+", default=["blind", "reversed", "shuffled"], help="which controls")
+    add("--seed", type=NonNegativeInt, default=0, help="shuffled: which exchange of videos")
+    add("--limit", type=NonNegativeInt, default=0, help="the first n videos and their questions; 0 for all")
+    add("-o", "--output", required=True, help="folder, with one data set for each kind")
+    shared_options(parser, "work", "failures")
 
 
 def controls(options: Any) -> int:
     """`nsdr controls`: a data set of other videos for each kind of control."""
-    from nsdr.cli.status import failures_line
     from nsdr.evaluation.controls import write_controls
 
     check_output_folder(options.output)
@@ -112,3 +87,90 @@ def controls(options: Any) -> int:
         total += len(summary.done) + len(summary.skipped) + len(summary.failed)
     example = ": ".join(min(failed.items())) if failed else ""
     return failures_line(len(failed), total, "videos", example, options.keep_going)
+
+
+def tag_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("questions", help="question file in CLEVRER's format, with programs and answers")
+    truth = "tags counterfactual options: folders or files of annotations, truth files or compact ground truth"
+    add("--truth", nargs="+", default=[], help=truth)
+    add("--train", default="", help="questions of other scenes, which the texts' answers are learned from")
+    add("--no-blind", action="store_true", help="leave out what the texts alone predict (needs the extra `blind`)")
+    add("--seed", type=NonNegativeInt, default=0, help="of the folds of scenes, without --train")
+    add("-o", "--output", required=True, help="question file to write")
+
+
+def tag(options: Any) -> int:
+    """`nsdr tag`: add `tag` and `blind` to a question file, and print how many have each."""
+    if options.no_blind and options.train:
+        raise DataError(
+            "--train is what texts are learned from and would do nothing with --no-blind; leave one of them out"
+        )
+    if options.no_blind and not options.truth:
+        raise DataError("--no-blind without --truth leaves nothing to tag; give --truth, or leave out --no-blind")
+    inputs = [options.questions, *options.truth, *([options.train] if options.train else [])]
+    check_output(options.output, [".json"], inputs)
+    scenes = read_questions(options.questions)
+    if options.truth:
+        if all(q.type != "counterfactual" for s in scenes for q in s.questions):
+            raise DataError(
+                f"{options.questions}: has no counterfactual question, and --truth tags only those; leave it out"
+            )
+        scenes = _with_tags(scenes, options.truth, options.questions)
+    if not options.no_blind:
+        from nsdr.baselines.blind import tag_blind
+
+        training = read_questions(options.train) if options.train else None
+        try:
+            scenes = tag_blind(scenes, training, options.seed)
+        except DataError as e:
+            learned = f" with --train {options.train}" if options.train else ""
+            raise DataError(f"{options.questions}{learned}: {e}") from e
+    write_questions(options.output, scenes)
+    print("\n".join(_shares(scenes)))
+    return 0
+
+
+def _with_tags(scenes: Sequence[SceneQuestions], truth: Iterable[str], file: str) -> list[SceneQuestions]:
+    from nsdr.baselines.recording import tag_options
+    from nsdr.clevrer.files.scenes import iterate_scenes
+
+    tagged = {s.scene_index: s for s in scenes}
+    wanted = {s.scene_index for s in scenes if any(q.type == "counterfactual" for q in s.questions)}
+    for path in truth:
+        for index, _, scene in iterate_scenes(path):
+            if index in wanted:
+                try:
+                    tagged[index] = tag_options(tagged[index], scene)
+                except DataError as e:
+                    raise DataError(f"{file} with {path}: {e}") from e
+                wanted.remove(index)
+    if wanted:
+        raise DataError(
+            f"{file}: --truth {' '.join(truth)} lacks {len(wanted)} scenes with counterfactual questions, such as {min(wanted)}"
+        )
+    return list(tagged.values())
+
+
+def _shares(scenes: Sequence[SceneQuestions]) -> list[str]:
+    """Lines with the share of each tag, and what texts alone score by question type."""
+    questions = [q for scene in scenes for q in scene.questions]
+    options = [c for q in questions for c in q.choices if c.tag]
+    lines = []
+    if options:
+        lines.append(f"{'counterfactual options':<24}{'share':>8}{'correct':>9}{'number':>8}")
+        numbers = Counter((c.tag, c.answer) for c in options)
+        for name in OPTION_TAGS:
+            n = numbers[name, "correct"] + numbers[name, "wrong"]
+            correct = f"{100 * numbers[name, 'correct'] / n:.1f} %" if n else "-"
+            lines.append(f"  {name:<22}{f'{100 * n / len(options):.1f} %':>8}{correct:>9}{n:>8}")
+    by_type = {
+        kind: [row.blind for q in questions if q.type == kind for row in q.choices or (q,)] for kind in QUESTION_TYPES
+    }
+    known = {kind: rows for kind, rows in by_type.items() if rows and None not in rows}
+    if known:
+        lines.append(f"{'text alone':<24}{'right':>8}{'':>9}{'number':>8}")
+        lines += [
+            f"  {k:<22}{f'{100 * sum(map(bool, r)) / len(r):.1f} %':>8}{'':>9}{len(r):>8}" for k, r in known.items()
+        ]
+    return lines

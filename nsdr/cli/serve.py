@@ -1,4 +1,4 @@
-"""`nsdr serve`: the page to ask on."""
+"""`nsdr serve`, the page to ask on, and `nsdr mcp`, tools for agents."""
 
 import math
 from pathlib import Path
@@ -6,30 +6,31 @@ from typing import Any
 
 from jsonargparse.typing import PositiveFloat, PositiveInt
 
-from nsdr.cli.common import check_port, settings_of
+from nsdr.cli.common import settings_of, shared_options
 from nsdr.errors import DataError
-from nsdr.io.listing import find_files
-from nsdr.io.outputs import check_installed
+from nsdr.io.files import check_installed, find_files
 
-__all__ = ["add_options", "serve"]
+__all__ = ["mcp", "serve"]
+
+MAX_PORT = 65535
 
 VIDEO_SUFFIXES = (".mp4",)
 """Endings of the clips to pick from."""
 
 
-def add_options(parser: Any) -> None:
-    """Add the options of `nsdr serve` to its parser."""
+def serve_options(parser: Any) -> None:
     add = parser.add_argument
     add("folder", nargs="?", default="", help="folder of clips (.mp4) to pick from; without it, the one of the package")
     add("--host", default="127.0.0.1", help="address to listen on; the default is seen by this machine only")
     add("--port", type=PositiveInt, default=7860, help="TCP port (default: 7860)")
     add("--max-seconds", type=PositiveFloat, default=20.0, help="longest clip that is taken (default: 20 s)")
     add("--max-megabytes", type=PositiveInt, default=50, help="largest upload (default: 50 MB)")
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def serve(options: Any) -> int:
     """`nsdr serve`: listen until Ctrl-C."""
-    check_port(options.port)
+    _check_port(options.port)
     if not math.isfinite(options.max_seconds):
         raise DataError(f"--max-seconds {options.max_seconds}: expected a finite number of seconds")
     files = _clips(options.folder)
@@ -39,10 +40,10 @@ def serve(options: Any) -> int:
     check_installed("gradio", "the page needs Gradio", "web")
     check_installed("av", "writing videos needs PyAV", "web")
     from nsdr.apps.clips import Clips
-    from nsdr.apps.web import ServerConfig, serve as serve_page
+    from nsdr.apps.web import serve as serve_page
 
-    config = ServerConfig(options.host, options.port, options.max_megabytes)
-    serve_page(Clips(pipeline, options.max_seconds), files, config, _say)
+    clips = Clips(pipeline, options.max_seconds)
+    serve_page(clips, files, _say, options.host, options.port, options.max_megabytes)
     return 0
 
 
@@ -63,3 +64,33 @@ def _clips(folder: str) -> dict[str, Path]:
     if not found:
         raise DataError(f"{folder}: no .mp4 files in it; leave it out for the clip of the package")
     return {str(path.relative_to(root)): path for path in found}
+
+
+def mcp_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("folder", nargs="?", default=".", help="videos in it and below it can be named, and no other files")
+    add("--transport", default="stdio", choices=["stdio", "http"], help="http: streamable HTTP at /mcp")
+    add("--host", default="", help="address of HTTP (default: 127.0.0.1, which can be reached from this machine only)")
+    add("--port", type=PositiveInt, default=None, help="port of HTTP (default: 8000)")
+    shared_options(parser, "checkpoint", "pipeline", "video")
+
+
+def mcp(options: Any) -> int:
+    """`nsdr mcp`: serve the Model Context Protocol on the videos of a folder until it is ended."""
+    from nsdr.apps.mcp import check_folder, serve as serve_tools
+    from nsdr.pipeline import Pipeline
+
+    given = [f"--{name}" for name in ("host", "port") if getattr(options, name)]
+    if options.transport != "http" and given:
+        raise DataError(f"{' and '.join(given)} would do nothing without --transport http; add that, or leave it out")
+    if options.port is not None:
+        _check_port(options.port)
+    check_folder(options.folder)
+    pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings_of(options), device=options.device)
+    serve_tools(pipeline, options.folder, options.transport, options.host or "127.0.0.1", options.port or 8000)
+    return 0
+
+
+def _check_port(port: int) -> None:
+    if not 1 <= port <= MAX_PORT:
+        raise DataError(f"--port {port}: expected 1 to {MAX_PORT}")

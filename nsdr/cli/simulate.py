@@ -6,15 +6,15 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
-from nsdr.cli.common import is_scene, make_pipeline
+from nsdr.cli.common import check_outputs, frames_of, is_scene, make_pipeline, shared_options
 from nsdr.errors import DataError, NsdrError
-from nsdr.io.outputs import check_installed, check_output
+from nsdr.io.files import check_installed
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
 from nsdr.types.interventions import Intervention
 from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["add_options", "simulate"]
+__all__ = ["simulate"]
 
 PLACE, PLACE_AND_VELOCITY = 2, 4
 """Numbers after an object of `--add`."""
@@ -26,8 +26,7 @@ WORDS = 3
 """Words of an added object: color, material and shape."""
 
 
-def add_options(parser: Any) -> None:
-    """Add the options of `nsdr simulate` to its parser."""
+def simulate_options(parser: Any) -> None:
     add = parser.add_argument
     add("video", help="video file")
     add(
@@ -49,15 +48,12 @@ def add_options(parser: Any) -> None:
     )
     add("-o", "--output", default=None, help="video to write, .mp4: original and changed world side by side")
     add("--json", default=None, help="also write events, probabilities and positions, .json")
+    shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def simulate(options: Any) -> int:
     """`nsdr simulate`: what differs in a video with interventions, printed, as a video and as JSON."""
-    taken = [options.video]
-    for path, suffix in ((options.output, ".mp4"), (options.json, ".json")):
-        if path is not None:
-            check_output(path, (suffix,), taken)
-            taken.append(path)
+    check_outputs(options.video, (options.output, (".mp4",)), (options.json, (".json",)))
     if options.output is not None:
         check_installed("av", "writing videos needs PyAV", "visualize")
     if is_scene(options.video):
@@ -77,7 +73,10 @@ def simulate(options: Any) -> int:
         write_json(options.json, _document(simulation))
         print(options.json)
     if options.output is not None:
-        _write_video(options.output, pipeline, options.video, simulation)
+        from nsdr.apps.comparison import write_comparison
+
+        frames = list(frames_of(pipeline, options.video))
+        write_comparison(options.output, frames, simulation, camera=pipeline.camera)
         print(options.output)
     return 0
 
@@ -156,7 +155,7 @@ def _added(text: str) -> Add:
 
 def _report(s: Simulation) -> Iterator[str]:
     """What differs, line by line."""
-    from nsdr.visualize.differences import change_text, interventions_text
+    from nsdr.visualize.impacts import change_text, interventions_text
 
     yield interventions_text(s)
     differences = s.differences()
@@ -194,14 +193,3 @@ def _document(s: Simulation) -> dict[str, Any]:
         "original_location_world": positions(s.original.location_world),
         "location_world": positions(s.changed.location_world),
     }
-
-
-def _write_video(path: str, pipeline: Any, video: str, s: Simulation) -> None:
-    import warnings
-
-    from nsdr.apps.comparison_video import write_comparison
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # perception has given them
-        frames = list(pipeline.frames(video))
-    write_comparison(path, frames, s)

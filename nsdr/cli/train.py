@@ -1,18 +1,20 @@
-"""`nsdr train frame-parser|dynamics|collisions|question-parser|backbone|baseline|average`."""
+"""`nsdr train PART` and `nsdr extract-features`: their arguments are fields of a configuration."""
 
 import logging
 import re
 from importlib import import_module
 
+from nsdr.cli.common import left_out
 from nsdr.errors import DataError
 
-__all__ = ["PARTS", "train"]
+__all__ = ["PARTS", "extract_features", "train"]
 
 PARTS = {
     name: f"nsdr.training.{name.replace('-', '_')}"
     for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone", "average")
 } | {"baseline": "nsdr.training.baselines"}
 """Module with the `main(argv)` of each part, and of the mean of several runs."""
+KEEP_GOING = "--keep-going"
 
 
 def train(arguments: list[str]) -> int:
@@ -24,3 +26,17 @@ def train(arguments: list[str]) -> int:
     options = [re.sub(r"^--device(?==|$)", "--loop.device", argument) for argument in arguments[1:]]
     print(import_module(PARTS[arguments[0]]).main(options))
     return 0
+
+
+def extract_features(arguments: list[str]) -> int:
+    """Extract features of videos for the baselines; `-o` is short for `--output`."""
+    from nsdr.baselines.features.extraction import FeatureExtraction, extract_features as extract
+    from nsdr.io.configuration import parse_config
+    from nsdr.io.files import check_output_folder
+
+    given = ["--output" if a == "-o" else a for a in arguments if a != KEEP_GOING]
+    extraction = parse_config(FeatureExtraction, given, "nsdr extract-features")
+    check_output_folder(extraction.output)
+    count = extract(extraction, KEEP_GOING in arguments)
+    print(f"{extraction.output}: features of {count} videos")
+    return left_out(extraction.output)

@@ -9,4 +9,6 @@ from .propnet import (
 )
 from .registry import BACKENDS as BACKENDS, BackendConfig as BackendConfig, load_backend as load_backend
 from .scene import scene_from_prediction as scene_from_prediction
-from .velocity_events import VelocityConfig as VelocityConfig, VelocityEvents as VelocityEvents
+from .velocity_events import VelocityEvents as VelocityEvents
+
+VERSION: int

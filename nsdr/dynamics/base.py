@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeGuard
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,24 +10,15 @@ from numpy.typing import NDArray
 from nsdr.types import DynamicsPrediction, Event, VideoProposals, VideoTracks
 from nsdr.world import timeline
 
-__all__ = ["DynamicsBackend", "ImageBackend", "VideoPixels", "reads_images", "rollout_frames"]
-
-
-@dataclass(frozen=True, eq=False)
-class VideoPixels:
-    """What a backend on images reads beside the tracks.
-
-    Attributes:
-        frames: the video's frames (320, 480, 3) uint8 RGB, in order; read once.
-        proposals: the detections that the tracks were made from, with their masks.
-    """
-
-    frames: Iterable[NDArray[np.uint8]]
-    proposals: VideoProposals
+__all__ = ["DynamicsBackend", "VideoPixels", "rollout_frames"]
 
 
 class DynamicsBackend(Protocol):
-    """Predicts motion and collisions: observed, after the video, and with each object removed."""
+    """Predicts motion and collisions: observed, after the video, and with each object removed.
+
+    A backend with an attribute `reads_images` that is true gets the video's `VideoPixels` as third argument. One with a method
+    `simulate(tracks, interventions, from_frame)` takes interventions (see `nsdr.dynamics.physics.PhysicsPredictor`).
+    """
 
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object.
@@ -41,24 +32,17 @@ class DynamicsBackend(Protocol):
         """
 
 
-class ImageBackend(Protocol):
-    """A backend that reads the video's images, too.
+@dataclass(frozen=True, eq=False)
+class VideoPixels:
+    """What a backend on images reads beside the tracks.
 
     Attributes:
-        reads_images: True.
+        frames: the video's frames (320, 480, 3) uint8 RGB, in order; read once.
+        proposals: the detections that the tracks were made from, with their masks.
     """
 
-    reads_images: bool
-
-    def predict(
-        self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
-    ) -> DynamicsPrediction:
-        """As of `DynamicsBackend`, with the video's pixels."""
-
-
-def reads_images(backend: Any) -> TypeGuard[ImageBackend]:
-    """Whether a backend is an `ImageBackend`."""
-    return bool(getattr(backend, "reads_images", False))
+    frames: Iterable[NDArray[np.uint8]]
+    proposals: VideoProposals
 
 
 def rollout_frames(n_frames: int, horizon_frame: int | None = None) -> int:

@@ -1,13 +1,14 @@
 """Interventions on a video's objects: which objects they mean, what contradicts, and the simulation that backends return."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Protocol, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.scenes import enter_exit_events
+from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.types import (
@@ -23,45 +24,15 @@ from nsdr.types import (
     SetMass,
     SetVelocity,
     Simulation,
-    VideoTracks,
 )
 from nsdr.types.interventions import Intervention
 
-__all__ = [
-    "Changes",
-    "Intervenes",
-    "find_object",
-    "intervenes",
-    "make_simulation",
-    "resolve",
-    "simulate_removal",
-]
+__all__ = ["Changes", "find_object", "make_simulation", "resolve", "simulate_removal"]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """Interventions of which an object takes one. `Remove` excludes all others."""
-
-
-class Intervenes(Protocol):
-    """A dynamics backend that takes interventions of every kind."""
-
-    def simulate(self, tracks: VideoTracks, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
-        """The video's motion with interventions, beside that without.
-
-        Args:
-            tracks: the video's objects.
-            interventions: changes of the scene, all at `from_frame`.
-            from_frame: a frame of the video.
-
-        Raises:
-            DataError: an object that is not there, or a change that is impossible; says why with the numbers.
-        """
-
-
-def intervenes(backend: Any) -> TypeGuard[Intervenes]:
-    """Whether a backend is an `Intervenes`."""
-    return hasattr(backend, "simulate")
 
 
 class Changes:
@@ -76,9 +47,9 @@ class Changes:
     def __init__(self, of: Sequence[tuple[int, Intervention]], objects: Sequence[SceneObject]) -> None:
         self.of = tuple(of)
         self.removed = [i for i, change in of if isinstance(change, Remove)]
-        new = [(i, change) for i, change in of if isinstance(change, Add)]
-        self.added = [i for i, _ in new]
-        self.objects = (*objects, *(SceneObject(i, a.color, a.material, a.shape) for i, a in new))
+        new = [SceneObject(i, a.color, a.material, a.shape) for i, a in of if isinstance(a, Add)]
+        self.added = [o.id for o in new]
+        self.objects = (*objects, *new)
 
 
 def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:
@@ -118,10 +89,11 @@ def resolve(
     frames = visible.shape[1]
     if type(from_frame) is not int or not 0 <= from_frame < frames:
         raise DataError(f"from_frame: expected a frame of the video, 0 to {frames - 1}, got {from_frame!r:.60}")
-    if not isinstance(interventions, Sequence) or isinstance(interventions, str):
-        raise DataError(f"interventions: expected a list, such as [nsdr.Remove('red cube')], got {interventions!r:.60}")
-    if not interventions:
-        raise DataError("interventions: expected at least one, such as nsdr.Remove('red cube'), got none")
+    if not isinstance(interventions, Sequence) or isinstance(interventions, str) or not interventions:
+        got = "none" if interventions in ([], ()) else f"{interventions!r:.60}"
+        raise DataError(
+            f"interventions: expected a list, such as [nsdr.Remove('red cube')], of at least one, got {got}"
+        )
     found: list[tuple[int, Intervention]] = []
     n_added = 0
     for change in interventions:
@@ -142,41 +114,34 @@ def resolve(
 
 def _check_there(change: Intervention, o: SceneObject, visible: BoolArray, frame: int) -> None:
     """Removal and masses also concern objects that enter later."""
-    seen = np.flatnonzero(visible)
-    later = isinstance(change, Remove | SetMass)
-    if visible[frame] or (later and len(seen) and frame < seen[0]):
-        return
+    seen, what = np.flatnonzero(visible), f"{type(change).__name__} {o.name}: it is"
     if not len(seen):
-        raise DataError(f"{type(change).__name__} {o.name}: it is never in the image")
-    when = f"enters at frame {seen[0]}" if frame < seen[0] else f"leaves after frame {seen[-1]}"
-    what = f"{type(change).__name__} {o.name}: it is not in the image at frame {frame}, it {when}"
-    raise DataError(f"{what}; expected a from_frame from {seen[0]} to {seen[-1]}")
+        raise DataError(f"{what} never in the image")
+    enters_later = frame < seen[0]
+    if not visible[frame] and not (enters_later and isinstance(change, Remove | SetMass)):
+        when = f"enters at frame {seen[0]}" if enters_later else f"leaves after frame {seen[-1]}"
+        expected = f"expected a from_frame from {seen[0]} to {seen[-1]}"
+        raise DataError(f"{what} not in the image at frame {frame}, it {when}; {expected}")
 
 
 def _check_contradictions(changes: Changes, from_frame: int) -> None:
-    kinds: dict[int, list[type]] = {}
+    kinds: dict[int, list[type]] = defaultdict(list)
     for i, change in changes.of:
-        mine = kinds.setdefault(i, [])
+        mine = kinds[i]
         mine.append(type(change))
-        for one_of in EXCLUSIVE:
-            _check_one(changes.objects[i], [k for k in mine if k in one_of])
-        if Remove in mine:
-            _check_one(changes.objects[i], mine)
+        for one_of in (*EXCLUSIVE, set(mine) if Remove in mine else set()):
+            names = [kind.__name__ for kind in mine if kind in one_of]
+            if len(names) > 1:
+                name = changes.objects[i].name
+                raise DataError(f"{name}: {' and '.join(names)} contradict each other; give one of them")
     if len(changes.removed) == len(changes.objects):
         raise DataError(f"interventions: all {len(changes.objects)} objects are removed; nothing is left to simulate")
-    names: dict[str, int] = {}
+    there: set[str] = set()
     for o in changes.objects:
-        gone = o.id in changes.removed and from_frame == 0
-        if not gone and o.name in names:
-            raise DataError(f"Add {o.name}: the scene has one already; objects differ in color, material or shape")
-        if not gone:
-            names[o.name] = o.id
-
-
-def _check_one(o: SceneObject, kinds: Sequence[type]) -> None:
-    if len(kinds) > 1:
-        names = " and ".join(kind.__name__ for kind in kinds)
-        raise DataError(f"{o.name}: {names} contradict each other; give one of them")
+        if from_frame > 0 or o.id not in changes.removed:
+            if o.name in there:
+                raise DataError(f"Add {o.name}: the scene has one already; objects differ in color, material or shape")
+            there.add(o.name)
 
 
 def make_simulation(
@@ -208,25 +173,22 @@ def make_simulation(
         changes.objects,
         n_frames,
         from_frame,
-        tuple(_named(change, changes.objects[i].name) for i, change in changes.of),
+        tuple(
+            change if isinstance(change, Add) else replace(change, object=changes.objects[i].name)
+            for i, change in changes.of
+        ),
         original,
         changed,
         *yaws,
-        tuple(_events(original)),
+        _events(original),
         tuple(e for e in _events(changed) if happens(e, e.objects[0])),
         replace(scene, events=tuple(e for e in scene.events if happens(e, kept[e.objects[0]]))),
     )
 
 
-def _named(change: Intervention, name: str) -> Intervention:
-    """The intervention with its object's full name."""
-    return change if isinstance(change, Add) else replace(change, object=name)
-
-
-def _events(rollout: Rollout) -> list[Event]:
-    return sorted(
-        [*enter_exit_events(rollout.visible), *rollout.collisions], key=lambda e: (e.frame, e.kind == "collision")
-    )
+def _events(rollout: Rollout) -> tuple[Event, ...]:
+    events = [*enter_exit_events(rollout.visible), *rollout.collisions]
+    return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))
 
 
 def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int]) -> Scene:
@@ -236,17 +198,14 @@ def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept
     def renumbered(event: Event) -> Event:
         return replace(event, objects=tuple(new[i] for i in event.objects))
 
-    doubts = rollout.doubts
-    if doubts is not None:
-        doubts = tuple(replace(d, event=renumbered(d.event)) for d in doubts)
-    speed = rollout.speed_world_per_s
+    uncertain, speed = rollout.uncertain, rollout.speed_world_per_s
     part = Rollout(
         rollout.location_world[kept],
         rollout.visible[kept],
         tuple(renumbered(e) for e in rollout.collisions),
         None,
         None if speed is None else speed[kept],
-        doubts,
+        None if uncertain is None else tuple(replace(one, event=renumbered(one.event)) for one in uncertain),
     )
     prediction = DynamicsPrediction(tuple(replace(objects[i], id=new[i]) for i in kept), n_frames, part)
     return replace(scene_from_prediction(prediction), counterfactual=None, dynamics=prediction)
@@ -277,8 +236,8 @@ def simulate_removal(
             "use the backend physics"
         )
     changed = prediction.counterfactual[changes.removed[0]]
-    if changed.doubts is not None:
-        changed = replace(changed, doubts=tuple(replace(doubt, removed=None) for doubt in changed.doubts))
+    if changed.uncertain is not None:
+        changed = replace(changed, uncertain=tuple(replace(one, removed=None) for one in changed.uncertain))
     original = replace(prediction.observed, unseen_scores=None)
     none = np.zeros(changed.visible.shape)
     return make_simulation(changes, n_frames, 0, original, changed, (none, none))

@@ -41,12 +41,7 @@ def rollout_errors(
 ) -> dict[str, float]:
     """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames ahead.
 
-    A rollout sees the frames before its start only. Objects without a position in the rollout are left out.
-
-    Args:
-        predictor: continues motion.
-        scenes: real motion.
-        starts: first frames that the rollouts do not see.
+    A rollout sees the frames before its start, one of `starts`, only. Objects without a position in the rollout are left out.
     """
     distances: dict[int, list[float]] = {10: [], 25: [], 50: []}
     for states in scenes:
@@ -57,18 +52,15 @@ def rollout_errors(
             names = ("location_world", "detected", "reliable", "present", "box_px", "patches")
             arrays = {name: getattr(states, name) for name in names}
             shown: dict[str, Any] = {k: None if a is None else a[here, :start] for k, a in arrays.items()}
-            cut = MotionStates(
-                tuple(replace(o, id=i) for i, o in enumerate(np.array(states.objects, object)[here])),
-                **shown,
-            )
+            objects = (states.objects[i] for i in np.flatnonzero(here))
+            cut = replace(states, objects=tuple(replace(o, id=i) for i, o in enumerate(objects)), **shown)
             rollout = predictor.continue_motion(cut)
             for ahead, collected in distances.items():
                 frame = start - 1 + ahead
-                if frame >= min(states.present.shape[1], rollout.location_world.shape[1]):
-                    continue
-                seen = states.reliable[here, frame] & states.present[here, start - 1]
-                difference = rollout.location_world[seen, frame] - states.location_world[here, frame][seen]
-                collected += np.hypot(difference[:, 0], difference[:, 1]).tolist()
+                if frame < min(states.present.shape[1], rollout.location_world.shape[1]):
+                    seen = states.reliable[here, frame] & states.present[here, start - 1]
+                    difference = rollout.location_world[seen, frame] - states.location_world[here, frame][seen]
+                    collected += np.hypot(difference[:, 0], difference[:, 1]).tolist()
     errors = {}
     for ahead, values in distances.items():
         errors[f"rollout_error_{ahead}"] = float(np.nanmedian(values)) if values else float("nan")

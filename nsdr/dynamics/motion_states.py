@@ -1,19 +1,21 @@
 """Tracks as dense arrays: a position for every object and frame, with what is known of its reliability."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, SHARE, check_ranges
-from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
+from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, VideoTracks
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
 
 __all__ = [
-    "MeasurementConfig",
+    "COLLISION_MARGIN_FRAMES",
+    "REST_SPEED_WORLD_PER_S",
+    "UNRELIABLE_WEIGHT",
     "MotionStates",
     "detections_in",
     "extrapolate",
@@ -24,33 +26,17 @@ __all__ = [
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
+UNRELIABLE_WEIGHT = 0.03
+"""Weight of positions of objects that are hidden in part or cut by the image's border. Like the next two, chosen by the
+accuracy of answers on `dev` scenes."""
+REST_SPEED_WORLD_PER_S = 0.4
+"""Objects whose fitted initial speed is below this are treated as at rest (world units/s); CLEVRER's start at 2.7 or faster."""
+COLLISION_MARGIN_FRAMES = 1
+"""Positions within this many frames of a collision are ambiguous and ignored (frames)."""
 LINE_FRAMES = 8
 """Frames at a track's ends whose straight line is continued where the object was not detected."""
 MIN_LINE_FRAMES = 3
 """Frames of reliable detections near a track's end that suffice for that line; otherwise all detections count."""
-
-
-@dataclass(frozen=True)
-class MeasurementConfig:
-    """How far measured positions are trusted; shared by the smoothing of tracks and the fit of the simulator.
-
-    The values were chosen on `dev` scenes: `python benchmarks/visibility.py` compares them.
-
-    Attributes:
-        unreliable_weight: weight (0-1) of positions of objects that are hidden in part or cut by the image's border.
-        rest_speed_world_per_s: objects whose fitted initial speed is below this are treated as at rest (world units/s).
-            CLEVRER's moving objects start at 2.7 or faster.
-        visibility: which boxes are cut or hidden.
-        collision_margin_frames: positions within this many frames of a collision are ambiguous and ignored (frames).
-    """
-
-    unreliable_weight: float = 0.03
-    rest_speed_world_per_s: float = 0.4
-    collision_margin_frames: int = 1
-    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, unreliable_weight=SHARE, rest_speed_world_per_s=NOT_NEGATIVE, collision_margin_frames=COUNT)
 
 
 @dataclass(frozen=True)
@@ -64,8 +50,9 @@ class MotionStates:
         reliable: (n, F) bool, detected, not cut by the image's border and not hidden by a nearer object.
         present: (n, F) bool, between the first and the last detection.
         box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
-        patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.image_patches`); None
+        patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.patches`); None
             for networks that read no images.
+        camera: that took the video.
     """
 
     objects: tuple[SceneObject, ...]
@@ -75,11 +62,13 @@ class MotionStates:
     present: BoolArray
     box_px: FloatArray
     patches: NDArray[np.uint8] | None = None
+    camera: Camera = CLEVRER_CAMERA
 
     @property
     def spacing_frames(self) -> float:
         """Frames from one processed frame of the video to the next, as its detections show (median)."""
-        return _spacing_frames(self.detected)
+        frames = np.flatnonzero(self.detected.any(0))
+        return float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
 
     @property
     def box_xyxy_px(self) -> FloatArray:
@@ -93,13 +82,8 @@ def detections_in(frames: int, spacing_frames: float) -> int:
     return 1 + math.ceil((frames - 1) / spacing_frames)
 
 
-def _spacing_frames(detected: BoolArray) -> float:
-    frames = np.flatnonzero(detected.any(0))
-    return float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
-
-
-def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None = None) -> MotionStates:
-    """Dense states of all tracks of a video; `visibility` decides which positions are reliable."""
+def states_from_tracks(video: VideoTracks) -> MotionStates:
+    """Dense states of all tracks of a video."""
     n, frames = len(video.tracks), video.n_frames
     location = np.zeros((n, frames, 2))
     detected, present = (np.zeros((n, frames), bool) for _ in range(2))
@@ -108,20 +92,21 @@ def states_from_tracks(video: VideoTracks, visibility: VisibilityConfig | None =
         detected[i, t.frame_index] = True
         present[i, t.frame_index[0] : t.frame_index[-1] + 1] = True
         box[i, t.frame_index] = t.box_xyxy_px
-    hidden = hidden_sides(box.transpose(1, 0, 2), visibility).any(-1).T
-    reliable, spacing = detected & ~hidden, _spacing_frames(detected)
+    reliable = detected & ~hidden_sides(box.transpose(1, 0, 2)).any(-1).T
     every, centred = np.arange(frames), np.zeros((n, frames, 4))
+    objects = tuple(t.object for t in video.tracks)
+    states = MotionStates(objects, location, detected, reliable, present, centred, camera=video.camera)
     for i, t in enumerate(video.tracks):
         seen, sides = t.frame_index, t.box_xyxy_px.astype(float)
         for axis in range(2):
             location[i, :, axis] = np.interp(every, seen, t.location_world[:, axis])
         centre_and_size = np.concatenate([(sides[:, :2] + sides[:, 2:]) / 2, sides[:, 2:] - sides[:, :2]], 1)
         centred[i] = np.stack([np.interp(every, seen, column) for column in centre_and_size.T], 1)
-        first, last = _line_samples(seen, reliable[i, seen], spacing)
+        first, last = _line_samples(seen, reliable[i, seen], states.spacing_frames)
         before, after = every < seen[0], every > seen[-1]
         location[i, before] = _line(seen[first], t.location_world[first], every[before])
         location[i, after] = _line(seen[last], t.location_world[last], every[after])
-    return MotionStates(tuple(t.object for t in video.tracks), location, detected, reliable, present, centred)
+    return states
 
 
 def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:

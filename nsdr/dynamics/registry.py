@@ -1,19 +1,20 @@
 """The dynamics backends by name, and their settings in one dataclass (`configs/dynamics/physics.yaml`)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated
 
 from nsdr.dynamics.base import DynamicsBackend
-from nsdr.dynamics.physics.predictor import CollisionDetector, PhysicsConfig, PhysicsPredictor
-from nsdr.dynamics.track_smoothing import SmoothingConfig
-from nsdr.dynamics.velocity_events import VelocityConfig, VelocityEvents
+from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
+from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.limits import limits
+from nsdr.io.limits import check_limit
 from nsdr.io.registry import Registry
-from nsdr.io.validation import check_choices, check_ranges
+from nsdr.validation import Count, Settings, one_of
 
 __all__ = [
     "BACKENDS",
@@ -29,11 +30,12 @@ PATCH_CHECKPOINTS = {"paper": "dynamics_paper", "paper_images": "dynamics_paper_
 """Backends whose network sees patches, and the shipped checkpoint of each beside `default`."""
 READ_NO_IMAGES = ("physics", "state", "paper")
 """Backends that see the tracks alone."""
-COLLISIONS = ("predicted", "velocity")
+VELOCITY_RULES = {"velocity": "tuned", "velocity_paper": "paper"}
+"""Kinds of collisions that `VelocityEvents` finds, and its rule for each."""
 
 
 @dataclass(frozen=True)
-class BackendConfig:
+class BackendConfig(Settings):
     """Which dynamics backend, and how it works.
 
     Attributes:
@@ -42,86 +44,60 @@ class BackendConfig:
         weights: folder of the trained network, for "paper" and "paper_images"; "" for the checkpoint's, or the shipped ones.
         shortcut: objects that a removal cannot influence keep their observed motion (not for "paper" and "paper_images").
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        collisions: "predicted", or "velocity" for collisions from changes of velocity alone (NE).
-        smoothing: how observed tracks are smoothed, of every backend.
+        collisions: "predicted"; or, from changes of velocity alone (NE), "velocity" by a tuned rule, "velocity_paper" by the
+            released executor's.
         physics: of the physics backend.
-        velocity: rule for collisions from changes of velocity.
     """
 
     backend: str = "physics"
     weights: str = ""
     shortcut: bool = True
-    horizon_frame: int | None = None
-    collisions: str = "predicted"
-    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
+    horizon_frame: Count | None = None
+    collisions: Annotated[str, one_of(("predicted", *VELOCITY_RULES))] = "predicted"
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
-    velocity: VelocityConfig = field(default_factory=VelocityConfig)
 
     def __post_init__(self) -> None:
-        check_choices(self, collisions=COLLISIONS)
+        super().__post_init__()
         if self.horizon_frame is not None:
-            check_ranges(self, horizon_frame=(0, limits().frames))
+            check_limit(self.horizon_frame, "frames", "horizon_frame")
 
 
-class BackendFactory(Protocol):
-    """Makes a backend from a checkpoint folder and the settings."""
-
-    def __call__(self, folder: Path, config: BackendConfig) -> DynamicsBackend:
-        """The backend with its weights.
-
-        Args:
-            folder: the checkpoint with `dynamics.safetensors`.
-            config: settings.
-        """
-
-
+BackendFactory = Callable[[Path, BackendConfig], DynamicsBackend]
+"""(checkpoint folder, settings) -> the backend with its weights."""
 BACKENDS: Registry[BackendFactory] = Registry(
     "dynamics backend",
     "nsdr.dynamics",
     {
         "physics": "nsdr.dynamics.registry:_physics",
         "state": "nsdr.dynamics.registry:_state",
-        "paper": "nsdr.dynamics.registry:_paper",
-        "paper_images": "nsdr.dynamics.registry:_paper_images",
+        "paper": "nsdr.dynamics.registry:_patches",
+        "paper_images": "nsdr.dynamics.registry:_patches",
     },
 )
 """Dynamics backends by name; other packages add theirs by entry points of the group `nsdr.dynamics`."""
 
 
 def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    return PhysicsPredictor(_detector(folder), config.physics, config.shortcut, config.horizon_frame, config.smoothing)
-
-
-def _detector(folder: Path) -> CollisionDetector:
-    """The checkpoint's collision network; the state backend's in a checkpoint without one."""
-    if any((folder / f"collisions.{suffix}").exists() for suffix in ("json", "safetensors")):
-        from nsdr.dynamics.collisions.detector import TrackCollisionDetector
-
-        return TrackCollisionDetector.from_checkpoint(folder)
+    """With the checkpoint's collision network; the state backend's in a checkpoint without one."""
+    from nsdr.dynamics.collisions import TrackCollisionDetector
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
 
-    return StatePredictor.from_checkpoint(folder)
+    has_network = any((folder / f"collisions.{suffix}").exists() for suffix in ("json", "safetensors"))
+    detector = (TrackCollisionDetector if has_network else StatePredictor).from_checkpoint(folder)
+    return PhysicsPredictor(detector, config.physics, config.shortcut, config.horizon_frame)
 
 
 def _state(folder: Path, config: BackendConfig) -> DynamicsBackend:
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
 
-    options = {"shortcut": config.shortcut, "horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
-    return StatePredictor.from_checkpoint(folder, **options)
+    return StatePredictor.from_checkpoint(folder, shortcut=config.shortcut, horizon_frame=config.horizon_frame)
 
 
-def _paper(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+def _patches(folder: Path, config: BackendConfig) -> DynamicsBackend:
+    from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
 
-    options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
-    return PatchPredictor.from_checkpoint(_patch_folder(folder, config), **options)
-
-
-def _paper_images(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    from nsdr.dynamics.propnet.image_predictor import ImagePredictor
-
-    options = {"horizon_frame": config.horizon_frame, "smoothing": config.smoothing}
-    return ImagePredictor.from_checkpoint(_patch_folder(folder, config), **options)
+    predictor = PatchPredictor if config.backend == "paper" else ImagePredictor
+    return predictor.from_checkpoint(_patch_folder(folder, config), horizon_frame=config.horizon_frame)
 
 
 def _patch_folder(folder: Path, config: BackendConfig) -> Path:
@@ -144,12 +120,13 @@ def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics")
         settings: a backend's name, a YAML file of a `BackendConfig`, or one.
 
     Raises:
-        DataError: an unknown backend or kind of collisions, or settings that would do nothing.
+        DataError: an unknown backend, or settings that would do nothing.
         CheckpointError: weights are missing or corrupt, or of another backend's network.
     """
     config = backend_settings(settings)
     backend = BACKENDS[config.backend](folder, config)
-    return VelocityEvents(backend, config.velocity) if config.collisions == "velocity" else backend
+    rule = VELOCITY_RULES.get(config.collisions)
+    return VelocityEvents(backend, rule) if rule else backend
 
 
 def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
@@ -168,8 +145,6 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
         raise DataError(f"weights: does nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
     if config.backend in ("state", *PATCH_CHECKPOINTS) and config.physics != PhysicsConfig():
         raise DataError(f"settings of physics do nothing with dynamics {config.backend!r}; leave them out")
-    if config.collisions != "velocity" and config.velocity != VelocityConfig():
-        raise DataError("settings of velocity do nothing without collisions: velocity; add it, or leave them out")
     return config
 
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.scenes import collisions_in_view, enter_exit_events
-from nsdr.types import Doubt, DynamicsPrediction, Scene
+from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
+from nsdr.types import DynamicsPrediction, Scene, UncertainCollision
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
 __all__ = ["scene_from_prediction"]
@@ -36,7 +36,7 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
     unseen = tuple(e for e in collisions if n_frames <= e.frame)
     counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
     scores = prediction.observed.unseen_scores
-    doubts = _doubts(prediction, visible)
+    uncertain = _uncertain(prediction, visible)
     return Scene(
         prediction.objects,
         n_frames,
@@ -46,22 +46,22 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
         unseen,
         counterfactual,
         scores,
-        doubts=doubts,
+        uncertain=uncertain,
         physics=prediction.physics,
     )
 
 
-def _doubts(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[Doubt, ...] | None:
-    """Doubts of all rollouts, those of the video as they are seen; None where a rollout has none."""
-    found: list[Doubt] = []
+def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[UncertainCollision, ...] | None:
+    """Uncertain collisions of all rollouts, those of the video as they are seen; None where a rollout has none."""
+    found: list[UncertainCollision] = []
     for removed, rollout in ((None, prediction.observed), *prediction.counterfactual.items()):
-        if rollout.doubts is None:
+        if rollout.uncertain is None:
             return None
-        for doubt in rollout.doubts:
-            events = [doubt.event]
-            if removed is None and doubt.event.frame < prediction.n_frames:
+        for one in rollout.uncertain:
+            events = [one.event]
+            if removed is None and one.event.frame < prediction.n_frames:
                 events = collisions_in_view(events, visible)
-            found += [Doubt(event, doubt.probability, removed) for event in events]
+            found += [UncertainCollision(event, one.probability, removed) for event in events]
     return tuple(found)
 
 

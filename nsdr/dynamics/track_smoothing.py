@@ -1,54 +1,70 @@
 """Tracks smoothed by physics: speeds, and entrance and exit frames, once the collisions are known.
 
 Between its collisions every object slides freely, so each stretch of a track is fitted by the law of
-`nsdr.dynamics.sliding`.
+`nsdr.dynamics.sliding`. Fitted motions meet the image's border: an object enters when the first bit of its outline crosses it,
+some frames before it is detected. At the left, right and bottom borders the leading side of its box is measured; the fitted
+outline is shifted to it, because a cube's yaw is not known and fits are off by some pixels where objects are near. At the top
+border objects are far away: fits are better there than masks.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.image_borders import frames_in_image
-from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
+from nsdr.dynamics.motion_states import (
+    COLLISION_MARGIN_FRAMES,
+    REST_SPEED_WORLD_PER_S,
+    UNRELIABLE_WEIGHT,
+    MotionStates,
+    detections_in,
+)
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.io.validation import MANY, NOT_NEGATIVE, check_ranges
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
-from nsdr.world.camera import on_ground
-from nsdr.world.physics_constants import FRAME_SECONDS
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
+from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD
+from nsdr.world.shapes import surface_points
 
-__all__ = ["SmoothedTracks", "SmoothingConfig", "rollout_in_image", "smooth_tracks", "with_smoothed_tracks"]
+__all__ = [
+    "SmoothedTracks",
+    "border_depths",
+    "frames_in_image",
+    "rollout_in_image",
+    "smooth_tracks",
+    "with_smoothed_tracks",
+]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 Motion = Callable[[int, int], tuple[FloatArray, FloatArray]]
 """(start, end) -> positions and velocities (end - start, 2) of the frames between."""
-UNKNOWN_CUBE_YAW = 0.4
-"""Yaw (radians) assumed for cubes whose yaw is not known: it gives about their mean width."""
+MIN_STRETCH_FRAMES = 4
+"""Stretches whose detections reach over less than this get no speed (frames). Like the next, set on left-out scenes of
+`train`."""
+MAX_RESIDUAL_WORLD = 0.04
+"""Stretches whose median residual is larger hide a collision and are not fitted (world units)."""
+LEFT, TOP, RIGHT, BOTTOM = range(4)
+"""Sides of a box."""
+SIDE_SHIFT_PX = (0.45, -0.4, -0.47)
+"""Added to how far a measured side is inside the left, right and bottom border (pixels): what the side of a mask lacks to the
+true outline's. `python benchmarks/objects.py --shifts --every 5 --first 1 --scenes 800` prints it, for `train`."""
+TOP_SHIFT_PX = {"cube": 0.64, "cylinder": 1.47, "sphere": 0.42}
+"""The same for the fitted outline at the top border (pixels)."""
+LEVEL_SAMPLES, TREND_SAMPLES, MAX_SAMPLE_FRAMES = 2, 10, 30
+"""Detections that what a fitted side lacks, and its trend, are measured on; the largest number of frames to the track's end."""
+TREND_RIDGE_FRAMES2 = 50.0
+"""Added to the frames' sum of squares in the trend's regression (frames²): the trend of few detections counts little."""
+CUBE_YAW = 0.4
+"""Yaw (radians) assumed for cubes whose yaw is not known, relative to the line of sight where that matters: it gives about
+their mean width."""
+MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
+"""Objects whose centre is further outside the image, or nearer to the camera, are not in the image (world units)."""
 OUTSIDE_WORLD = -99.0
 """Coordinate given to objects whose position is not known: behind the camera, so in no image."""
-
-
-@dataclass(frozen=True)
-class SmoothingConfig:
-    """How stretches of tracks are fitted. Set on left-out scenes of `train`.
-
-    Attributes:
-        min_frames: stretches whose detections reach over less than this get no speed (frames).
-        max_residual_world: stretches whose median residual is larger hide a collision and are not fitted (world units).
-        measurement: how far measured positions are trusted.
-    """
-
-    min_frames: int = 4
-    max_residual_world: float = 0.04
-    measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, min_frames=MANY, max_residual_world=NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -66,17 +82,8 @@ class SmoothedTracks:
     visible: BoolArray
 
 
-def smooth_tracks(
-    states: MotionStates, collisions: Sequence[Event], config: SmoothingConfig | None = None
-) -> SmoothedTracks:
-    """Fit all stretches between collisions.
-
-    Args:
-        states: measured positions.
-        collisions: during the video.
-        config: thresholds.
-    """
-    c = config or SmoothingConfig()
+def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> SmoothedTracks:
+    """Fit all stretches of the tracks between the collisions during the video."""
     n, frames = states.present.shape
     location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
@@ -84,11 +91,11 @@ def smooth_tracks(
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
         for k, (start, end) in enumerate(pairwise([0, *hits, frames])):
-            after_collision = start if k == 0 else start + c.measurement.collision_margin_frames
-            fitted = _stretch(states, i, after_collision, end, c, before_first_collision=k == 0)
+            after_collision = start if k == 0 else start + COLLISION_MARGIN_FRAMES
+            fitted = _stretch(states, i, after_collision, end, before_first_collision=k == 0)
             if fitted is not None:
                 location[i, start:end], velocity[i, start:end] = fitted(start, end)
-        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i])
+        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
     return SmoothedTracks(location, velocity, visible)
 
 
@@ -101,32 +108,30 @@ def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
     return replace(rollout, visible=visible, speed_world_per_s=speed)
 
 
-def rollout_in_image(shapes: Sequence[str], location_world: FloatArray) -> BoolArray:
+def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: Camera) -> BoolArray:
     """(n, F) bool: in which frames objects at positions (n, F, 2) are in the image; NaN is not."""
-    yaw = np.full(location_world.shape[1], UNKNOWN_CUBE_YAW)
+    yaw = np.full(location_world.shape[1], CUBE_YAW)
     known = np.nan_to_num(location_world, nan=OUTSIDE_WORLD)
     if not len(shapes):
         return np.zeros(location_world.shape[:2], bool)
-    return np.stack([in_image(shape, on_ground(row), yaw) for shape, row in zip(shapes, known, strict=True)])
+    return np.stack([in_image(shape, on_ground(row), yaw, camera) for shape, row in zip(shapes, known, strict=True)])
 
 
-def _stretch(
-    states: MotionStates, i: int, start: int, end: int, c: SmoothingConfig, before_first_collision: bool
-) -> Motion | None:
+def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> Motion | None:
     """The motion that fits a stretch of an object's track, or None where no fit is good."""
     shape = states.objects[i].shape
-    last = end if end == states.present.shape[1] else end - c.measurement.collision_margin_frames
+    last = end if end == states.present.shape[1] else end - COLLISION_MARGIN_FRAMES
     detected = np.flatnonzero(states.detected[i, start:last]) + start
-    if len(detected) < detections_in(c.min_frames, states.spacing_frames):
+    if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
         return None
     positions = states.location_world[i, detected]
-    weight = np.where(states.reliable[i, detected], 1.0, c.measurement.unreliable_weight)
+    weight = np.where(states.reliable[i, detected], 1.0, UNRELIABLE_WEIGHT)
     reference = float(detected[0])
     position, velocity, residual = fit_sliding(shape, detected, positions, weight, reference)
-    if residual > c.max_residual_world:
+    if residual > MAX_RESIDUAL_WORLD:
         return None
     speed = float(np.hypot(*velocity))
-    if before_first_collision and speed < c.measurement.rest_speed_world_per_s:
+    if before_first_collision and speed < REST_SPEED_WORLD_PER_S:
         rest = np.average(positions, axis=0, weights=weight)
         return lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2)))
     direction = velocity / max(speed, 1e-9)
@@ -137,3 +142,104 @@ def _stretch(
         return position + distance[:, None] * direction, speeds[:, None] * direction
 
     return sliding
+
+
+def frames_in_image(
+    shape: str,
+    location_world: FloatArray,
+    detected: BoolArray,
+    box_xyxy_px: FloatArray,
+    camera: Camera = CLEVRER_CAMERA,
+) -> BoolArray:
+    """Frames of a track, and those before and after it in which the fitted outline is in the image.
+
+    Args:
+        shape: "cube", "sphere" or "cylinder".
+        location_world: (F, 2) fitted positions; NaN where nothing fits.
+        detected: (F,) bool.
+        box_xyxy_px: (F, 4) boxes of the detections.
+        camera: that took the video.
+
+    Returns:
+        (F,) bool.
+    """
+    visible = np.zeros(len(detected), bool)
+    seen = np.flatnonzero(detected)
+    if not len(seen):
+        return visible
+    first, last = int(seen[0]), int(seen[-1])
+    visible[first : last + 1] = True
+    shift = np.array([SIDE_SHIFT_PX[0], TOP_SHIFT_PX[shape], *SIDE_SHIFT_PX[1:]])
+    for end, outside in ((first, np.arange(first)[::-1]), (last, np.arange(last + 1, len(detected)))):
+        if len(outside):
+            depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px, camera)
+            inside = (depths + shift > 0).all(1)
+            visible[outside[: len(inside) if inside.all() else int(inside.argmin())]] = True
+    return visible
+
+
+def border_depths(
+    shape: str,
+    location_world: FloatArray,
+    wanted: NDArray[np.integer[Any]],
+    detected: BoolArray,
+    end: int,
+    box_xyxy_px: FloatArray,
+    camera: Camera = CLEVRER_CAMERA,
+) -> FloatArray:
+    """How far the outline's leading side is inside each border, before `SIDE_SHIFT_PX` and `TOP_SHIFT_PX` are added.
+
+    Args:
+        shape: as in `frames_in_image`, like the other arrays.
+        location_world: (F, 2).
+        wanted: (W,) frames.
+        detected: (F,).
+        end: first or last detected frame; the leading sides are measured in the detections next to it.
+        box_xyxy_px: (F, 4).
+        camera: as in `frames_in_image`.
+
+    Returns:
+        (W, 4) for the left, top, right and bottom border (pixels); NaN where a position is not known or far from the image.
+    """
+    near = np.flatnonzero(detected)
+    near = near[np.abs(near - end) <= MAX_SAMPLE_FRAMES]
+    near = near[np.argsort(np.abs(near - end), kind="stable")][:TREND_SAMPLES]
+    after = near - end
+    sides, seen = (_outline_sides(shape, location_world[frames], camera) for frames in (wanted, near))
+    # Sides that another object may hide count, too: without them, fits of objects that are cut all the time go far astray.
+    for side in (LEFT, TOP, RIGHT):  # the bottom side leads at the top border, where masks are worse than fits
+        lack = box_xyxy_px[near, side] - seen[:, side]
+        usable = np.isfinite(lack)
+        sides[:, side] += _continued(after[usable], lack[usable], wanted - end)
+    return np.stack([sides[:, RIGHT], sides[:, BOTTOM], WIDTH_PX - sides[:, LEFT], HEIGHT_PX - sides[:, TOP]], 1)
+
+
+def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: NDArray[np.integer[Any]]) -> FloatArray:
+    """What a fitted side lacks (W,) at other frames, from the detections (N,), nearest first; frames count from the end."""
+    if not len(lack):
+        return np.zeros(len(wanted_after))
+    centred = after - after.mean()
+    trend = (centred * lack).sum() / ((centred**2).sum() + TREND_RIDGE_FRAMES2)
+    return np.asarray(lack[:LEVEL_SAMPLES].mean() + trend * (wanted_after - after[:LEVEL_SAMPLES].mean()))
+
+
+def _outline_sides(shape: str, location_world: FloatArray, camera: Camera) -> FloatArray:
+    """Left, top, right and bottom (N, 4) of outlines in pixels; NaN where a position is not known or far from the image."""
+    centre = on_ground(location_world)
+    sides = np.full((len(centre), 4), np.nan)
+    with np.errstate(invalid="ignore"):
+        depth, pixel = camera.depth(centre), camera.pixels(centre)
+        margin = camera.focal_px * MARGIN_WORLD / depth[:, None]
+        near = ((pixel > -margin) & (pixel < np.array([WIDTH_PX, HEIGHT_PX]) + margin)).all(1)
+        known = np.flatnonzero(near & (depth > MARGIN_WORLD))
+    if not len(known):
+        return sides
+    points = np.repeat(surface_points(shape, CUBE_YAW)[None], len(known) if shape == "cube" else 1, axis=0)
+    if shape == "cube":
+        x, y = (centre[known, :2] - camera.eye_world[:2]).T
+        cos, sin = x / np.hypot(x, y), y / np.hypot(x, y)
+        turn = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
+        points[..., :2] = points[..., :2] @ turn
+    outline = camera.pixels(points + centre[known, None])
+    sides[known] = np.concatenate([outline.min(1), outline.max(1)], 1)
+    return sides

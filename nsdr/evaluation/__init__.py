@@ -1,9 +1,8 @@
 """Runs the pipeline over many videos, scores its answers, and makes the tables of `results/`."""
 
 from nsdr.evaluation.batch import parse_videos, predict_dynamics
-from nsdr.evaluation.calibration import calibration
 from nsdr.evaluation.experiments import run_experiment
-from nsdr.evaluation.intervals import accuracy_interval, wilson_interval
+from nsdr.evaluation.measures import accuracy_interval, calibration, wilson_interval
 from nsdr.evaluation.runner import EvaluationConfig, run_evaluation
 from nsdr.evaluation.score import evaluate, format_table
 from nsdr.evaluation.sources import SOURCES, PerceptionInput, SceneSource

@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from nsdr.baselines.data import video_needs
-from nsdr.baselines.features import FeatureCache
+from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.recording import keep_recording
 from nsdr.baselines.trained import TrainedBaseline
-from nsdr.clevrer.questions import SceneQuestions
+from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.runner import (
     EvaluationConfig,
     evaluation_fingerprint,
-    programs_of,
+    parse_all,
+    parser_of,
     selected_questions,
     true_scene_of,
 )
@@ -120,20 +120,25 @@ def evaluate_baseline(
     if unused and "program" not in needs:
         raise DataError(f"{', '.join(unused)} would do nothing: {baseline.system} reads no programs; leave them out")
     where = row.features_folder(trainer)
-    features = FeatureCache(where, video_needs(needs) or None) if where else None
-    baseline.check_features(features, where)
+    features = FeatureCache(where, needs) if where else None
+    baseline.check_features(features)
     scenes, _ = selected_questions(config)
     parsed, failed = scenes, dict[int, dict[int, NsdrError]]()
-    if "program" in needs and (parse := programs_of(config, scenes)) is not None:
-        parsed, failed = _with_programs(scenes, parse, config.types)
+    if "program" in needs and (parser := parser_of(config)) is not None:
+        parsed, failed = _with_programs(scenes, parse_all(parser, scenes, config.types), config.types)
 
     def answered() -> Iterator[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]:
         for scene, (_, answers) in zip(scenes, baseline.answer_questions(parsed, features, config.types), strict=True):
             yield scene, answers | failed.get(scene.scene_index, {})
 
-    report = score_answers(answered(), _recordings(config, scenes) if config.truth_source else None)
+    recordings = None
+    if config.truth_source:
+        source = SOURCES[config.truth_source](Path(config.truth), {s.scene_index for s in scenes})
+        recordings = {s.scene_index: Executor(keep_recording(true_scene_of(source, s))) for s in scenes}
+    report = score_answers(answered(), recordings)
+    command = f"nsdr train baseline --config {row.train}" if row.train else f"checkpoint {row.trained}"
     time = _needed(trainer).time(row.train) if row.train else {}
-    return report | {"training": {**_training(row, folder), **time}}
+    return report | {"training": {**_training(folder), "command": command, **time}}
 
 
 def _with_programs(
@@ -154,14 +159,8 @@ def _with_programs(
     return result, failed
 
 
-def _recordings(config: EvaluationConfig, scenes: Sequence[SceneQuestions]) -> dict[int, Executor]:
-    """Executors on the recordings of the true scenes, by scene index."""
-    source = SOURCES[config.truth_source](Path(config.truth), {s.scene_index for s in scenes})
-    return {s.scene_index: Executor(keep_recording(true_scene_of(source, s))) for s in scenes}
-
-
-def _training(row: BaselineRow, folder: Path) -> dict[str, Any]:
-    """What the checkpoint says of its training."""
+def _training(folder: Path) -> dict[str, Any]:
+    """What a checkpoint says of its training."""
     details = load_description(folder, TrainedBaseline.part)
     known: dict[str, Any] = {name: details[name] for name in TRAINING if name in details}
     training = details.get("training")
@@ -170,8 +169,7 @@ def _training(row: BaselineRow, folder: Path) -> dict[str, Any]:
         known["seed"] = loop["seed"]
         if "texts" in known:
             known["passes"] = loop["steps"] * loop["batch_size"] / known["texts"]
-    command = f"nsdr train baseline --config {row.train}" if row.train else f"checkpoint {row.trained}"
-    return {**known, "command": command}
+    return known
 
 
 def training_text(training: Mapping[str, Any]) -> str:

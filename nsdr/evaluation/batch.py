@@ -6,21 +6,20 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.predictions import predictions_document
-from nsdr.clevrer.proposals import proposals_document, read_compact_proposals, read_proposals
+from nsdr.clevrer.files.predictions import predictions_document
+from nsdr.clevrer.files.proposals import proposals_document, read_compact_proposals, read_proposals
 from nsdr.dynamics.registry import checkpoint_folders
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
-from nsdr.io.files import write_json
+from nsdr.io.files import find_files, write_json
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, Summary, run_jobs
+from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 
-__all__ = ["parse_videos", "predict_dynamics", "video_number", "worker_pipeline"]
+__all__ = ["parse_videos", "perception_fingerprint", "predict_dynamics", "worker_pipeline"]
 
 FORMATS = ("predictions", "scenes")
 
@@ -75,14 +74,9 @@ def predict_dynamics(
 
     Args:
         proposals: folder with `proposal_N.json` or `sim_N.json` (also gzipped), or a compact NPZ.
-        output: folder to write, as of `parse_videos`.
+        output: folder to write, as of `parse_videos`, like the other arguments.
         form: "predictions" writes the research code's `sim_N.json`, which the released executor reads; "scenes" writes our
             `scene_N.json`.
-        checkpoint: weights.
-        settings: of perception; None for the defaults.
-        engine: "processes" or "ray".
-        workers: number of processes; 0 is one per CPU core.
-        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Raises:
         DataError: an unknown form, no proposals, or two files that would be written to the same one; or another process
@@ -106,20 +100,15 @@ def predict_dynamics(
     return run_jobs(function, jobs, output, engine, workers)
 
 
-def video_number(path: Path) -> str:
-    """What tells a video's files apart: the last part of its name, "00012" of `video_00012.mp4`."""
-    return path.name.split(".")[0].split("_")[-1]
-
-
 def _by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:
-    """(name, path) by number.
+    """(name, path) by the last part of the file's name, such as "00012" of `video_00012.mp4`.
 
     Raises:
         DataError: two files have one number.
     """
     found: dict[str, tuple[str, Path]] = {}
     for name, path in paths.items():
-        number = video_number(path)
+        number = path.name.split(".")[0].split("_")[-1]
         if number in found:
             raise DataError(f"{found[number][1]} and {path}: both are number {number}; rename one, or use two folders")
         found[number] = (name, path)
@@ -129,13 +118,18 @@ def _by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:
 def _jobs(
     found: Mapping[str, tuple[str, Any]], output: Path, stem: str, checkpoint: str, settings: PipelineConfig, form: str
 ) -> Sequence[Job[Any]]:
-    weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
-    background = [Path(settings.video.background)] if settings.video.background else []
-    common = fingerprint(inputs=background, config=[form, asdict(settings)], weights=weights).encode()
+    common = perception_fingerprint(checkpoint, settings, form).encode()
     return [
         Job(name, item, output / f"{stem}_{number}.json", fingerprint(inputs=[item, common]))
         for number, (name, item) in found.items()
     ]
+
+
+def perception_fingerprint(checkpoint: str, settings: PipelineConfig, *made: str) -> str:
+    """Of everything that perception depends on but its input; `made` says what is made, and from what."""
+    weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
+    background = [Path(settings.video.background)] if settings.video.background else []
+    return fingerprint(inputs=background, config=[*made, asdict(settings), settings.versions()], weights=weights)
 
 
 @lru_cache(maxsize=1)

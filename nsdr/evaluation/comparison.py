@@ -1,11 +1,12 @@
 """Compares two systems on the same questions."""
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from typing import Any
 
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
 from nsdr.errors import DataError
-from nsdr.evaluation.intervals import difference_interval
+from nsdr.evaluation.measures import difference_interval
 
 __all__ = ["compare_reports", "format_comparison"]
 
@@ -28,8 +29,9 @@ def compare_reports(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
     Raises:
         DataError: they have no scored question in common.
     """
-    others = {(r["scene_index"], r["question_id"]): r for r in second["results"]}
-    both = [(r, others[r["scene_index"], r["question_id"]]) for r in first["results"] if _key(r) in others]
+    key = itemgetter("scene_index", "question_id")
+    others = {key(r): r for r in second["results"]}
+    both = [(r, others[key(r)]) for r in first["results"] if key(r) in others]
     if not both:
         raise DataError("the two files have no scored question in common; are they of the same split?")
     result: dict[str, Any] = {}
@@ -50,13 +52,7 @@ def compare_reports(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
 
 
 def format_comparison(comparison: Mapping[str, Any], first: str, second: str) -> str:
-    """The differences as a table, in percentage points.
-
-    Args:
-        comparison: as of `compare_reports`.
-        first: name of the first system.
-        second: name of the second system.
-    """
+    """The differences of `compare_reports` as a table in percentage points; with the names of both systems."""
     title = f"{second} minus {first}, in percentage points, with 95 % intervals:"
     header = f"{'':<28}{'difference':>24}{'only first':>12}{'only second':>13}{'of':>8}"
     lines = [title, header]
@@ -70,10 +66,6 @@ def format_comparison(comparison: Mapping[str, Any], first: str, second: str) ->
             lines.append(f"{label:<28}{cell:>24}{part['only_first']:>12}{part['only_second']:>13}{part['n']:>8}")
     lines.append("only first, only second: answers that only one of the two has right")
     return "\n".join(lines)
-
-
-def _key(row: Mapping[str, Any]) -> tuple[int, int]:
-    return row["scene_index"], row["question_id"]
 
 
 def _difference(pairs: Sequence[Pair]) -> dict[str, Any]:

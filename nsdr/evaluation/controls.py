@@ -9,20 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from nsdr.clevrer.dataset import CLEVRER, Split
-from nsdr.clevrer.questions import write_questions
+from nsdr.clevrer.files.questions import write_questions
 from nsdr.errors import DataError
-from nsdr.evaluation.sources import FOLDER_SIZE
-from nsdr.io.files import atomic_path, write_json
+from nsdr.evaluation.sources import sub_folder
+from nsdr.io.files import atomic_path, check_installed, write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.outputs import check_installed
 from nsdr.io.reading import read_json
-from nsdr.io.runner import Job, Summary, run_jobs
 from nsdr.io.video import sample_frames, write_video
 from nsdr.world.timeline import FPS
 
 __all__ = ["CONTROLS", "EXCHANGED", "exchange", "write_controls"]
 
+VERSION = 1
+"""Of the videos that are written: raised when they change."""
 CONTROLS = ("blind", "reversed", "shuffled")
 """Kinds of controls: grey frames; the frames in reverse order; each scene with the video of another one."""
 EXCHANGED = "exchanged.json"
@@ -76,8 +77,8 @@ def write_controls(
     indices = sorted(videos.entries("videos"))[: limit or None]
     if not indices:
         raise DataError(f"{root}: has no videos of {split}")
-    if "shuffled" in kinds and len(indices) < MIN_EXCHANGED:
-        raise DataError(f"{root}, kind shuffled: {_too_few(len(indices))}")
+    if "shuffled" in kinds:
+        exchange(indices, seed)  # too few are found before anything is written
     return {kind: _write(kind, videos, indices, Path(output) / kind, seed, workers, engine) for kind in kinds}
 
 
@@ -88,14 +89,10 @@ def exchange(indices: Sequence[int], seed: int = 0) -> dict[int, int]:
         DataError: fewer than 2 scenes.
     """
     if len(indices) < MIN_EXCHANGED:
-        raise DataError(_too_few(len(indices)))
+        raise DataError(f"kind shuffled: {len(indices)} videos: at least {MIN_EXCHANGED} are needed to exchange them")
     order = list(indices)
     random.Random(seed).shuffle(order)
     return dict(sorted(zip(order, [*order[1:], order[0]], strict=True)))
-
-
-def _too_few(found: int) -> str:
-    return f"{found} videos: at least {MIN_EXCHANGED} are needed to exchange them"
 
 
 def _write(
@@ -104,10 +101,9 @@ def _write(
     taken = exchange(indices, seed) if kind == "shuffled" else {i: i for i in indices}
     jobs = []
     for index, source in taken.items():
-        low = index // FOLDER_SIZE * FOLDER_SIZE
-        place = folder / "videos" / split.name / f"video_{low:05d}-{low + FOLDER_SIZE:05d}" / f"video_{index:05d}.mp4"
+        place = folder / "videos" / split.name / sub_folder("video", index) / f"video_{index:05d}.mp4"
         video = split.video(source)
-        jobs.append(Job(str(index), video, place, fingerprint(inputs=[video], config=kind)))
+        jobs.append(Job(str(index), video, place, fingerprint(inputs=[video], config=[VERSION, kind])))
     summary = run_jobs(partial(_write_video, kind), jobs, folder, engine, workers)
     if kind == "shuffled":
         write_json(folder / EXCHANGED, {str(i): source for i, source in taken.items()}, indent=1)

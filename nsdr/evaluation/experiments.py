@@ -13,26 +13,51 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
 
 import nsdr
 from nsdr.baselines.q_type import q_type_answers
-from nsdr.clevrer.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
-from nsdr.evaluation.calibration import calibration_text
-from nsdr.evaluation.halves import blind_text
+from nsdr.evaluation.measures import blind_text, calibration_text, percent
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
 from nsdr.evaluation.score import first_failure, score_answers
 from nsdr.io.configuration import config_of
-from nsdr.io.files import atomic_path, write_json
+from nsdr.io.files import atomic_path, locked, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
-from nsdr.io.lock import locked
 from nsdr.io.reading import read_json, read_yaml
+from nsdr.validation import convert
 
-__all__ = ["ExperimentRow", "markdown_table", "read_experiment", "run_experiment"]
+__all__ = ["ExperimentRow", "failed_questions", "markdown_table", "read_experiment", "run_experiment"]
 
-BASELINES = ("random", "frequent")
+INTERVAL = " ({:.1f}-{:.1f})"
+
+Percent = Annotated[float, Meta(ge=0, le=100)]
+Published = tuple[Percent, Percent, Percent, Percent, Percent, Percent, Percent]
+
+
+class ExperimentFile(msgspec.Struct, forbid_unknown_fields=True):
+    """Content of an experiment file; `common` holds for all rows."""
+
+    title: str
+    rows: Annotated[list[dict[str, Any]], Meta(min_length=1)]
+    common: dict[str, Any] = {}
+
+
+class RowKind(msgspec.Struct):
+    """What a row says beside settings of `EvaluationConfig`: attributes of `ExperimentRow` and of `BaselineRow`."""
+
+    name: str
+    baseline: Literal["", "random", "frequent"] = ""
+    training: str = ""
+    published: Published | None = None
+    train: str = ""
+    trained: str = ""
+    features: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,77 +105,50 @@ class ExperimentRow:
 
 
 def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
-    """Title and rows of an experiment file; paths in it are relative to the current folder, `common` holds for all rows.
+    """Title and rows of an experiment file; paths in it are relative to the current folder.
 
     Raises:
         DataError: names the file and the unknown or missing key.
     """
-    content = read_yaml(path)
     try:
-        if not isinstance(content, dict) or set(content) - {"title", "common", "rows"}:
-            raise DataError("expected title, common and rows")
-        if not isinstance(content.get("title"), str):
-            raise DataError(f"title is {content.get('title')!r}; expected a text")
-        common, listed = content.get("common", {}), content.get("rows")
-        if not isinstance(common, dict) or not isinstance(listed, list) or not listed:
-            raise DataError("expected common as `name: value` lines, and rows as a list of such")
-        rows = [_row(common, row) for row in listed]
+        content: ExperimentFile = convert(read_yaml(path), ExperimentFile)
+        rows = [_row(content.common, row, f"rows[{i}]") for i, row in enumerate(content.rows)]
         names = Counter(row.name for row in rows)
         if len(names) < len(rows):
             raise DataError(f"two rows are named {names.most_common(1)[0][0]!r}")
     except DataError as e:
         raise DataError(f"{path}: not an experiment file ({e}); see configs/experiments") from e
-    return content["title"], rows
+    return content.title, rows
 
 
-def _row(common: dict[str, Any], row: Any) -> ExperimentRow:
-    if not isinstance(row, dict) or not isinstance(row.get("name"), str):
-        raise DataError(f"a row is {row!r:.60}; expected settings with a name")
-    name = row["name"]
+def _row(common: Mapping[str, Any], row: Mapping[str, Any], place: str) -> ExperimentRow:
+    of_kind = {k: v for k, v in row.items() if k in RowKind.__struct_fields__}
+    own = {k: v for k, v in row.items() if k not in of_kind}
+    where = f"row {row['name']!r}: " if isinstance(row.get("name"), str) else f"{place}."
+    kind: RowKind = convert(of_kind, RowKind, where)
     try:
-        values = {**common, **row}
-        values.pop("name")
-        baseline, published = values.pop("baseline", ""), values.pop("published", None)
-        training = values.pop("training", "")
-        if training and (not isinstance(training, str) or baseline != "frequent"):
-            raise DataError(f"training is {training!r:.60}; expected a question file, beside `baseline: frequent` only")
-        if baseline and baseline not in BASELINES:
-            raise DataError(f"baseline is {baseline!r}; expected {' or '.join(BASELINES)}")
-        if published is not None:
-            if baseline or set(row) - {"name", "published"}:
+        if kind.training and kind.baseline != "frequent":
+            raise DataError(
+                f"training is {kind.training!r}; expected a question file, beside `baseline: frequent` only"
+            )
+        if kind.published is not None:
+            if row.keys() != {"name", "published"}:
                 raise DataError("published numbers stand alone; leave out the row's other settings")
-            return ExperimentRow(name, None, published=_published_numbers(published))
-        if {"train", "trained"} & set(row):
-            return _trained_row(name, common, {k: v for k, v in row.items() if k != "name"})
-        if baseline:  # reads no scenes
-            if "root" in values:
-                raise DataError("root: a Q-type row reads a question file; give questions in its place")
-            values.setdefault("data", values.get("questions", ""))
-        return ExperimentRow(name, config_of(EvaluationConfig, values), baseline, training)
+            return ExperimentRow(kind.name, None, published=kind.published)
+        is_trained = bool({"train", "trained", "features"} & row.keys())
+        unused = [k for k in own if is_trained and k not in USED]
+        if unused:
+            raise DataError(f"{unused[0]} would do nothing for a trained baseline; expected some of {', '.join(USED)}")
+        values = {k: v for k, v in common.items() if not is_trained or k in USED} | own
+        if kind.baseline and "root" in values:
+            raise DataError("root: a Q-type row reads a question file; give questions in its place")
+        if (kind.baseline or is_trained) and "root" not in values:  # reads no scenes
+            values["data"] = values.get("questions", "")
+        evaluation = config_of(EvaluationConfig, values)
+        trained = BaselineRow(kind.train, kind.trained, kind.features) if is_trained else None
+        return ExperimentRow(kind.name, evaluation, kind.baseline, kind.training, trained, tuple(own))
     except DataError as e:
-        raise DataError(f"row {name!r}: {e}") from e
-
-
-def _trained_row(name: str, common: Mapping[str, Any], row: Mapping[str, Any]) -> ExperimentRow:
-    """The row of a trained baseline: of the common settings those that it uses."""
-    which = {k: v for k, v in row.items() if k in ("train", "trained", "features")}
-    own = {k: v for k, v in row.items() if k not in which}
-    unknown = [k for k in own if k not in USED]
-    if unknown:
-        raise DataError(f"{unknown[0]} would do nothing for a trained baseline; expected some of {', '.join(USED)}")
-    values = {**{k: v for k, v in common.items() if k in USED}, **own}
-    if "root" not in values:
-        values["data"] = values.get("questions", "")  # reads no scenes
-    evaluation = config_of(EvaluationConfig, values)
-    return ExperimentRow(name, evaluation, trained=config_of(BaselineRow, which), own=tuple(own))
-
-
-def _published_numbers(numbers: Any) -> tuple[float, ...]:
-    expected = 1 + 2 * len(QUESTION_TYPES[1:])
-    listed = numbers if isinstance(numbers, list) else []
-    if len(listed) == expected and all(isinstance(n, int | float) and 0 <= n <= 100 for n in listed):
-        return tuple(listed)
-    raise DataError(f"published is {numbers!r:.60}; expected {expected} numbers of 0 to 100")
+        raise DataError(where + str(e)) from e
 
 
 def run_experiment(
@@ -175,14 +173,11 @@ def run_experiment(
     table, command = file.with_suffix(".md"), f"nsdr experiment {path}"
     values = {row.name: row.fingerprint(trainer) for row in rows}
     with locked(output, file.name):
-        known = _earlier(file, values)
+        known = {name: r for name, r in _earlier(file).items() if r.get("fingerprint") == values.get(name)}
         for row in rows:
             if row.name not in known:
-                known[row.name] = {
-                    "settings": row.settings(),
-                    "fingerprint": values[row.name],
-                    **_measured(row, device, trainer),
-                }
+                about = {"settings": row.settings(), "fingerprint": values[row.name]}
+                known[row.name] = about | _measured(row, device, trainer)
             done = [known[r.name] for r in rows if r.name in known]  # rows that were kept, and are still to come, too
             write_json(file, {"title": title, "command": command, "rows": done}, indent=1)
         with atomic_path(table) as temporary:
@@ -190,26 +185,31 @@ def run_experiment(
     return table
 
 
-def _earlier(file: Path, fingerprints: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Rows of a results file that hold, by name."""
+def _earlier(file: Path) -> dict[str, dict[str, Any]]:
+    """Rows of a results file by name."""
     if not file.exists():
         return {}
     try:
-        rows = {row["settings"]["name"]: row for row in read_json(file)["rows"]}
+        return {row["settings"]["name"]: row for row in read_json(file)["rows"]}
     except (TypeError, KeyError) as e:
         raise DataError(f"{file}: not the results of an experiment; move it away, or choose another folder") from e
-    return {name: row for name, row in rows.items() if row.get("fingerprint") == fingerprints.get(name)}
 
 
 def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[str, Any]:
     if row.evaluation is None:
-        return {"table": _published(row.published)}
+        descriptive, *others = (n / 100 for n in row.published)
+        table: dict[str, Any] = {"descriptive": {"accuracy": descriptive}}
+        for kind, option, question in zip(QUESTION_TYPES[1:], others[::2], others[1::2], strict=True):
+            table[kind] = {"per_option": option, "per_question": question}
+        return {"table": table}
     start = time.time()
     evaluation = replace(row.evaluation, device=device)
     if row.trained is not None:
         report = evaluate_baseline(row.trained, evaluation, row.own, device, trainer)
+    elif row.baseline:
+        report = _q_type_report(row, evaluation)
     else:
-        report = _baseline(row.evaluation, row) if row.baseline else run_evaluation(evaluation)
+        report = run_evaluation(evaluation)
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},
         "failed_questions": report["errors"],
@@ -223,7 +223,7 @@ def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[
     }
 
 
-def _baseline(config: EvaluationConfig, row: ExperimentRow) -> dict[str, Any]:
+def _q_type_report(row: ExperimentRow, config: EvaluationConfig) -> dict[str, Any]:
     listed, _ = selected_questions(config)
     scenes = [replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed]
     training = read_questions(row.training) if row.training else None
@@ -250,69 +250,39 @@ def _numbers(table: Mapping[str, Any]) -> list[int]:
     return [table["descriptive"]["n"], *(table[k]["n_questions"] for k in QUESTION_TYPES[1:])]
 
 
-def _published(numbers: Sequence[float]) -> dict[str, Any]:
-    descriptive, *others = (n / 100 for n in numbers)
-    table: dict[str, Any] = {"descriptive": {"accuracy": descriptive}}
-    for k, kind in enumerate(QUESTION_TYPES[1:]):
-        table[kind] = {"per_option": others[2 * k], "per_question": others[2 * k + 1]}
-    return table
-
-
 def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """The paper's table: accuracy in %, per option / per question for multiple choice, with what it was measured by."""
     header = ["", "descriptive", *QUESTION_TYPES[1:], *(f"{tag} options" for tag in OPTION_TAGS)]
     lines = [f"# {title}", "", f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
+    notes: dict[str, list[str]] = {
+        "": [],
+        "Expected calibration error of the probabilities in % (Brier score):": [],
+        "Where the text alone predicts the answer / where it does not (`nsdr tag`), per option:": [],
+        "Trained baselines:": [],
+    }
     for row in rows:
-        table = row["table"]
-        cells = [_percent(table["descriptive"], "accuracy")]
+        name, table = row["settings"]["name"], row["table"]
+        cells = [percent(table["descriptive"], "accuracy", INTERVAL)]
         for kind in QUESTION_TYPES[1:]:
-            option, question = (_percent(table[kind], name) for name in ("per_option", "per_question"))
+            option, question = (percent(table[kind], what, INTERVAL) for what in ("per_option", "per_question"))
             cells.append("-" if option == "-" else f"{option} / {question}")
         tags = table["counterfactual"].get("tags", {})
-        cells += [_percent(tags[tag], "per_option") if tags else "-" for tag in OPTION_TAGS]
-        lines.append(f"| {row['settings']['name']} | {' | '.join(cells)} |")
-    counts: set[str] = set()
-    runs: set[str] = set()
-    for row in rows:
-        if "seconds" in row:
-            counts.add(", ".join(str(n) for n in _numbers(row["table"])))
-            runs.add(f"{row['date']}, version {row['version']}, revision {row['revision']}, {row['machine']}")
-    total = sum(row.get("seconds", 0) for row in rows)
+        cells += [percent(tags[tag], "per_option", INTERVAL) if tags else "-" for tag in OPTION_TAGS]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+        if row["settings"].get("baseline") == "frequent":
+            counted = row["settings"]["training"] or "the questions themselves, not on a training set"
+            notes[""] += ["", f"{name}: the most frequent answers were counted on {counted}."]
+        training = training_text(row["training"]) if "training" in row else ""
+        for place, text in zip(list(notes)[1:], (calibration_text(table), blind_text(table), training), strict=True):
+            notes[place] += [f"- {name}: {text}"] if text else []
+    measured = [row for row in rows if "seconds" in row]
+    counts = {", ".join(map(str, _numbers(row["table"]))) for row in measured}
+    runs = {f"{r['date']}, version {r['version']}, revision {r['revision']}, {r['machine']}" for r in measured}
     lines += [
         "",
         f"Per option / per question, with 95 % intervals. Questions by type: {'; '.join(sorted(counts))}. Made by `{command}`",
+        f"in {sum(row['seconds'] for row in measured)} s ({'; '.join(sorted(runs))}).",
     ]
-    lines += [f"in {total} s ({'; '.join(sorted(runs))})."]
-    for row in rows:
-        if row["settings"].get("baseline") == "frequent":
-            counted = row["settings"]["training"] or "the questions themselves, not on a training set"
-            lines += ["", f"{row['settings']['name']}: the most frequent answers were counted on {counted}."]
-    errors = [f"{row['settings']['name']}: {calibration_text(row['table'])}" for row in rows]
-    errors = [line for line in errors if not line.endswith(": ")]
-    if errors:
-        lines += [
-            "",
-            "Expected calibration error of the probabilities in % (Brier score):",
-            "",
-            *(f"- {e}" for e in errors),
-        ]
-    halves = [f"- {row['settings']['name']}: {text}" for row in rows if (text := blind_text(row["table"]))]
-    if halves:
-        lines += [
-            "",
-            "Where the text alone predicts the answer / where it does not (`nsdr tag`), per option:",
-            "",
-            *halves,
-        ]
-    trained = [f"- {row['settings']['name']}: {training_text(row['training'])}" for row in rows if "training" in row]
-    if trained:
-        lines += ["", "Trained baselines:", "", *trained]
+    for place, texts in notes.items():
+        lines += ["", place, "", *texts] if place and texts else texts
     return "\n".join(lines) + "\n"
-
-
-def _percent(row: Mapping[str, Any], name: str) -> str:
-    """A share in %, with its interval where it was measured."""
-    if row[name] is None:
-        return "-"
-    interval = row.get("interval" if name == "accuracy" else f"{name}_interval")
-    return f"{100 * row[name]:.1f}" + (f" ({100 * interval[0]:.1f}-{100 * interval[1]:.1f})" if interval else "")

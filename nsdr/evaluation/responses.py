@@ -1,18 +1,21 @@
 """Scores files of answers by one protocol: what cannot be read or is missing counts as wrong, and is counted and listed."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
-from nsdr.clevrer.answer_files import GivenAnswer, read_given
-from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.baselines.q_type import ANSWERS, q_type_answers
+from nsdr.clevrer.answers.answer_files import GivenAnswer, read_given
+from nsdr.clevrer.answers.prompts import option_letters
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError
-from nsdr.evaluation.references import format_references, reference_rows
+from nsdr.evaluation.measures import percent
 from nsdr.evaluation.score import format_table, score_answers
 from nsdr.types import Answer, ChoiceAnswer
 
-__all__ = ["answer_of", "format_report", "score_responses"]
+__all__ = ["answer_of", "format_report", "reference_rows", "score_responses"]
 
 MISSING, UNREAD = "missing: the file has no answer", "unread"
 """How the errors of missing and of unread answers begin."""
@@ -48,40 +51,40 @@ def score_responses(
         raise DataError(
             f"none of the {len(by_id)} answers is about one of the {len(asked)} questions; is it another split?"
         )
-    answered = list(asked & set(by_id))
     unread: list[dict[str, Any]] = []
     read_as: Counter[str] = Counter()
 
-    def answers() -> Iterator[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]:
-        for scene in scenes:
-            found: dict[int, Answer | NsdrError] = {}
-            for question in scene.questions:
-                given_answer = by_id.get((scene.scene_index, question.id))
-                if given_answer is None:
-                    if not allow_missing:
-                        found[question.id] = DataError(MISSING)
-                    continue
-                response = read_given(question, given_answer.given)
-                if response.answer is None:
-                    unread.append(_unread(question, given_answer, response.problem))
-                    found[question.id] = DataError(f"{UNREAD}: {response.problem.split(':')[0]}")
-                else:
-                    read_as[response.how] += 1
-                    found[question.id] = answer_of(question, response.answer)
-            yield scene, found
+    def read(question: Question, key: tuple[int, int]) -> Answer | NsdrError:
+        if key not in by_id:
+            return DataError(MISSING)
+        response = read_given(question, by_id[key].given)
+        if response.answer is not None:
+            read_as[response.how] += 1
+            return answer_of(question, response.answer)
+        unread.append(
+            {
+                "id": _id(key),
+                "where": by_id[key].where,
+                "question_type": question.type,
+                "problem": response.problem,
+                "response": str(by_id[key].given)[:SHOWN_CHARACTERS],
+            }
+        )
+        return DataError(f"{UNREAD}: {response.problem.split(':')[0]}")
 
-    report = score_answers(answers())
+    kept = asked & set(by_id) if allow_missing else asked
+    scored = [replace(s, questions=tuple(q for q in s.questions if (s.scene_index, q.id) in kept)) for s in scenes]
+    report = score_answers((s, {q.id: read(q, (s.scene_index, q.id)) for q in s.questions}) for s in scored)
     if report["unlabelled"]:
         raise DataError(f"{report['unlabelled']} questions have no answers in their file; score on train or validation")
-    kept = asked if not allow_missing else set(answered)
     return report | {
-        "references": reference_rows(_only(scenes, kept)),
+        "references": reference_rows(scored),
         "responses": {
             "questions": len(asked),
-            "answered": len(answered),
+            "answered": len(asked & set(by_id)),
             "scored": len(kept),
-            "missing": [_id(*key) for key in sorted(asked - set(by_id))],
-            "unknown": [_id(*key) for key in sorted(set(by_id) - asked)],
+            "missing": [_id(key) for key in sorted(asked - set(by_id))],
+            "unknown": [_id(key) for key in sorted(set(by_id) - asked)],
             "read_as": dict(sorted(read_as.items())),
             "unread_by_type": {kind: sum(u["question_type"] == kind for u in unread) for kind in QUESTION_TYPES},
             "unread": unread,
@@ -112,7 +115,7 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
     lines = [format_table({**report, "errors": 0})]
     if report["counterfactual"]["n_options"] and "tags" not in report["counterfactual"]:
         lines.append("no observational and inferential halves: the question file has no tags; `nsdr tag` adds them")
-    lines += ["", *format_references(report["references"])] if references else []
+    lines += ["", *_reference_lines(report["references"])] if references else []
     lines.append("")
     asked, answered = responses["questions"], responses["answered"]
     lines.append(f"{answered} of {asked} questions have an answer; {responses['scored']} are scored")
@@ -131,28 +134,78 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
     return "\n".join(lines)
 
 
-def _unread(question: Question, given: GivenAnswer, problem: str) -> dict[str, Any]:
-    return {
-        "id": _id(given.scene_index, given.question_id),
-        "where": given.where,
-        "question_type": question.type,
-        "problem": problem,
-        "response": str(given.given)[:SHOWN_CHARACTERS],
-    }
-
-
-def _id(scene_index: int, question_id: int) -> str:
-    return f"{scene_index}-{question_id}"
+def _id(key: tuple[int, int]) -> str:
+    return f"{key[0]}-{key[1]}"
 
 
 def _listed(ids: Sequence[str]) -> str:
     return ", ".join(ids[:LISTED]) + (", …" if len(ids) > LISTED else "")
 
 
-def _only(scenes: Sequence[SceneQuestions], kept: set[tuple[int, int]]) -> list[SceneQuestions]:
-    """The scenes with the questions that are kept."""
-    parts = [
-        SceneQuestions(s.scene_index, s.video_filename, tuple(q for q in s.questions if (s.scene_index, q.id) in kept))
-        for s in scenes
-    ]
-    return [s for s in parts if s.questions]
+CONSTANT = {"always-yes": ("yes", "correct"), "always-no": ("no", "wrong")}
+"""The answer to every open question and to every option."""
+HALF = 0.5
+"""Chance of a random judgement of an option."""
+COLUMN = 15
+"""Width of a column of the printed table (characters)."""
+
+
+def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]]:
+    """By system that sees nothing its accuracies (0-1) by question type.
+
+    The systems are "always-yes" and "always-no"; "frequent", which gives the most frequent answer of these same questions to
+    each type (and so is an upper bound of what the types alone tell); and "random", whose expectation is given. The latter
+    two are left out where open questions have no CLEVRER subtypes.
+
+    Args:
+        scenes: questions with answers.
+    """
+    reports = {
+        name: score_answers((s, {q.id: _constant(q, *words) for q in s.questions}) for s in scenes)
+        for name, words in CONSTANT.items()
+    }
+    with suppress(DataError):
+        reports["frequent"] = score_answers(q_type_answers(scenes, "frequent"))
+    rows: dict[str, dict[str, Any]] = {
+        name: {kind: report[kind] for kind in QUESTION_TYPES} for name, report in reports.items()
+    }
+    return {**rows, "random": _random(scenes)} if "frequent" in rows else rows
+
+
+def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """A table in percentages, of multiple choice per option / per question; of tagged options per option."""
+    lines = ["systems that see nothing, on the same questions (per option / per question):"]
+    header = [*QUESTION_TYPES, *(OPTION_TAGS if any("tags" in row["counterfactual"] for row in rows.values()) else ())]
+    for name, row in {"": None, **rows}.items():
+        cells = header
+        if row is not None:
+            cells = [percent(row["descriptive"], "accuracy")]
+            cells += [
+                f"{percent(row[k], 'per_option')} / {percent(row[k], 'per_question')}" for k in QUESTION_TYPES[1:]
+            ]
+            cells += [percent(tag, "per_option") for tag in row["counterfactual"].get("tags", {}).values()]
+        lines.append(f"  {name:<11}" + "".join(f"{cell:>{COLUMN}}" for cell in cells))
+    return lines
+
+
+def _constant(question: Question, word: str, judgement: str) -> Answer:
+    judged = tuple(ChoiceAnswer(c.text, judgement, (), ()) for c in question.choices)
+    return Answer(question.text, (), None if judged else word, choices=judged)
+
+
+def _random(scenes: Sequence[SceneQuestions]) -> dict[str, Any]:
+    """Expected accuracies of uniform answers: to the subtype of an open question, and of right or wrong for each option."""
+    questions = [q for scene in scenes for q in scene.questions]
+    opens = [1 / len(ANSWERS[q.subtype]) for q in questions if q.subtype in ANSWERS and not q.choices]
+    row: dict[str, Any] = {"descriptive": {"accuracy": _mean(opens)}}
+    for kind in QUESTION_TYPES[1:]:
+        sizes = [len(q.choices) for q in questions if q.type == kind]
+        row[kind] = {"per_option": HALF if sizes else None, "per_question": _mean([HALF**n for n in sizes])}
+    tags = {c.tag for q in questions for c in q.choices if c.tag is not None}
+    if tags:
+        row["counterfactual"]["tags"] = {tag: {"per_option": HALF if tag in tags else None} for tag in OPTION_TAGS}
+    return row
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None

@@ -5,50 +5,62 @@ report byte for byte. Evaluations may share the folder: one that needs scenes of
 them, and what was made is never replaced by a scene of other inputs.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, Literal, cast
 
 from tqdm import tqdm
 
+from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.dataset import CLEVRER, SPLITS
-from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
-from nsdr.dynamics.registry import READ_NO_IMAGES, checkpoint_folders
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.files.parsed_programs import with_parsed_programs
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.dynamics.registry import READ_NO_IMAGES
 from nsdr.errors import DataError, NsdrError
-from nsdr.evaluation.batch import worker_pipeline
-from nsdr.evaluation.parsing import endpoint_parse, parse_all
+from nsdr.evaluation.batch import perception_fingerprint, worker_pipeline
 from nsdr.evaluation.score import Parse, evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
+from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES
-from nsdr.io.validation import COUNT, MANY, check_choices, check_ranges
+from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.pipeline import PipelineConfig, pipeline_settings
-from nsdr.symbolic import Executor
+from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.base import Parser
+from nsdr.symbolic import Executor, Program
 from nsdr.types import Scene
+from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
 __all__ = [
     "EvaluationConfig",
     "evaluation_fingerprint",
-    "programs_of",
+    "parse_all",
+    "parser_of",
     "run_evaluation",
     "selected_questions",
     "true_scene_of",
 ]
 
+VERSION = 1
+"""Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")
+SceneJob = Job[tuple[PerceptionInput, Scene | None]]
+"""Makes a scene of the pipeline's input, in which the observed collisions of a true scene may replace the detected ones."""
+PROGRAMS = ("parsed", "network", "gold")
+"""Values of `EvaluationConfig.programs` that are no files."""
+COUNTED_OTHERWISE = {
+    *("questions", "data", "videos", "truth", "root", "cache", "engine", "workers", "device"),
+    *("checkpoint", "config", "set", "dynamics", "stride"),
+}
+"""Settings that count for a fingerprint by what they name, or change no result."""
 
 
 @dataclass(frozen=True)
-class EvaluationConfig:
+class EvaluationConfig(Settings):
     """What is evaluated, and how.
 
     Attributes:
@@ -58,10 +70,10 @@ class EvaluationConfig:
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
-        programs: "parsed", "gold" for those of the question file, or the released parser's files (`parsed_programs/*.json`),
-            separated by commas.
-        parser: address of an OpenAI-compatible server that parses the texts (`nsdr.question_parser.endpoint`), in place of the
-            checkpoint's question parser; "" for none.
+        programs: "parsed", "network" for those of the paper's networks alone, "gold" for those of the question file, or the
+            released parser's files (`parsed_programs/*.json`), separated by commas.
+        parser: address of an OpenAI-compatible server with a language model, which parses in place of the checkpoint's
+            networks; "" for none.
         parser_model: the server's model; "" if it has only one.
         types: question types to answer.
         exclude: scene indices to leave out.
@@ -75,6 +87,7 @@ class EvaluationConfig:
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
         counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
+        data_set_rules: whether rules of CLEVRER's questions count, as of `nsdr.Executor`; with the paper's semantics.
         truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
         truth: folder or file that `truth_source` reads.
         cache: folder that keeps scenes for the next run.
@@ -86,51 +99,49 @@ class EvaluationConfig:
     questions: str = ""
     data: str = ""
     root: str = ""
-    split: str = "validation"
+    split: Literal["train", "validation", "test"] = "validation"
     source: str = "proposals"
     videos: str = ""
     programs: str = "parsed"
     parser: str = ""
     parser_model: str = ""
     types: Sequence[str] = QUESTION_TYPES
-    exclude: Sequence[int] = ()
-    every: int = 1
-    limit: int = 0
+    exclude: Sequence[Count] = ()
+    every: PositiveCount = 1
+    limit: Count = 0
     checkpoint: str = "default"
     dynamics: str = ""
     config: str = ""
     set: Sequence[str] = ()
-    stride: int = 1
-    semantics: str = "paper"
-    collisions: str = "predicted"
-    counterfactuals: str = "simulated"
+    stride: PositiveCount = 1
+    semantics: Literal["paper", "official"] = "paper"
+    collisions: Literal["predicted", "velocity"] = "predicted"
+    counterfactuals: Annotated[str, one_of(COUNTERFACTUALS)] = "simulated"
+    data_set_rules: bool = True
     truth_source: str = ""
     truth: str = ""
     cache: str = "runs/scenes"
-    engine: str = "processes"
-    workers: int = 0
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
     device: str = "auto"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         unknown = sorted(set(self.types) - set(QUESTION_TYPES)) if self.types else ["nothing"]
         if unknown:
             raise DataError(f"types: unknown question type {unknown[0]!r}; expected {', '.join(QUESTION_TYPES)}")
-        check_choices(self, semantics=("paper", "official"), collisions=("predicted", "velocity"))
-        check_choices(self, counterfactuals=COUNTERFACTUALS)
-        check_choices(self, split=SPLITS, engine=ENGINES, source=SOURCES.names())
-        if self.truth_source:
-            check_choices(self, truth_source=SOURCES.names())
-        check_ranges(self, every=MANY, stride=MANY, limit=COUNT, workers=COUNT, exclude=COUNT)
-        if self.programs not in ("parsed", "gold") and not all(".json" in f for f in self.programs.split(",")):
-            raise DataError(f"programs is {self.programs!r}; expected parsed, gold, or JSON files separated by commas")
+        sources = SOURCES.names()
+        expect(self.source in sources, "source", f"one of {', '.join(sources)}", self.source)
+        expect(self.truth_source in ("", *sources), "truth_source", f"one of {', '.join(sources)}", self.truth_source)
+        if not all(".json" in f for f in self.program_files()):
+            known = ", ".join(PROGRAMS)
+            raise DataError(f"programs is {self.programs!r}; expected {known}, or JSON files separated by commas")
         if self.parser and self.programs != "parsed":
             raise DataError(f"parser would do nothing with programs {self.programs}; leave one out")
         if self.parser_model and not self.parser:
             raise DataError("parser_model is of --parser and would do nothing without it; leave it out")
-        if bool(self.root) == bool(self.questions or self.data):
+        if (bool(self.questions), bool(self.data)) != (not self.root, not self.root):
             raise DataError("give --questions and --data, or --root for a whole split")
-        if not self.root and not (self.questions and self.data):
-            raise DataError("give both --questions and --data, or --root for a whole split")
         if self.semantics == "official" and self.source != "predictions":
             raise DataError(
                 f"the official semantics runs on predictions, not on {self.source}; use --source predictions"
@@ -152,7 +163,7 @@ class EvaluationConfig:
 
     def program_files(self) -> list[str]:
         """Files of parsed programs that `programs` names."""
-        return [] if self.programs in ("parsed", "gold") else self.programs.split(",")
+        return [] if self.programs in PROGRAMS else self.programs.split(",")
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of perception."""
@@ -167,72 +178,110 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
 
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
-        EndpointError: the server of `parser` is not there.
-        ConnectionError: it fails in the midst of the questions, after the scenes were kept.
+        EndpointError: the server of `parser` is not there; or it fails, after the scenes were kept.
     """
-    parse = programs_of(config, ()) if config.parser else None  # a server that is not there is found before the work
-    settings, device = config.pipeline(), str(resolve_device(config.device))
+    parser = parser_of(config)  # a server that is not there is found before the work
+    settings = config.pipeline()
+    device = str(resolve_device(config.device))
     questions, data = selected_questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        parse = parse or programs_of(config, questions)
-        return evaluate(_official(questions, Path(config.data), config.collisions), parse, config.types)
-    wanted = {s.scene_index for s in questions}
+        made = _official(questions, Path(config.data), config.collisions)
+    else:
+        scenes = _scenes(config, settings, device, questions, data)
+        made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
+    parse = parse_all(parser, questions, config.types) if parser else None
+    return evaluate(made, parse, config.types)
+
+
+def _scenes(
+    config: EvaluationConfig,
+    settings: PipelineConfig,
+    device: str,
+    questions: Sequence[SceneQuestions],
+    data: Data,
+) -> Mapping[int, Scene | SceneJob | NsdrError]:
+    """By scene index a scene, the job that has made it, or why there is none."""
     if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
         raise DataError(
             f"videos would do nothing: dynamics {settings.dynamics.backend!r} reads no images; leave it out"
         )
+    wanted = {s.scene_index for s in questions}
     source = SOURCES[config.source](data, wanted)
     video_of = SOURCES["videos"](Path(config.videos), wanted) if config.videos else None
     true_source = SOURCES[config.truth_source](Path(config.truth), wanted) if config.truth_source else None
-    scenes: dict[int, Scene | Path | NsdrError] = {}
-    jobs: list[Job[tuple[PerceptionInput, Scene | None]]] = []
+    scenes: dict[int, Scene | SceneJob | NsdrError] = {}
+    common = ""
     for s in tqdm(questions, desc="reading", unit="scene"):
         try:
             found = source(s)
             true_scene = None if true_source is None else true_scene_of(true_source, s)
+            if isinstance(found, Scene):
+                scenes[s.scene_index] = found
+                continue
+            if video_of is not None:
+                found = {**found, **cast(PerceptionInput, video_of(s))}
+            made_from = (config.source, config.truth_source)
+            common = common or perception_fingerprint(config.checkpoint, settings, *made_from)
+            scenes[s.scene_index] = _job(config, common, s.scene_index, found, true_scene)
         except NsdrError as e:
             scenes[s.scene_index] = e
-            continue
-        if isinstance(found, Scene):
-            scenes[s.scene_index] = found
-            continue
-        try:
-            found = found if video_of is None else {**found, **cast(PerceptionInput, video_of(s))}
-            job = _job(config, settings, s.scene_index, found, true_scene)
-        except NsdrError as e:
-            scenes[s.scene_index] = e
-            continue
-        scenes[s.scene_index] = job.output
-        jobs.append(job)
     if any(isinstance(s, Scene) for s in scenes.values()):
         _check_no_pipeline_options(config)
-    if jobs:
+    if jobs := [s for s in scenes.values() if isinstance(s, Job)]:
         function = partial(_perceive, config.checkpoint, settings, device)
         folder = jobs[0].output.parent
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
-    parse = parse or programs_of(config, questions)
-    keeps_recording = config.counterfactuals == "recording"
-    made = ((s, _executor(scenes[s.scene_index], keeps_recording)) for s in questions)
-    return evaluate(made, parse, config.types)
+    return scenes
 
 
-def programs_of(config: EvaluationConfig, questions: Sequence[SceneQuestions]) -> Parse | None:
-    """The programs of all texts by the server or the checkpoint's question parser; None where the questions have them.
+def parser_of(config: EvaluationConfig) -> Parser | None:
+    """The parser of the settings; None where the questions have programs.
 
     Raises:
+        CheckpointError: missing or corrupt weights.
         EndpointError: the server of `parser` is not there.
     """
+    if config.programs == "network":
+        from nsdr.question_parser.network import QuestionParser
+
+        return QuestionParser.from_pretrained(config.checkpoint, config.device)
     if config.parser:
-        return endpoint_parse(config.parser, config.parser_model)
-    return parse_all(config.checkpoint, config.device, questions, config.types) if config.programs == "parsed" else None
+        from nsdr.question_parser.language_model import LanguageModelParser
+
+        return AutoParser(LanguageModelParser(config.parser, config.parser_model))
+    return AutoParser.from_pretrained(config.checkpoint, config.device) if config.programs == "parsed" else None
+
+
+def parse_all(parser: Parser, questions: Iterable[SceneQuestions], types: Sequence[str]) -> Parse:
+    """Programs of the texts of questions of these types: every distinct text is parsed once, in batches.
+
+    Raises:
+        EndpointError: the server of the parser fails.
+    """
+    texts: dict[str, dict[str, None]] = {"descriptive": {}, "multiple_choice": {}, "choice": {}}
+    for question in (q for s in questions for q in s.questions if q.type in types):
+        texts["descriptive" if question.type == "descriptive" else "multiple_choice"][question.text] = None
+        texts["choice"].update(dict.fromkeys(c.text for c in question.choices))
+    known: dict[tuple[str, str], Program | NsdrError] = {}
+    for kind, listed in texts.items():
+        programs = parser.parse_batch(list(listed), kind)
+        known |= {(text, kind): program for text, program in zip(listed, programs, strict=True)}
+
+    def parse(text: str, kind: str) -> Program:
+        program = known[text, kind]
+        if isinstance(program, NsdrError):
+            raise program
+        return program
+
+    return parse
 
 
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
     """Sources that give scenes leave nothing to do for a pipeline and its options."""
     given = [f"--{name}" for name in ("dynamics", "config", "set", "truth_source") if getattr(config, name)]
-    if config.programs != "parsed" and config.checkpoint != "default":
+    if config.checkpoint != "default" and (config.programs == "gold" or config.program_files()):
         given.append("--checkpoint")
     if given:
         raise DataError(f"source {config.source} needs no pipeline: {', '.join(given)} would do nothing; leave it out")
@@ -248,15 +297,11 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
             inputs.append(repr([(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in files]).encode())
         elif name:
             inputs.append(path)
-    values = asdict(config)
-    for unneeded in (
-        *("questions", "data", "videos", "truth", "root", "cache", "engine", "workers", "device"),
-        *("config", "set", "dynamics", "stride"),
-    ):
-        values.pop(unneeded)
-    settings = config.pipeline()
-    weights = checkpoint_folders(find_checkpoint(config.checkpoint), settings.dynamics)
-    return fingerprint(inputs=inputs, config={**values, "pipeline": asdict(settings)}, weights=weights)
+    values = {name: value for name, value in asdict(config).items() if name not in COUNTED_OTHERWISE}
+    versions = [VERSION, question_parser.VERSION, symbolic.VERSION]
+    return fingerprint(
+        inputs=inputs, config=[values, versions, perception_fingerprint(config.checkpoint, config.pipeline())]
+    )
 
 
 def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
@@ -275,28 +320,16 @@ def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], 
 
 
 def _job(
-    config: EvaluationConfig, settings: PipelineConfig, index: int, given: PerceptionInput, true_scene: Scene | None
-) -> Job[tuple[PerceptionInput, Scene | None]]:
-    common = _settings_fingerprint(config.checkpoint, settings, config.source, config.truth_source)
+    config: EvaluationConfig, common: str, index: int, given: PerceptionInput, true_scene: Scene | None
+) -> SceneJob:
     inputs = [Path(v) if isinstance(v, str) else v for v in given.values()]
     value = fingerprint(inputs=[*inputs, common.encode(), *([] if true_scene is None else [true_scene])])
     output = Path(config.cache) / f"{config.source}-{common}" / f"scene_{index:05d}_{value}.json"
     return Job(str(index), (given, true_scene), output, value)
 
 
-@lru_cache(maxsize=16)
-def _settings_fingerprint(checkpoint: str, settings: PipelineConfig, source: str, truth_source: str) -> str:
-    weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
-    background = [Path(settings.video.background)] if settings.video.background else []
-    return fingerprint(inputs=background, config=[source, truth_source, asdict(settings)], weights=weights)
-
-
 def _perceive(
-    checkpoint: str,
-    settings: PipelineConfig,
-    device: str,
-    item: tuple[Mapping[str, Any], Scene | None],
-    output: Path,
+    checkpoint: str, settings: PipelineConfig, device: str, item: tuple[PerceptionInput, Scene | None], output: Path
 ) -> None:
     given, true_scene = item
     perception = worker_pipeline(checkpoint, settings, device).perceive(**given, true_scene=true_scene)
@@ -315,11 +348,12 @@ def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
     return scene
 
 
-def _executor(scene: Scene | Path | NsdrError, keeps_recording: bool) -> Executor | NsdrError:
+def _executor(scene: Scene | SceneJob | NsdrError, config: EvaluationConfig) -> Executor | NsdrError:
     if isinstance(scene, NsdrError):
         return scene
-    loaded = storage.load(Scene, scene) if isinstance(scene, Path) else scene
-    return Executor(keep_recording(loaded) if keeps_recording else loaded)
+    loaded = storage.load(Scene, scene.output) if isinstance(scene, Job) else scene
+    asked = keep_recording(loaded) if config.counterfactuals == "recording" else loaded
+    return Executor(asked, data_set_rules=config.data_set_rules)
 
 
 def _official(

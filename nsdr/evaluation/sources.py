@@ -4,21 +4,29 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.annotations import read_annotation, read_truth_file
 from nsdr.clevrer.dataset import Split
-from nsdr.clevrer.predictions import PredictionFile, read_predictions, scene_from_predictions
-from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
-from nsdr.clevrer.questions import SceneQuestions
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
-from nsdr.clevrer.schema import shown
-from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.clevrer.files.annotations import read_annotation, read_truth, read_truth_file
+from nsdr.clevrer.files.predictions import PredictionFile, read_predictions, scene_from_predictions
+from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
+from nsdr.clevrer.files.questions import SceneQuestions
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.registry import Registry
 from nsdr.tracking.truth_tracks import tracks_from_annotation
 from nsdr.types import Scene
+from nsdr.validation import expect
 
-__all__ = ["SOURCES", "Data", "PerceptionInput", "SceneSource", "SourceFactory", "find_file", "prediction_file"]
+__all__ = [
+    "SOURCES",
+    "Data",
+    "PerceptionInput",
+    "SceneSource",
+    "SourceFactory",
+    "find_file",
+    "prediction_file",
+    "sub_folder",
+]
 
 PerceptionInput = Mapping[str, Any]
 """Arguments of `Pipeline.perceive`: `video`, `proposals` or `tracks`."""
@@ -29,8 +37,16 @@ Data = Path | Split
 SourceFactory = Callable[[Data, Set[int]], SceneSource]
 """(data, indices of the wanted scenes) -> source."""
 
+ANNOTATION = "annotation_{:05d}.json"
+SIMULATION = ("sim_{:05d}.json", "sim_{:05d}.json.gz")
 FOLDER_SIZE = 1000
 """Files in each sub-folder of the official layout."""
+
+
+def sub_folder(stem: str, scene_index: int) -> str:
+    """Name of the official sub-folder of a scene: "video_10000-11000"."""
+    low = scene_index // FOLDER_SIZE * FOLDER_SIZE
+    return f"{stem}_{low:05d}-{low + FOLDER_SIZE:05d}"
 
 
 def find_file(folder: Path, names: Sequence[str], scene_index: int) -> Path:
@@ -44,11 +60,9 @@ def find_file(folder: Path, names: Sequence[str], scene_index: int) -> Path:
     Raises:
         DataError: there is none; names the expected files.
     """
-    low = scene_index // FOLDER_SIZE * FOLDER_SIZE
     files = [name.format(scene_index) for name in names]
     for name in files:
-        stem = name.split("_")[0]
-        for path in (folder / name, folder / f"{stem}_{low:05d}-{low + FOLDER_SIZE:05d}" / name):
+        for path in (folder / name, folder / sub_folder(name.split("_")[0], scene_index) / name):
             if path.exists():
                 return path
     raise DataError(f"{folder}: has no {' or '.join(files)}")
@@ -74,14 +88,10 @@ def _videos(data: Data, _: Set[int]) -> SceneSource:
     folder = _folder(data, "videos")
 
     def video(s: SceneQuestions) -> PerceptionInput:
-        low = s.scene_index // FOLDER_SIZE * FOLDER_SIZE
-        inside = folder / f"video_{low:05d}-{low + FOLDER_SIZE:05d}" / s.video_filename
+        inside = folder / sub_folder("video", s.scene_index) / s.video_filename
         return {"video": inside if inside.exists() else folder / s.video_filename}
 
     return video
-
-
-_PROPOSAL_NAMES = tuple(f"{stem}_{{:05d}}.json{end}" for end in ("", ".gz") for stem in ("proposal", "sim"))
 
 
 def _proposals(data: Data, wanted: Set[int]) -> SceneSource:
@@ -89,40 +99,48 @@ def _proposals(data: Data, wanted: Set[int]) -> SceneSource:
         return lambda s: {"proposals": data.proposals(s.scene_index)}
     path = _folder(data, "proposals")
     if path.is_dir():
-        return lambda s: {"proposals": read_proposals(find_file(path, _PROPOSAL_NAMES, s.scene_index))}
+        names = tuple(f"{stem}_{{:05d}}.json{end}" for end in ("", ".gz") for stem in ("proposal", "sim"))
+        return lambda s: {"proposals": read_proposals(find_file(path, names, s.scene_index))}
     found = {video: proposals for video, proposals in read_compact_proposals(path) if video in wanted}
     return lambda s: {"proposals": _of(found, s.scene_index, path)}
 
 
-def _annotation(data: Data, source: str) -> Callable[[SceneQuestions], Any]:
-    if isinstance(data, Split):
+def _documents(
+    data: Data, source: str, name: str, read: Callable[[Path], dict[str, Any]]
+) -> Callable[[SceneQuestions], Any]:
+    """What the file of a scene holds, which must be of the scene."""
+    if isinstance(data, Split) and name == ANNOTATION:
         return lambda s: data.annotation(s.scene_index)
     folder = _folder(data, source)
-    return lambda s: _of_scene(read_annotation, find_file(folder, ("annotation_{:05d}.json",), s.scene_index), s)
 
+    def document(s: SceneQuestions) -> dict[str, Any]:
+        path = find_file(folder, (name,), s.scene_index)
+        content = read(path)
+        index = content.get("scene_index", s.scene_index)
+        expect(index == s.scene_index, f"{path}: scene_index", str(s.scene_index), index)
+        return content
 
-def _of_scene(read: Callable[[Path], dict[str, Any]], path: Path, scene: SceneQuestions) -> dict[str, Any]:
-    """The content of a file, which must be of the scene."""
-    content = read(path)
-    index = content.get("scene_index", scene.scene_index)
-    if index != scene.scene_index:
-        raise DataError(f"{path}: scene_index: expected {scene.scene_index}, got {shown(index)}")
-    return content
+    return document
 
 
 def _tracks(data: Data, _: Set[int]) -> SceneSource:
-    annotation = _annotation(data, "tracks")
+    annotation = _documents(data, "tracks", ANNOTATION, read_annotation)
     return lambda s: {"tracks": tracks_from_annotation(annotation(s))}
 
 
 def _annotations(data: Data, _: Set[int]) -> SceneSource:
-    annotation = _annotation(data, "annotations")
+    annotation = _documents(data, "annotations", ANNOTATION, read_annotation)
     return lambda s: scene_from_annotation(annotation(s))
+
+
+def _truth(data: Data, _: Set[int]) -> SceneSource:
+    truth = _documents(data, "truth", "truth_{:05d}.json", read_truth_file)
+    return lambda s: scene_from_truth(truth(s))
 
 
 def prediction_file(folder: Path, scene_index: int) -> PredictionFile:
     """The prediction file of a scene, plain or gzipped; raises `DataError` as `find_file` and `read_predictions`."""
-    return read_predictions(find_file(folder, ("sim_{:05d}.json", "sim_{:05d}.json.gz"), scene_index))
+    return read_predictions(find_file(folder, SIMULATION, scene_index))
 
 
 def _predictions(data: Data, _: Set[int]) -> SceneSource:
@@ -135,15 +153,8 @@ def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
     if path.is_file():
         blocks = read_truth(path)
         return lambda s: scene_from_ground_truth(_of(blocks, s.scene_index, path), blocks[s.scene_index]["n_frames"])
-    names = ("sim_{:05d}.json", "sim_{:05d}.json.gz")
+    names = SIMULATION
     return lambda s: scene_from_ground_truth(*read_ground_truth(find_file(path, names, s.scene_index)))
-
-
-def _truth(data: Data, _: Set[int]) -> SceneSource:
-    folder = _folder(data, "truth")
-    return lambda s: scene_from_truth(
-        _of_scene(read_truth_file, find_file(folder, ("truth_{:05d}.json",), s.scene_index), s)
-    )
 
 
 def _scenes(data: Data, _: Set[int]) -> SceneSource:
@@ -151,22 +162,11 @@ def _scenes(data: Data, _: Set[int]) -> SceneSource:
     return lambda s: storage.load(Scene, find_file(folder, ("scene_{:05d}.json",), s.scene_index))
 
 
+_NAMES = ("videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth", "scenes")
 SOURCES: Registry[SourceFactory] = Registry(
     "source",
     "nsdr.scene_sources",
-    {
-        name: f"nsdr.evaluation.sources:_{name.replace('-', '_')}"
-        for name in (
-            "videos",
-            "proposals",
-            "tracks",
-            "predictions",
-            "annotations",
-            "ground-truth",
-            "truth",
-            "scenes",
-        )
-    },
+    {name: f"nsdr.evaluation.sources:_{name.replace('-', '_')}" for name in _NAMES},
 )
 """Scene sources by name; other packages add theirs by entry points of the group `nsdr.scene_sources`.
 

@@ -1,3 +1,9 @@
+from .check.video import (
+    VideoCheck as VideoCheck,
+    VideoConfig as VideoConfig,
+    check_video as check_video,
+    clip_frames as clip_frames,
+)
 from .dataset import (
     AugmentConfig as AugmentConfig,
     FrameDataset as FrameDataset,
@@ -13,9 +19,5 @@ from .model import (
 )
 from .parser import FrameParser as FrameParser
 from .training_frames import frame_records as frame_records, write_frames as write_frames
-from .video_check import (
-    VideoCheck as VideoCheck,
-    VideoConfig as VideoConfig,
-    check_video as check_video,
-    clip_frames as clip_frames,
-)
+
+VERSION: int

@@ -3,21 +3,23 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 import torch
+from msgspec import Meta
 from numpy.typing import NDArray
 from PIL import Image
 from pycocotools import mask as rle
 from torch import Tensor
 from torch.utils.data import Dataset
+from torchvision.ops import box_convert
 
 from nsdr.errors import DataError
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import check_limit
-from nsdr.io.validation import SHARE, check_ranges
+from nsdr.validation import Settings, Share, expect
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["AugmentConfig", "FrameDataset", "augment", "collate", "image_tensor"]
@@ -38,7 +40,7 @@ JPEG_QUALITY = (30, 90)
 
 
 @dataclass(frozen=True)
-class AugmentConfig:
+class AugmentConfig(Settings):
     """Random changes that make clean renders look like H.264 video; drawn independently for every image.
 
     Attributes:
@@ -49,14 +51,11 @@ class AugmentConfig:
         jpeg: probability of JPEG compression at a quality of 30-90 (0-1).
     """
 
-    flip: float = 0.5
-    brightness: float = 0.12
-    noise: float = 4.0
-    blur: float = 0.3
-    jpeg: float = 0.5
-
-    def __post_init__(self) -> None:
-        check_ranges(self, flip=SHARE, brightness=SHARE, noise=(0.0, 255.0), blur=SHARE, jpeg=SHARE)
+    flip: Share = 0.5
+    brightness: Share = 0.12
+    noise: Annotated[float, Meta(ge=0.0, le=255.0)] = 4.0
+    blur: Share = 0.3
+    jpeg: Share = 0.5
 
 
 def augment(
@@ -113,25 +112,14 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
     """
 
     def __init__(
-        self,
-        folder: str | Path,
-        part: str = "train",
-        augmentation: AugmentConfig | None = None,
-        seed: int = 0,
+        self, folder: str | Path, part: str = "train", augmentation: AugmentConfig | None = None, seed: int = 0
     ) -> None:
-        if seed < 0:
-            raise DataError(f"seed is {seed}; expected 0 or more")
-        self.folder = Path(folder)
-        self.augmentation = augmentation
-        self.seed = seed
-        self.epoch = 0
-        if part not in ("train", "evaluation", "all"):
-            raise DataError(f"part is {part!r}; expected train, evaluation or all")
-        self.records = [
-            r
-            for r in read_frame_records(self.folder)
-            if part == "all" or (r["scene"] % EVALUATION_EVERY == 0) != (part == "train")
-        ]
+        expect(seed >= 0, "seed", "0 or more", seed)
+        expect(part in ("train", "evaluation", "all"), "part", "train, evaluation or all", part)
+        self.folder, self.augmentation, self.seed, self.epoch = Path(folder), augmentation, seed, 0
+        kept = {"train": (False,), "evaluation": (True,), "all": (False, True)}[part]
+        records = read_frame_records(self.folder)
+        self.records = [r for r in records if (r["scene"] % EVALUATION_EVERY == 0) in kept]
         if not self.records:
             raise DataError(
                 f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl or COCO *.json, and images/"
@@ -145,8 +133,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
 
         Call it before iterating over a `DataLoader`; persistent workers keep the epoch that they started with.
         """
-        if epoch < 0:
-            raise DataError(f"epoch is {epoch}; expected 0 or more")
+        expect(epoch >= 0, "epoch", "0 or more", epoch)
         self.epoch = epoch
 
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:
@@ -184,15 +171,11 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def _target(objects: list[dict[str, Any]], masks: NDArray[np.uint8]) -> Target:
-    boxes = np.zeros((len(objects), 4), np.float32)
-    for box, mask in zip(boxes, masks, strict=True):
-        x, y, w, h = cv2.boundingRect(mask)
-        box[:] = x, y, x + w, y + h
+    boxes_xywh = np.array([cv2.boundingRect(mask) for mask in masks], np.float32).reshape(-1, 4)
     target = {
-        "boxes": torch.from_numpy(boxes),
+        "boxes": box_convert(torch.from_numpy(boxes_xywh), "xywh", "xyxy"),
         "labels": torch.ones(len(objects), dtype=torch.int64),
         "masks": torch.from_numpy(np.ascontiguousarray(masks)),
     }
-    for name, words in ATTRIBUTES.items():
-        target[name] = torch.tensor([words.index(o[name]) for o in objects], dtype=torch.int64)
-    return target
+    words = {name: [known.index(o[name]) for o in objects] for name, known in ATTRIBUTES.items()}
+    return target | {name: torch.tensor(indices, dtype=torch.int64) for name, indices in words.items()}

@@ -2,16 +2,19 @@
 
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
+from msgspec import Meta
 from pycocotools import mask as rle
 
-from nsdr.clevrer.masks import check_mask
-from nsdr.clevrer.schema import check_new, get, get_number, get_text, get_whole, scene_object, shown
+from nsdr.clevrer.files.masks import check_mask
+from nsdr.clevrer.files.schema import check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import parse_json_lines, read_bytes, read_json
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.io.reading import parse_json_lines, read_bytes, read_typed
+from nsdr.validation import Count, PositiveCount, convert, expect
+from nsdr.world.vocabulary import ATTRIBUTES, Color, Material, Shape
 
 __all__ = ["read_frame_records"]
 
@@ -29,100 +32,124 @@ def read_frame_records(folder: Path) -> Iterator[dict[str, Any]]:
     for path in lines:
         for number, record in parse_json_lines(read_bytes(path, kind="JSON Lines file"), str(path)):
             where = f"{path}, line {number}"
-            check_record(record, where)
+            convert(record, _Record, f"{where}: ")
             yield record
     if not lines:
         for path in sorted(folder.glob("*.json")):
             yield from _coco_records(path)
 
 
-def check_record(record: Any, where: str) -> None:
-    """Check a line of `annotations_*.jsonl`; raises `DataError`."""
-    _check_file_name(record, where)
-    get_whole(record, "scene", where, 0, float("inf"))
-    objects = get(record, "objects", list, where)
-    check_limit(len(objects), "frame_objects", f"{where}: objects")
-    for i, o in enumerate(objects):
-        place = f"{where}: objects[{i}]"
-        scene_object(o, 0, place)
-        segmentation = get(o, "segmentation", dict, place)
-        size = get(segmentation, "size", list, f"{place}.segmentation")
-        if size != objects[0]["segmentation"]["size"]:
-            raise DataError(f"{place}.segmentation.size: {shown(size)}, that of the first object is another")
-        _check_compressed(segmentation, *_height_width(size, f"{place}.segmentation.size"), f"{place}.segmentation")
+class _Segmentation(msgspec.Struct):
+    size: tuple[PositiveCount, PositiveCount]
+    counts: str
 
 
-def _check_file_name(record: Any, where: str) -> None:
-    name = PurePosixPath(get_text(record, "file_name", where))
-    if name.is_absolute() or ".." in name.parts:
-        raise DataError(f"{where}.file_name: expected a file below images/, got {shown(str(name))}")
+class _Object(msgspec.Struct):
+    color: Color
+    material: Material
+    shape: Shape
+    segmentation: _Segmentation
 
 
-def _height_width(size: list[Any], where: str) -> tuple[int, int]:
-    if len(size) != 2 or any(type(n) is not int or n < 1 for n in size):
-        raise DataError(f"{where}: expected height and width, got {shown(size)}")
-    check_limit(size[0] * size[1], "image_pixels", where)
-    return size[0], size[1]
+class _Record(msgspec.Struct):
+    file_name: str
+    scene: Count
+    objects: list[_Object]
+
+    def __post_init__(self) -> None:
+        _check_file_name(self.file_name)
+        check_limit(len(self.objects), "frame_objects", ".objects")
+        for i, o in enumerate(self.objects):
+            mask, place = o.segmentation, f".objects[{i}].segmentation"
+            same = mask.size == self.objects[0].segmentation.size
+            expect(same, f"{place}.size", "that of the first object", list(mask.size))
+            check_limit(mask.size[0] * mask.size[1], "image_pixels", f"{place}.size")
+            check_mask(list(mask.size), mask.counts, *mask.size, place)
 
 
-def _check_compressed(segmentation: dict[str, Any], height: int, width: int, where: str) -> None:
-    check_mask(segmentation.get("size"), segmentation.get("counts"), height, width, where)
+class _Category(msgspec.Struct):
+    id: Count
+    name: str
+
+    def __post_init__(self) -> None:
+        words = self.name.split()
+        fits = len(words) == len(ATTRIBUTES) and all(w in k for w, k in zip(words, ATTRIBUTES.values(), strict=True))
+        expect(fits, f" category {self.id}", 'a name like "red metal cube"', self.name)
+
+
+class _Image(msgspec.Struct):
+    id: Count
+    file_name: str
+    height: PositiveCount
+    width: PositiveCount
+    video_id: Count | None = None
+
+    def __post_init__(self) -> None:
+        _check_file_name(self.file_name)
+        check_limit(self.height * self.width, "image_pixels", ".height and width")
+
+
+class _Runs(msgspec.Struct):
+    size: tuple[int, int]
+    counts: str | list[int]
+
+
+class _Annotation(msgspec.Struct):
+    image_id: int
+    category_id: int
+    segmentation: Annotated[list[list[float]], Meta(min_length=1, title="at least one polygon")] | _Runs
+
+
+class _Coco(msgspec.Struct):
+    categories: list[_Category]
+    images: list[_Image]
+    annotations: list[_Annotation]
+
+    def __post_init__(self) -> None:
+        check_unique([row.id for row in self.categories], ".categories", ".id")
+        check_unique([row.id for row in self.images], ".images", ".id")
+
+
+def _check_file_name(name: str) -> None:
+    check_lines(file_name=name)
+    path = PurePosixPath(name)
+    expect(not path.is_absolute() and ".." not in path.parts, ".file_name", "a file below images/", name)
 
 
 def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
     """Frame records of a COCO file; an image's `scene` is its `video_id` if it has one, else its own `id`."""
-    content = read_json(path)
-    words: dict[int, dict[str, str]] = {}
-    images: dict[int, tuple[dict[str, Any], tuple[int, int]]] = {}
-    for i, row in enumerate(get(content, "categories", list, str(path))):
-        where = f"{path}: categories[{i}]"
-        number, name = get_whole(row, "id", where, 0, float("inf")), get_text(row, "name", where).split()
-        check_new(number, words, f"{where}.id")
-        if len(name) != len(ATTRIBUTES) or any(
-            w not in known for w, known in zip(name, ATTRIBUTES.values(), strict=True)
-        ):
-            found = " ".join(name)
-            raise DataError(f'{path}: category {number}: expected a name like "red metal cube", got {shown(found)}')
-        words[number] = dict(zip(ATTRIBUTES, name, strict=True))
-    for i, row in enumerate(get(content, "images", list, str(path))):
-        where = f"{path}: images[{i}]"
-        number = get_whole(row, "id", where, 0, float("inf"))
-        check_new(number, images, f"{where}.id")
-        _check_file_name(row, where)
-        scene = get_whole(row, "video_id" if "video_id" in row else "id", where, 0, float("inf"))
-        size = _height_width([get(row, side, int, where) for side in ("height", "width")], where)
-        images[number] = ({"file_name": row["file_name"], "scene": scene, "objects": []}, size)
-    for i, row in enumerate(get(content, "annotations", list, str(path))):
-        where = f"{path}: annotations[{i}]"
-        image, category = (get(row, key, int, where) for key in ("image_id", "category_id"))
+    content: _Coco = read_typed(path, _Coco)
+    words = {row.id: dict(zip(ATTRIBUTES, row.name.split(), strict=True)) for row in content.categories}
+    images = {row.id: row for row in content.images}
+    records: dict[int, dict[str, Any]] = {
+        row.id: {"file_name": row.file_name, "scene": row.id if row.video_id is None else row.video_id, "objects": []}
+        for row in content.images
+    }
+    for i, row in enumerate(content.annotations):
+        where, image, category = f"{path}: annotations[{i}]", row.image_id, row.category_id
         if image not in images or category not in words:
             raise DataError(f"{where}: image_id {image} or category_id {category} is not in the file")
-        record, (height, width) = images[image]
-        segmentation: Any = get(row, "segmentation", (list, dict), where)
-        mask = _coco_mask(segmentation, height, width, f"{where}.segmentation")
-        record["objects"].append({**words[category], "segmentation": mask})
-        check_limit(len(record["objects"]), "frame_objects", f"{path}: image {image}")
-    yield from (record for record, _ in images.values())
+        mask = _coco_mask(row.segmentation, images[image].height, images[image].width, f"{where}.segmentation")
+        records[image]["objects"].append({**words[category], "segmentation": mask})
+        check_limit(len(records[image]["objects"]), "frame_objects", f"{path}: image {image}")
+    yield from records.values()
 
 
-def _coco_mask(segmentation: Any, height: int, width: int, where: str) -> dict[str, Any]:
+def _coco_mask(segmentation: _Runs | list[list[float]], height: int, width: int, where: str) -> dict[str, Any]:
     """A compressed run-length mask from any of COCO's three forms."""
     if isinstance(segmentation, list):
-        if not segmentation:
-            raise DataError(f"{where}: expected at least one polygon, got none")
+        most = max(height, width) + 1
         for i, polygon in enumerate(segmentation):
-            place = f"{where}[{i}]"
-            if not isinstance(polygon, list) or len(polygon) < MIN_POLYGON_NUMBERS or len(polygon) % 2:
-                raise DataError(f"{place}: expected a list of x and y of 3 or more corners, got {shown(polygon)}")
+            fits = len(polygon) >= MIN_POLYGON_NUMBERS and len(polygon) % 2 == 0
+            expect(fits, f"{where}[{i}]", "a list of x and y of 3 or more corners", polygon)
             for k, value in enumerate(polygon):
-                get_number({k: value}, k, place, -1, max(height, width) + 1)  # type: ignore[arg-type]
+                expect(-1 <= value <= most, f"{where}[{i}][{k}]", f"a number from -1 to {most}", value)
         return dict(rle.merge(rle.frPyObjects(segmentation, height, width)))
-    counts = segmentation.get("counts")
-    if not isinstance(counts, list):
-        _check_compressed(segmentation, height, width, where)
-        return dict(segmentation)
-    if any(type(n) is not int or n < 0 for n in counts) or sum(counts) != height * width:
-        raise DataError(f"{where}.counts: expected runs of the image's {height}x{width} pixels, got {shown(counts)}")
-    if segmentation.get("size") != [height, width]:
-        raise DataError(f"{where}.size: expected [{height}, {width}], got {shown(segmentation.get('size'))}")
-    return dict(rle.frPyObjects(segmentation, height, width))
+    size, counts = list(segmentation.size), segmentation.counts
+    if isinstance(counts, str):
+        check_mask(size, counts, height, width, where)
+        return {"size": size, "counts": counts}
+    expect(size == [height, width], f"{where}.size", f"[{height}, {width}]", size)
+    fits = min(counts, default=0) >= 0 and sum(counts) == height * width
+    expect(fits, f"{where}.counts", f"runs of the image's {height}x{width} pixels", counts)
+    return dict(rle.frPyObjects({"size": size, "counts": counts}, height, width))

@@ -1,10 +1,10 @@
 """The frame parser's network: torchvision's `MaskRCNN` with attribute heads and a choice of backbones (paper, section 4.1)."""
 
-import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from msgspec import Meta
 from torch import Tensor, nn
 from torchvision import models
 from torchvision.models.detection import MaskRCNN
@@ -19,7 +19,7 @@ from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
 
 from nsdr.errors import DataError
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
-from nsdr.io.validation import SHARE, SIZE, check_choices, check_ranges
+from nsdr.validation import Settings, Share, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["FrameParserConfig", "FrameParserNetwork", "SlimBackbone", "TorchvisionBackbone", "build_frame_parser"]
@@ -53,14 +53,17 @@ NMS_IOU = 0.5
 """Of two detections with a larger intersection over union, the one with the lower score is dropped (0-1)."""
 MAX_DETECTIONS = 20
 """Largest number of detections in an image."""
+_BACKBONES = {"resnet18": [64, 128, 256, 512], "resnet50": [256, 512, 1024, 2048]}
+"""torchvision's backbones: channels of the layers of stride 4, 8, 16 and 32 px."""
+PositiveShare = Annotated[float, Meta(gt=0, le=1)]
 
 
 @dataclass(frozen=True)
-class FrameParserConfig:
+class FrameParserConfig(Settings):
     """Architecture of the frame parser.
 
     Attributes:
-        backbone: "slim", or torchvision's "resnet18", "resnet50" (paper) or "mobilenet_v3"; weights are random at first.
+        backbone: "slim", or torchvision's "resnet18" or "resnet50" (paper); weights are random at first.
         attributes: "three" heads for colour, material and shape, or "joint": one label for the 48 combinations (paper).
         widths: channels of the slim backbone's four residual stages (strides 4, 8, 16 and 32 px); multiples of 16.
         blocks: residual blocks in each stage of the slim backbone.
@@ -75,35 +78,29 @@ class FrameParserConfig:
         image_std: standard deviation of each RGB channel (0-1), measured on the rendered training frames.
     """
 
-    backbone: str = "slim"
-    attributes: str = "three"
-    widths: tuple[int, int, int, int] = (32, 64, 128, 192)
-    blocks: int = 2
-    fpn_channels: int = 64
-    anchor_sizes_px: tuple[int, int, int] = (24, 48, 88)
-    box_features: int = 256
-    mask_channels: int = 64
-    mask_layers: int = 3
-    proposals: int = 60
-    train_proposals: int = 200
-    image_mean: tuple[float, float, float] = (0.510, 0.508, 0.506)
-    image_std: tuple[float, float, float] = (0.056, 0.056, 0.059)
+    backbone: Annotated[str, one_of(("slim", *_BACKBONES))] = "slim"
+    attributes: Literal["three", "joint"] = "three"
+    widths: tuple[Size, Size, Size, Size] = (32, 64, 128, 192)
+    blocks: Size = 2
+    fpn_channels: Size = 64
+    anchor_sizes_px: tuple[Size, Size, Size] = (24, 48, 88)
+    box_features: Size = 256
+    mask_channels: Size = 64
+    mask_layers: Size = 3
+    proposals: Size = 60
+    train_proposals: Size = 200
+    image_mean: tuple[Share, Share, Share] = (0.510, 0.508, 0.506)
+    image_std: tuple[PositiveShare, PositiveShare, PositiveShare] = (0.056, 0.056, 0.059)
 
     def __post_init__(self) -> None:
-        check_choices(self, backbone=("slim", *_BACKBONES), attributes=("three", "joint"))
-        sizes = ("widths", "blocks", "fpn_channels", "anchor_sizes_px", "box_features", "mask_channels", "mask_layers")
-        check_ranges(self, proposals=SIZE, train_proposals=SIZE, **dict.fromkeys(sizes, SIZE))
-        check_ranges(self, image_mean=SHARE, image_std=(math.ulp(0.0), 1.0))
+        super().__post_init__()
         for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
             if any(v % CHANNEL_MULTIPLE for v in value):
                 raise DataError(f"FrameParserConfig.{name}: expected multiples of {CHANNEL_MULTIPLE}, got {value}")
 
 
 class SlimBackbone(nn.Module):
-    """A narrow ResNet with a feature pyramid of strides 4, 8 and 16 px; the stage of stride 32 px is its top-down input.
-
-    `forward(images (B, 3, H, W))` returns `{"0": (B, C, H/4, W/4), "1": (B, C, H/8, W/8), "2": (B, C, H/16, W/16)}`.
-    """
+    """A narrow ResNet with a feature pyramid of strides 4, 8 and 16 px; the stage of stride 32 px is its top-down input."""
 
     def __init__(self, widths: tuple[int, int, int, int], blocks: int, fpn_channels: int) -> None:
         super().__init__()
@@ -114,16 +111,16 @@ class SlimBackbone(nn.Module):
             nn.ReLU(inplace=True),
             nn.MaxPool2d(3, stride=2, padding=1),
         )
-        self.stages = nn.ModuleList()
-        channels = stem
-        for index, width in enumerate(widths):
-            self.stages.append(_stage(channels, width, blocks, stride=1 if index == 0 else 2))
-            channels = width
+        inputs = (stem, *widths[:-1])
+        self.stages = nn.ModuleList(
+            _stage(channels, width, blocks, 1 if index == 0 else 2)
+            for index, (channels, width) in enumerate(zip(inputs, widths, strict=True))
+        )
         self.fpn = FeaturePyramidNetwork(list(widths), fpn_channels)
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """(B, 3, H, W) normalised images -> feature maps by level, (B, channels, H / stride, W / stride)."""
+        """Normalised images (B, 3, H, W) -> {"0": (B, C, H/4, W/4), "1": (B, C, H/8, W/8), "2": (B, C, H/16, W/16)}."""
         x = self.stem(images)
         features: OrderedDict[str, Tensor] = OrderedDict()
         for index, stage in enumerate(self.stages):
@@ -133,29 +130,17 @@ class SlimBackbone(nn.Module):
         return pyramid
 
 
-_BACKBONES: dict[str, tuple[dict[str, str], list[int]]] = {
-    "resnet18": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [64, 128, 256, 512]),
-    "resnet50": ({f"layer{i}": str(i - 1) for i in (1, 2, 3, 4)}, [256, 512, 1024, 2048]),
-    "mobilenet_v3": ({"3": "0", "6": "1", "12": "2", "15": "3"}, [24, 40, 112, 160]),
-}
-"""torchvision's backbones: names of the layers of stride 4, 8, 16 and 32 px, and their channels."""
-
-
 class TorchvisionBackbone(nn.Module):
-    """A torchvision network with a feature pyramid; its levels are those of `SlimBackbone`."""
+    """A torchvision network with a feature pyramid of the same levels."""
 
     def __init__(self, name: str, fpn_channels: int) -> None:
         super().__init__()
-        layers, channels = _BACKBONES[name]
-        if name == "mobilenet_v3":
-            body: nn.Module = models.mobilenet_v3_large(weights=None).features
-        else:
-            body = getattr(models, name)(weights=None)
-        self.pyramid = BackboneWithFPN(body, layers, channels, fpn_channels)
+        layers = {f"layer{i + 1}": str(i) for i in range(4)}
+        self.pyramid = BackboneWithFPN(getattr(models, name)(weights=None), layers, _BACKBONES[name], fpn_channels)
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """(B, 3, H, W) normalised images -> feature maps by level, (B, channels, H / stride, W / stride)."""
+        """Normalised images (B, 3, H, W) -> levels {"0": (B, C, H/4, W/4), …}, as of `SlimBackbone`."""
         levels: dict[str, Tensor] = self.pyramid(images)
         return {name: levels[name] for name in ("0", "1", "2")}
 
@@ -191,11 +176,17 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         if c.backbone == "slim"
         else TorchvisionBackbone(c.backbone, c.fpn_channels)
     )
+    pools = [
+        MultiScaleRoIAlign(
+            ROI_LEVELS, cells, ROI_SAMPLES, canonical_scale=ROI_CANONICAL_PX, canonical_level=ROI_CANONICAL_LEVEL
+        )
+        for cells in (BOX_CELLS, MASK_CELLS)
+    ]
     heads: dict[str, Any] = {
-        "box_roi_pool": _roi_pool(BOX_CELLS),
+        "box_roi_pool": pools[0],
         "box_head": TwoMLPHead(c.fpn_channels * BOX_CELLS**2, c.box_features),
         "box_predictor": FastRCNNPredictor(c.box_features, num_classes=2),
-        "mask_roi_pool": _roi_pool(MASK_CELLS),
+        "mask_roi_pool": pools[1],
         "mask_head": MaskRCNNHeads(c.fpn_channels, (c.mask_channels,) * c.mask_layers, dilation=1),
         "mask_predictor": MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
     }
@@ -243,20 +234,8 @@ class _ExactAnchors(AnchorGenerator):
 
 
 class _ExactRPNHead(RPNHead):
-    """Its outputs are float32 in mixed-precision training, so that boxes are decoded in it."""
+    """Its outputs are float32 in lower precision, too, so that boxes are decoded in it."""
 
     def forward(self, x: list[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
         logits, deltas = super().forward(x)
-        if self.training:
-            logits, deltas = [level.float() for level in logits], [level.float() for level in deltas]
-        return logits, deltas
-
-
-def _roi_pool(cells: int) -> MultiScaleRoIAlign:
-    return MultiScaleRoIAlign(
-        ROI_LEVELS,
-        output_size=cells,
-        sampling_ratio=ROI_SAMPLES,
-        canonical_scale=ROI_CANONICAL_PX,
-        canonical_level=ROI_CANONICAL_LEVEL,
-    )
+        return [level.float() for level in logits], [level.float() for level in deltas]

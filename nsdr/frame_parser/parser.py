@@ -1,8 +1,9 @@
 """Proposals of videos by a trained network."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import count, islice
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+from itertools import count, islice, pairwise
 from typing import Any
 
 import cv2
@@ -10,24 +11,28 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from pycocotools import mask as rle
-from torch import nn
+from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+from torchvision.models.detection.image_list import ImageList
 from tqdm import tqdm
 
-from nsdr.clevrer.proposals import proposals_from_rows
+from nsdr.clevrer.files.proposals import proposals_from_rows
 from nsdr.errors import CheckpointError, DataError
-from nsdr.frame_parser.inference import Detector
-from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
+from nsdr.frame_parser.model import ROI_LEVELS, FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
-from nsdr.io.device import resolve_precision
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedPart
+from nsdr.io.device import limit_threads, resolve_precision
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["FrameParser"]
+__all__ = ["Detector", "FrameParser"]
+
+MIN_OBJECTNESS = 0.05
+"""Regions that are objects with a lower probability are not proposed (0-1). Not in training, where they are the negatives.
+`python benchmarks/frame_parser.py --objectness FRAMES` prints how many detections in training frames come from lower ones."""
 
 
-class FrameParser(PretrainedModel[nn.Module]):
+class FrameParser(PretrainedPart[nn.Module]):
     """Detects objects with their masks and attributes in the frames of a video (paper, section 4.1).
 
     It runs on the device of the network's weights, and its results are on the CPU.
@@ -79,22 +84,17 @@ class FrameParser(PretrainedModel[nn.Module]):
         rows: list[tuple[int, int, float, str]] = []
         processed: list[int] = []
         detect = self._detector()
-        pasted: Future[list[tuple[int, int, float, str]]] | None = None
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
-        # One thread decodes the next batch of frames and another pastes the masks of the last one, while the network
-        # processes the present one.
-        with ThreadPoolExecutor(1) as decoding, ThreadPoolExecutor(1) as pasting:
+        with ThreadPoolExecutor(1) as decoding:  # decodes the next batch while the network processes the present one
             batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride)
             upcoming = decoding.submit(next, batches, None)
             while (batch := upcoming.result()) is not None:
                 upcoming = decoding.submit(next, batches, None)
                 detections = detect([frame for _, frame in batch])
-                indices = [index for index, _ in batch]
-                rows += pasted.result() if pasted else []
-                pasted = pasting.submit(_rows, indices, detections)
-                processed += indices
-                bar.update(indices[-1] + 1 - bar.n)
-            rows += pasted.result() if pasted else []
+                for (index, _), detection in zip(batch, detections, strict=True):
+                    rows += [(index, *found) for found in _found(detection)]
+                processed += [index for index, _ in batch]
+                bar.update(processed[-1] + 1 - bar.n)
         bar.close()
         n_frames = next(counter)
         if not n_frames:
@@ -116,7 +116,10 @@ def _batches(
         for frame, index in frames:
             if last is not None and frame is last[1]:
                 continue
-            _check_frame(frame, index)
+            shape = (HEIGHT_PX, WIDTH_PX, 3)
+            if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.shape != shape:
+                got = f"{frame.shape} {frame.dtype}" if isinstance(frame, np.ndarray) else type(frame).__name__
+                raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
             last = (index, frame)
             if index >= following:
                 following = index + stride
@@ -127,18 +130,6 @@ def _batches(
     iterator = chosen()
     while batch := list(islice(iterator, size)):
         yield batch
-
-
-def _check_frame(frame: Any, index: int) -> None:
-    shape = (HEIGHT_PX, WIDTH_PX, 3)
-    if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.shape != shape:
-        got = f"{frame.shape} {frame.dtype}" if isinstance(frame, np.ndarray) else type(frame).__name__
-        raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
-
-
-def _rows(indices: list[int], detections: list[dict[str, Any]]) -> list[tuple[int, int, float, str]]:
-    """(frame index, attribute index, score, mask) of all objects in a batch of frames."""
-    return [(i, *found) for i, detection in zip(indices, detections, strict=True) for found in _found(detection)]
 
 
 def _found(detection: dict[str, Any]) -> Iterator[tuple[int, float, str]]:
@@ -165,3 +156,60 @@ def _pasted(mask: NDArray[np.float32], box_xyxy_px: NDArray[np.float32]) -> NDAr
     values = cv2.remap(mask, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = values > MASK_THRESHOLD
     return image
+
+
+class Detector:
+    """Detections of a trained network of `build_frame_parser`, the same as the network's own within rounding.
+
+    The first stage is a copy, with batch normalisation in the convolutions' weights; boxes, classes and masks are computed in
+    float32 by the network's own second stage.
+
+    Args:
+        model: the network, in evaluation mode; on the device to use.
+        precision: number format of the copy.
+        min_objectness: regions that are objects with a lower probability are not proposed (0-1).
+    """
+
+    def __init__(self, model: Any, precision: torch.dtype, min_objectness: float = MIN_OBJECTNESS) -> None:
+        self.precision, self.roi_heads = precision, model.roi_heads
+        self.backbone = _fused(deepcopy(model.backbone))
+        self.rpn = _fused(deepcopy(model.rpn))
+        for part in (self.backbone, self.rpn.head):
+            part.to(precision).to(memory_format=torch.channels_last)
+        self.rpn.score_thresh = min_objectness
+        self.device = next(model.parameters()).device
+        mean, std = (
+            torch.tensor(v, device=self.device) for v in (model.transform.image_mean, model.transform.image_std)
+        )
+        self.scale, self.offset = 1 / (255 * std), mean / std
+
+    def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> list[dict[str, Tensor]]:
+        """Detections in RGB frames (H, W, 3) of one size, as `AttributeRoIHeads` describes them; on the CPU."""
+        images = self._normalized(frames)
+        sizes = [frame.shape[:2] for frame in frames]
+        levels = self.backbone(images)
+        proposals, _ = self.rpn(ImageList(images, sizes), levels)
+        # RoIAlign wants contiguous features; conversion and copy in one step take a quarter of the time of two.
+        pooled = {k: levels[k].to(torch.float32, memory_format=torch.contiguous_format) for k in ROI_LEVELS}
+        detections = self.roi_heads(pooled, proposals, sizes)[0]
+        return [{name: value.cpu() for name, value in found.items()} for found in detections]
+
+    def _normalized(self, frames: Sequence[NDArray[np.uint8]]) -> Tensor:
+        """The network's input (B, 3, H, W), channels last."""
+        pixels = torch.from_numpy(np.stack(frames)).to(self.device)
+        # Whole rows at a time: arithmetic along an axis of three channels takes three times as long.
+        width = pixels.shape[2]
+        rows = pixels.float().flatten(2).mul_(self.scale.repeat(width)).sub_(self.offset.repeat(width))
+        return rows.to(self.precision).view(pixels.shape).permute(0, 3, 1, 2)
+
+
+def _fused(module: Any) -> Any:
+    """The module with each convolution and the batch normalisation that follows it as one convolution."""
+    names = list(module._modules)
+    for name, following in pairwise(names):
+        conv, norm = module._modules[name], module._modules[following]
+        if isinstance(conv, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
+            module._modules[name], module._modules[following] = fuse_conv_bn_eval(conv, norm), nn.Identity()
+    for child in module.children():
+        _fused(child)
+    return module

@@ -1,16 +1,11 @@
 """torchvision's RoI heads with three attribute classifiers beside the box predictor."""
 
-from typing import Any, cast
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
-from torchvision.models.detection.roi_heads import (
-    RoIHeads,
-    fastrcnn_loss,
-    maskrcnn_inference,
-    maskrcnn_loss,
-)
+from torchvision.models.detection.roi_heads import RoIHeads, fastrcnn_loss, maskrcnn_inference, maskrcnn_loss
 from torchvision.ops import boxes as box_ops
 
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
@@ -26,10 +21,7 @@ MIN_BOX_SIDE_PX = 1.0
 
 
 class AttributePredictor(nn.Module):
-    """Linear classifiers of colour, material and shape on the box head's features.
-
-    `forward(features (N, C))` returns `{"color": (N, 8), "material": (N, 2), "shape": (N, 3)}` logits.
-    """
+    """Linear classifiers of colour, material and shape on the box head's features."""
 
     def __init__(self, in_features: int) -> None:
         super().__init__()
@@ -41,10 +33,7 @@ class AttributePredictor(nn.Module):
 
 
 class JointAttributePredictor(nn.Module):
-    """One linear classifier of the 48 attribute combinations, as in the paper.
-
-    `forward(features (N, C))` returns `{"attribute": (N, 48)}` logits, in the order of `attribute_index`.
-    """
+    """One linear classifier of the 48 attribute combinations, as in the paper; in the order of `attribute_index`."""
 
     def __init__(self, in_features: int) -> None:
         super().__init__()
@@ -80,8 +69,7 @@ class AttributeRoIHeads(RoIHeads):
     the boxes (`MaskRCNN` pastes them to (N, 1, H, W)), `color` (N, 8), `material` (N, 2), `shape` (N, 3) and `attribute`
     (N, 48) probabilities.
 
-    Differs from the paper: three heads by default; `JointAttributePredictor` has the paper's single label for the 48
-    combinations.
+    Differs from the paper: three heads by default; `JointAttributePredictor` has the paper's single label.
 
     Args:
         attribute_predictor: `AttributePredictor` or `JointAttributePredictor`; takes the box head's features.
@@ -97,22 +85,22 @@ class AttributeRoIHeads(RoIHeads):
             return [], self._losses(features, proposals, image_shapes, targets)
         return self._detections(features, proposals, image_shapes), {}
 
-    def _box_features(self, features, proposals, image_shapes) -> Tensor:  # type: ignore[no-untyped-def]
-        return cast(Tensor, self.box_head(self.box_roi_pool(features, proposals, image_shapes)))
-
     def _losses(self, features, proposals, image_shapes, targets) -> dict[str, Tensor]:  # type: ignore[no-untyped-def]
         proposals, matched, labels, regression_targets = self.select_training_samples(proposals, targets)
-        box_features = self._box_features(features, proposals, image_shapes)
+        box_features = self.box_head(self.box_roi_pool(features, proposals, image_shapes))
         class_logits, box_regression = self.box_predictor(box_features)
         loss_classifier, loss_box = fastrcnn_loss(class_logits, box_regression, labels, regression_targets)
         losses = {"loss_classifier": loss_classifier, "loss_box_reg": loss_box}
 
         positive = [label > 0 for label in labels]
         logits = self.attribute_predictor(box_features[torch.cat(positive)])
+        words = [[target[name] for name in ATTRIBUTES] for target in targets]
+        combined = [(color * len(MATERIALS) + material) * len(SHAPES) + shape for color, material, shape in words]
         for name, logit in logits.items():
             # A frame without objects has no positives, so that its `matched` indices are never used.
-            words = torch.cat([_labels(t, name)[m[p]] for t, m, p in zip(targets, matched, positive, strict=True)])
-            losses[f"loss_{name}"] = F.cross_entropy(logit, words, reduction="sum") / max(len(words), 1)
+            true = combined if name == "attribute" else [target[name] for target in targets]
+            label = torch.cat([t[m[p]] for t, m, p in zip(true, matched, positive, strict=True)])
+            losses[f"loss_{name}"] = F.cross_entropy(logit, label, reduction="sum") / max(len(label), 1)
 
         mask_proposals = [boxes[p] for boxes, p in zip(proposals, positive, strict=True)]
         mask_logits = self.mask_predictor(self.mask_head(self.mask_roi_pool(features, mask_proposals, image_shapes)))
@@ -126,7 +114,7 @@ class AttributeRoIHeads(RoIHeads):
         return losses
 
     def _detections(self, features, proposals, image_shapes) -> list[dict[str, Tensor]]:  # type: ignore[no-untyped-def]
-        box_features = self._box_features(features, proposals, image_shapes)
+        box_features = self.box_head(self.box_roi_pool(features, proposals, image_shapes))
         class_logits, box_regression = self.box_predictor(box_features)
         attributes = attribute_probabilities(self.attribute_predictor(box_features))
         counts = [len(boxes) for boxes in proposals]
@@ -149,11 +137,3 @@ class AttributeRoIHeads(RoIHeads):
         for result, masks in zip(results, maskrcnn_inference(mask_logits, [r["labels"] for r in results]), strict=True):
             result["masks"] = masks
         return results
-
-
-def _labels(target: dict[str, Tensor], name: str) -> Tensor:
-    """(N,) true indices of an attribute, or of the combination (`name` is "attribute")."""
-    if name != "attribute":
-        return target[name]
-    color, material, shape = (target[n] for n in ATTRIBUTES)
-    return (color * len(MATERIALS) + material) * len(SHAPES) + shape

@@ -2,19 +2,18 @@
 
 import json
 import re
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
-from nsdr.clevrer.proposals import read_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
-from nsdr.io.runner import Job, run_jobs
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -22,6 +21,8 @@ from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 __all__ = ["frame_records", "write_frames"]
 
+VERSION = 1
+"""Of the frames that are written: raised when they change."""
 JPEG_QUALITY = 95
 """Quality of the written images (0-100)."""
 MIN_SCORE = 0.9
@@ -34,7 +35,6 @@ def write_frames(
     proposals: str | Path,
     output: str | Path,
     every: int = 8,
-    score: float = MIN_SCORE,
     keep_going: bool = False,
 ) -> int:
     """Write images and annotations for `FrameDataset` from videos and their mask proposals.
@@ -44,7 +44,6 @@ def write_frames(
         proposals: folder with `proposal_N.json` or `sim_N.json`, also gzipped, searched recursively.
         output: folder to write to; what an earlier run wrote is kept under its fingerprint.
         every: write every n-th frame.
-        score: proposals with a score up to this are not written as objects (0-1).
         keep_going: leave out videos that fail.
 
     Returns:
@@ -64,27 +63,22 @@ def write_frames(
     if not pairs:
         raise DataError(f"{videos}: holds no video_N.mp4 with a proposal_N.json or sim_N.json in {proposals}")
     folder = Path(output)
-    settings = fingerprint(config=[every, score]).encode()
-    jobs = [
-        Job(
-            video.name,
-            (index, video, proposal),
-            folder / f"annotations_{index:05d}.jsonl",
-            fingerprint(inputs=[video, proposal, settings]),
-        )
-        for index, video, proposal in pairs
-    ]
-    summary = run_jobs(partial(_write_video_frames, every, score), jobs, folder, workers=1)
+    settings = fingerprint(config=[VERSION, every]).encode()
+    jobs = []
+    for index, video, proposal in pairs:
+        target, value = folder / f"annotations_{index:05d}.jsonl", fingerprint(inputs=[video, proposal, settings])
+        jobs.append(Job(video.name, (index, video, proposal), target, value))
+    summary = run_jobs(partial(_write_video_frames, every), jobs, folder, workers=1)
     done = summary.succeeded(jobs, output, keep_going)
     return sum(len(job.output.read_text().splitlines()) for job in done)
 
 
-def _write_video_frames(every: int, score: float, item: tuple[int, Path, Path], lines: Path) -> None:
+def _write_video_frames(every: int, item: tuple[int, Path, Path], lines: Path) -> None:
     index, video, proposal = item
-    records = dict(frame_records(read_proposals(proposal), score))
+    records = frame_records(read_proposals(proposal))
     rows = []
     for frame, image in enumerate(read_frames(video)):
-        if frame % every or frame not in records:
+        if frame % every or frame >= len(records):
             continue
         name = f"{index:05d}_{frame:03d}.jpg"
         with atomic_path(lines.parent / "images" / name) as temporary:
@@ -95,12 +89,8 @@ def _write_video_frames(every: int, score: float, item: tuple[int, Path, Path], 
         temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
-def frame_records(proposals: VideoProposals, score: float = MIN_SCORE) -> Iterator[tuple[int, list[dict[str, Any]]]]:
-    """(frame index, objects as in the annotations of `FrameDataset`) of every frame.
-
-    Args:
-        proposals: with masks.
-        score: proposals with a score up to this are left out (0-1).
+def frame_records(proposals: VideoProposals) -> list[list[dict[str, Any]]]:
+    """The objects of every frame, as in the annotations of `FrameDataset`.
 
     Raises:
         DataError: the proposals have no masks.
@@ -108,9 +98,8 @@ def frame_records(proposals: VideoProposals, score: float = MIN_SCORE) -> Iterat
     if proposals.masks is None:
         raise DataError("the proposals have no masks; use the JSON files instead of the compact ones")
     objects: list[list[dict[str, Any]]] = [[] for _ in range(proposals.n_frames)]
-    for row in range(len(proposals)):
-        if proposals.score[row] > score:
-            words = dict(zip(ATTRIBUTES, attributes_of(int(proposals.attribute[row])), strict=True))
-            mask = {"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row]}
-            objects[int(proposals.frame_index[row])].append({**words, "segmentation": mask})
-    yield from enumerate(objects)
+    for row in np.flatnonzero(proposals.score > MIN_SCORE):
+        words = dict(zip(ATTRIBUTES, attributes_of(int(proposals.attribute[row])), strict=True))
+        mask = {"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row]}
+        objects[int(proposals.frame_index[row])].append({**words, "segmentation": mask})
+    return objects

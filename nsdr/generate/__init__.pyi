@@ -5,3 +5,5 @@ from .physics.scene_config import SceneConfig as SceneConfig
 from .questions.selection import QuestionConfig as QuestionConfig, generate_questions as generate_questions
 from .render.preview import render_preview as render_preview
 from .render.view import RenderConfig as RenderConfig, View as View
+
+VERSION: int

@@ -1,6 +1,6 @@
 """Complete data sets in CLEVRER's layout, with the ground truth that the release withholds."""
 
-import logging
+import json
 import platform
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,39 +8,36 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file, write_annotation
 from nsdr.clevrer.dataset import SPLITS
-from nsdr.clevrer.questions import without_answers, write_questions
-from nsdr.clevrer.scenes import scene_from_truth
-from nsdr.clevrer.schema import get
+from nsdr.clevrer.files.annotations import read_truth_file, write_annotation
+from nsdr.clevrer.files.questions import without_answers, write_questions
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError
+from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import Candidates, QuestionConfig, find_candidates, select_questions
-from nsdr.generate.questions.statistics import write_question_statistics
 from nsdr.generate.records import annotation_document, frame_masks, proposal_document, solids_at, truth_document
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
-from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.io.files import write_json
+from nsdr.generate.statistics import count_scenes, write_question_statistics, write_statistics
+from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.lock import locked
-from nsdr.io.outputs import check_installed
-from nsdr.io.reading import read_json
-from nsdr.io.runner import Job, run_jobs
-from nsdr.io.tasks import ENGINES, run_in_order
-from nsdr.io.validation import COUNT, SHARE, check_choices, check_ranges
+from nsdr.io.reading import read_typed
 from nsdr.io.video import write_video
-from nsdr.world.camera import Camera
+from nsdr.validation import Count, Settings, Share, convert, one_of
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
 
@@ -55,11 +52,10 @@ MAX_SHARDS = 10_000
 """Most shards of a command."""
 VIDEOS_PER_FOLDER = 1000
 """Videos in each sub-folder, as in the release."""
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class DatasetConfig:
+class DatasetConfig(Settings):
     """A data set to generate.
 
     Attributes:
@@ -81,24 +77,22 @@ class DatasetConfig:
     """
 
     output: str
-    videos: int = 100
-    seed: int = 0
+    videos: Annotated[int, Meta(ge=1, le=limits().videos)] = 100
+    seed: Count = 0
     first_scene: int = 0
-    splits: Mapping[str, float] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
-    renderer: str = "preview"
+    splits: Mapping[str, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
+    renderer: Annotated[str, one_of(RENDERERS)] = "preview"
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
-    engine: str = "processes"
-    workers: int = 0
-    shards: int = 1
-    first_shard: int = 0
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
+    shards: Annotated[int, Meta(ge=1, le=MAX_SHARDS)] = 1
+    first_shard: Count = 0
 
     def __post_init__(self) -> None:
-        check_choices(self, renderer=RENDERERS, engine=ENGINES)
-        check_ranges(self, splits=SHARE, videos=(1, limits().videos), seed=COUNT, workers=COUNT)
-        check_ranges(self, shards=(1, MAX_SHARDS), first_shard=COUNT)
+        super().__post_init__()
         last_seed = self.seed + self.first_shard + self.shards - 1
         if last_seed > LARGEST_SEED:
             raise DataError(
@@ -184,7 +178,8 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     manifest = _manifest(config)
     path = root / "manifest.json"
     if path.exists():
-        existing = get(read_json(path), "config", dict, str(path))
+        existing = read_typed(path, dict[str, Any]).get("config")
+        existing = convert(existing, dict[str, Any], f"{path}: config: ")
         changed = sorted(k for k in manifest["config"] if existing.get(k) != manifest["config"][k])
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
@@ -221,10 +216,9 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
 
 def _scene_candidates(config: QuestionConfig, path: Path) -> Candidates:
     truth = read_truth_file(path)
-    index = truth["scene_index"]
     simulate = TruthWorlds(truth) if config.changed_per_video else None
-    item = (index, f"video_{index:05d}.mp4", scene_from_truth(truth), simulate)
-    return find_candidates(item, config.seed, config.extensions, config.changed_per_video)
+    index = truth["scene_index"]
+    return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth), simulate), config)
 
 
 def _manifest(config: DatasetConfig) -> dict[str, Any]:
@@ -232,14 +226,8 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     for name in ("output", "shards", "first_shard", "engine", "workers"):
         values.pop(name)
     values["render"]["assets"] = Path(config.render.assets).name
-    values["scene"]["objects"] = {str(k): v for k, v in values["scene"]["objects"].items()}
-    values = _as_json(values)
-    splits = {name: [r.start, r.stop] for name, r in config.indices().items()}
-    written = {
-        "videos": config.renderer != "none",
-        "proposals": config.masks,
-        "questions": config.questions is not None,
-    }
+    kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
+    kinds["questions"] = config.questions is not None
     versions = {"python": platform.python_version()}
     for name in VERSIONS_OF:
         try:
@@ -248,9 +236,9 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
             continue
     return {
         "generator": "nsdr generate dataset",
-        "config": values,
-        "splits": splits,
-        "kinds": ["annotations", *(kind for kind, is_written in written.items() if is_written)],
+        "config": json.loads(json.dumps(values)),  # as `read_json` gives it
+        "splits": {name: [r.start, r.stop] for name, r in config.indices().items()},
+        "kinds": [kind for kind, is_written in kinds.items() if is_written],
         "n_frames": config.scene.n_frames,
         "versions": versions,
     }
@@ -258,13 +246,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
 
 def _fingerprint(config: DatasetConfig) -> str:
     """Of everything that a video depends on beside its index."""
-    return fingerprint(config=_manifest(config)["config"], code=__name__)
-
-
-def _as_json(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {k: _as_json(v) for k, v in value.items()}
-    return [_as_json(v) for v in value] if isinstance(value, list | tuple) else value
+    return fingerprint(config=[VERSION, _manifest(config)["config"]])
 
 
 def _task(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
@@ -277,7 +259,7 @@ def make_video(config: DatasetConfig, split: str, index: int) -> None:
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)
     # Masks and visibility refer to the release's image size, whatever the video's size is.
-    camera = Camera(view.camera.eye_world)
+    camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
     if config.renderer != "none":
         preview = config.renderer == "preview"
         blender_frames = partial(_blender_frames, config.render, files.work / _fingerprint(config))

@@ -4,17 +4,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.generate.physics.bullet import Contact
 from nsdr.generate.physics.scene import SimulatedScene
-from nsdr.generate.render.raycast import Solid, instance_ids
+from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import Camera
 from nsdr.world.shapes import rendered_rotation
 
-__all__ = ["annotation_document", "frame_masks", "proposal_document", "solids_at", "truth_document", "visible_frames"]
+__all__ = ["annotation_document", "frame_masks", "proposal_document", "solids_at", "truth_document"]
 
 MIN_VISIBLE_PX = 20
 """Objects with fewer visible pixels get no mask."""
@@ -33,14 +32,6 @@ def solids_at(scene: SimulatedScene, frame: int) -> list[Solid]:
         )
         for o in scene.objects
     ]
-
-
-def visible_frames(scene: SimulatedScene, camera: Camera) -> NDArray[np.bool_]:
-    """Whether each object is in the image of a camera, (n, F) bool."""
-    motion = scene.motion
-    return np.stack(
-        [in_image(o.shape, motion.location_world[o.id], motion.orientation[o.id, :, 2], camera) for o in scene.objects]
-    )
 
 
 def frame_masks(scene: SimulatedScene, frame: int, camera: Camera) -> dict[int, str]:
@@ -84,7 +75,7 @@ def proposal_document(
 def truth_document(scene: SimulatedScene, index: int, camera: Camera) -> dict[str, Any]:
     """Content of `truth_N.json`: all simulated frames, all collisions, and the collisions without each object.
 
-    `nsdr.clevrer.scenes.scene_from_truth` reads it.
+    `nsdr.clevrer.files.scenes.scene_from_truth` reads it.
     """
     mass = [round(float(m), DECIMALS) for m in scene.mass]
     return {
@@ -112,8 +103,10 @@ def _collision(contact: Contact) -> dict[str, Any]:
 
 
 def _frames(scene: SimulatedScene, n_frames: int, camera: Camera) -> list[dict[str, Any]]:
-    visible = visible_frames(scene, camera)
     motion = scene.motion
+    visible = [
+        in_image(o.shape, motion.location_world[o.id], motion.orientation[o.id, :, 2], camera) for o in scene.objects
+    ]
     vectors = {
         "location": motion.location_world.round(DECIMALS),
         "orientation": motion.orientation.round(DECIMALS),
@@ -125,7 +118,7 @@ def _frames(scene: SimulatedScene, n_frames: int, camera: Camera) -> list[dict[s
             "frame_id": f,
             "objects": [
                 {"object_id": o.id, **{name: v[o.id, f].tolist() for name, v in vectors.items()}}
-                | {"inside_camera_view": bool(visible[o.id, f])}
+                | {"inside_camera_view": bool(visible[o.id][f])}
                 for o in scene.objects
             ],
         }

@@ -1,32 +1,34 @@
-"""Statistics of scenes compared with the release: Markdown tables and charts."""
+"""Statistics of scenes and of questions beside the release's, as Markdown tables."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
+from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.io.files import atomic_path
 from nsdr.io.reading import parse_json
 from nsdr.types import Scene
 
-__all__ = ["bar_charts", "count_scenes", "released_statistics", "write_statistics"]
+__all__ = [
+    "FRAME_BIN",
+    "RELEASED_QUESTIONS",
+    "TITLES",
+    "Counts",
+    "count_questions",
+    "count_scenes",
+    "released_statistics",
+    "write_question_statistics",
+    "write_statistics",
+]
 
 FRAME_BIN = 10
 """Width of a bin of frames."""
 Counts = dict[str, dict[str, float]]
-"""Share of each value, by statistic."""
-CHART_COLUMNS = 3
-"""Charts per row of a figure."""
-CHART_SIZE_INCHES = (4.6, 2.9)
-"""Width and height of a chart."""
-CHART_DPI = 90
-"""Resolution of a figure."""
-BAR_GROUP_WIDTH = 0.8
-"""Width of all bars of a key; the distance between keys is 1."""
-MAX_UPRIGHT_LABELS, MAX_UPRIGHT_CHARACTERS = 8, 50
-"""A chart with more labels, or more characters in all labels, has them slanted."""
-
+"""Number or share of each value, by statistic."""
 TITLES = {
     "objects": "objects in a video",
     "collisions": "collisions in a video",
@@ -40,36 +42,52 @@ TITLES = {
     "material": "materials",
     "unseen": "collisions after the video",
 }
-"""Headings of the statistics."""
+"""Statistics of scenes with their headings."""
+RELEASED_QUESTIONS: Counts = {
+    "questions by kind": {
+        "count": 40000,
+        "exist": 20000,
+        "query_color": 18454,
+        "query_shape": 16884,
+        "query_material": 14614,
+        "explanatory": 16799,
+        "predictive": 7179,
+        "counterfactual": 18642,
+    },
+    "options of a question": {"1": 149, "2": 9317, "3": 10188, "4": 22966},
+    "correct options, explanatory": {"0": 2743, "1": 3428, "2": 5541, "3": 4320, "4": 767},
+    "correct options, predictive": {"1": 7179},
+    "correct options, counterfactual": {"0": 169, "1": 7947, "2": 6406, "3": 4120},
+    "options by answer": {"correct": 70836, "wrong": 70375},
+}
+"""Counts over the train split's 10,000 videos."""
 
 
 def count_scenes(scenes: Iterable[Scene]) -> Counts:
     """Share of each value (sum 1) for each statistic of `TITLES`; frames in bins of ten ("30" is 30-39)."""
     counters: dict[str, Counter[str]] = {name: Counter() for name in TITLES}
-
-    def frame_bin(frame: int) -> str:
-        return str(frame // FRAME_BIN * FRAME_BIN)
-
     for scene in scenes:
-        by_kind = {kind: [e.frame for e in scene.events if e.kind == kind] for kind in ("collision", "in", "out")}
         counters["objects"][str(len(scene.objects))] += 1
-        for name, kind in (("collisions", "collision"), ("enters", "in"), ("exits", "out")):
-            counters[name][str(len(by_kind[kind]))] += 1
-        for name, kind in (("collision_frame", "collision"), ("enter_frame", "in"), ("exit_frame", "out")):
-            counters[name].update(map(frame_bin, by_kind[kind]))
-        if by_kind["collision"]:
-            counters["first_collision_frame"][frame_bin(min(by_kind["collision"]))] += 1
+        for name, kind in (("collision", "collision"), ("enter", "in"), ("exit", "out")):
+            frames = [e.frame for e in scene.events if e.kind == kind]
+            counters[f"{name}s"][str(len(frames))] += 1
+            counters[f"{name}_frame"].update(map(_frame_bin, frames))
+            if kind == "collision" and frames:
+                counters["first_collision_frame"][_frame_bin(min(frames))] += 1
         for o in scene.objects:
             counters["shape"][o.shape] += 1
             counters["material"][o.material] += 1
         if scene.unseen is not None:
             counters["unseen"][str(len(scene.unseen))] += 1
-    return {name: _shares(counter) for name, counter in counters.items() if counter}
+    return {
+        name: {key: round(share, 5) for key, share in _shares(counter).items()}
+        for name, counter in counters.items()
+        if counter
+    }
 
 
-def _shares(counter: Counter[str]) -> dict[str, float]:
-    total = sum(counter.values())
-    return {key: round(counter[key] / total, 5) for key in sorted(counter, key=lambda k: (len(k), k))}
+def _frame_bin(frame: int) -> str:
+    return str(frame // FRAME_BIN * FRAME_BIN)
 
 
 def released_statistics() -> Counts:
@@ -78,66 +96,82 @@ def released_statistics() -> Counts:
     return content
 
 
+def count_questions(scenes: Iterable[SceneQuestions]) -> Counts:
+    """The counts of `RELEASED_QUESTIONS`, those of the answers to each descriptive subtype, and those of tagged options."""
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for question in (q for scene in scenes for q in scene.questions):
+        counts["questions by kind"][question.subtype or question.type] += 1
+        if question.choices:
+            correct = sum(c.answer == "correct" for c in question.choices)
+            counts["options of a question"][str(len(question.choices))] += 1
+            counts[f"correct options, {question.type}"][str(correct)] += 1
+            counts["options by answer"].update(str(c.answer) for c in question.choices)
+            for choice in (c for c in question.choices if c.tag is not None):
+                counts["counterfactual options by tag"][str(choice.tag)] += 1
+                counts[f"{choice.tag} options by answer"][str(choice.answer)] += 1
+        else:
+            counts[f"answers, {question.subtype}"][str(question.answer)] += 1
+    names = [*RELEASED_QUESTIONS, *sorted(name for name in counts if name not in RELEASED_QUESTIONS)]
+    return {name: {k: counts[name][k] for k in sorted(counts[name])} for name in names if name in counts}
+
+
 def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
-    """Write `statistics.md` and, if matplotlib is installed, `statistics.png`: `counts` next to the release's."""
-    folder, released = Path(folder), released_statistics()
-    with atomic_path(folder / "statistics.md") as temporary:
-        temporary.write_text(_markdown(counts, released, title))
-    _charts(folder / "statistics.png", counts, released)
-
-
-def _keys(*tables: Mapping[str, float]) -> list[str]:
-    return sorted({key for table in tables for key in table}, key=lambda k: (len(k), k))
-
-
-def _markdown(counts: Counts, released: Counts, title: str) -> str:
+    """Write `statistics.md`: `count_scenes` of a data set next to the release's."""
+    released = released_statistics()
     lines = [f"# {title}", "", "Shares in percent, this data set / the release (12,228 videos).", ""]
-    for name, text in TITLES.items():
-        if name not in counts:
-            continue
-        this_set, release = counts[name], released.get(name, {})
-        keys = _keys(this_set, release)
-        lines += [f"## {text.capitalize()}", "", f"| | {' | '.join(keys)} |", f"|---{'|---' * len(keys)}|"]
-        lines.append(f"| this | {' | '.join(f'{100 * this_set.get(k, 0):.1f}' for k in keys)} |")
-        if release:
-            lines.append(f"| release | {' | '.join(f'{100 * release.get(k, 0):.1f}' for k in keys)} |")
-        lines.append("")
-    return "\n".join(lines)
+    for name in (name for name in TITLES if name in counts):
+        lines += _table(TITLES[name].capitalize(), counts[name], released.get(name, {}))
+    _write(Path(folder) / "statistics.md", lines)
 
 
-def _charts(path: Path, counts: Counts, released: Counts) -> None:
-    bar_charts(
-        path,
-        [
-            (TITLES[name], {"this data set": counts[name], "release": released.get(name, {})})
-            for name in TITLES
-            if name in counts
-        ],
-    )
+def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]) -> None:
+    """Write `STEM.statistics.md`: `count_questions` next to the release's, and what a question's type alone tells."""
+    lines = [f"# Questions on {len(scenes)} videos", ""]
+    for name, values in count_questions(scenes).items():
+        lines += _table(f"{name.capitalize()} (%)", values, RELEASED_QUESTIONS.get(name, {}))
+    lines += [
+        "## Accuracy from the question's type alone",
+        "",
+        "Accuracies (%) of the Q-type baselines; multiple choice per option / per question. The most frequent answers",
+        "are those of this set itself; in the paper, those of the training set. Descriptive questions beyond CLEVRER are",
+        "left out.",
+        "",
+        "| baseline | descriptive | explanatory | predictive | counterfactual |",
+        "|---|---|---|---|---|",
+    ]
+    of_clevrer = [
+        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in ANSWERS)) for s in scenes
+    ]
+    for baseline, rows in q_type_baselines(of_clevrer).items():
+        for source, scale, found in (("this set", 100, rows), ("as published", 1, PUBLISHED_Q_TYPE[baseline])):
+            cells = [_accuracy(found.get(kind), scale) for kind in PUBLISHED_Q_TYPE["random"]]
+            lines.append(f"| Q-type ({baseline}), {source} | {' | '.join(cells)} |")
+    path = Path(stem)
+    _write(path.with_name(f"{path.name}.statistics.md"), lines)
 
 
-def bar_charts(path: str | Path, charts: Sequence[tuple[str, Mapping[str, Mapping[str, float]]]]) -> None:
-    """Write a PNG of bar charts: (title, {series: {key: share}}). Does nothing if matplotlib is not installed."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        return
-    rows = -(-len(charts) // CHART_COLUMNS)
-    width, height = CHART_SIZE_INCHES
-    figure = Figure(figsize=(width * CHART_COLUMNS, height * rows), layout="constrained")
-    for number, (title, series) in enumerate(charts, 1):
-        axes: Any = figure.add_subplot(rows, CHART_COLUMNS, number)
-        shown = {name: values for name, values in series.items() if values}
-        keys = _keys(*shown.values())
-        bar_width = BAR_GROUP_WIDTH / max(len(shown), 1)
-        for s, (name, values) in enumerate(shown.items()):
-            positions = [k + (s - (len(shown) - 1) / 2) * bar_width for k in range(len(keys))]
-            axes.bar(positions, [100 * values.get(k, 0) for k in keys], bar_width, label=name)
-        crowded = len(keys) > MAX_UPRIGHT_LABELS or sum(map(len, keys)) > MAX_UPRIGHT_CHARACTERS
-        axes.set_xticks(range(len(keys)), keys, fontsize=7, rotation=45 if crowded else 0)
-        axes.set_title(title, fontsize=9)
-        axes.set_ylabel("%", fontsize=8)
-    if charts:
-        figure.axes[0].legend(fontsize=7)
+def _accuracy(value: Any, scale: float) -> str:
+    """An accuracy, or those per option and per question, as text."""
+    values = value if isinstance(value, tuple) else (value,)
+    return "-" if value is None else "/".join(f"{scale * v:.1f}" for v in values)
+
+
+def _shares(values: Mapping[str, float]) -> dict[str, float]:
+    """Shares of the total, with numbers in ascending order."""
+    total = sum(values.values())
+    return {key: values[key] / total for key in sorted(values, key=lambda k: (len(k), k))}
+
+
+def _table(title: str, counts: Mapping[str, float], released: Mapping[str, float]) -> list[str]:
+    """Shares of each value in percent under a heading."""
+    rows = {"this set": _shares(counts)} | ({"release": _shares(released)} if released else {})
+    keys = sorted({key for values in rows.values() for key in values}, key=lambda k: (k not in released, len(k), k))
+    lines = [f"## {title}", "", f"| | {' | '.join(keys)} |", f"|---{'|---' * len(keys)}|"]
+    for name, values in rows.items():
+        lines.append(f"| {name} | {' | '.join(f'{100 * values.get(k, 0):.1f}' for k in keys)} |")
+    return [*lines, ""]
+
+
+def _write(path: Path, lines: Sequence[str]) -> None:
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=CHART_DPI)
+        temporary.write_text("\n".join(lines) + "\n")

@@ -6,20 +6,33 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
-from nsdr.errors import CheckpointError, DataError
+from nsdr.errors import CheckpointError
+from nsdr.io.device import resolve_device
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 
 if TYPE_CHECKING:
     from torch import nn
+if TYPE_CHECKING:
+    import torch
+    from torch import nn
 
-__all__ = ["PARTS", "find_checkpoint", "load_checkpoint", "load_description", "load_network", "save_checkpoint"]
+__all__ = [
+    "PARTS",
+    "PretrainedPart",
+    "find_checkpoint",
+    "load_checkpoint",
+    "load_description",
+    "load_network",
+    "save_checkpoint",
+]
 
 Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
+Model = TypeVar("Model", bound="nn.Module")
 
 PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone", "baseline")
 """Parts of a checkpoint, by the names of their files."""
@@ -109,11 +122,9 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
     weights = folder / f"{part}.safetensors"
     if not weights.is_file():
         raise CheckpointError(f"{weights}: no such file; restore it, or train the part (`nsdr train`)")
+    check_limit(weights.stat().st_size, "weights_bytes", weights, CheckpointError)
     try:
-        check_limit(weights.stat().st_size, "weights_bytes", str(weights))
         state = load_file(weights)
-    except DataError as e:
-        raise CheckpointError(str(e)) from e
     except (SafetensorError, OSError, KeyError, ValueError, RuntimeError) as e:
         raise CheckpointError(f"{weights}: corrupt ({e}); restore it, or train the part (`nsdr train`)") from e
     for name, value in state.items():
@@ -167,12 +178,6 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
             f"{where}: expected a network of {kind.__name__} ({', '.join(known)}), found one of other settings "
             f"({', '.join(different)}); give a checkpoint of that kind"
         )
-    types = get_type_hints(kind)
-    for name, value in config.items():
-        expected = get_origin(types[name]) or types[name]
-        is_kind = isinstance(value, (int, float) if expected is float else expected)
-        if not is_kind or (isinstance(value, bool) and expected is not bool):
-            raise CheckpointError(f"{where}: config.{name}: expected {expected.__name__}, got {value!r:.60}")
     try:
         settings = kind(**config)
         # No memory is taken before the sizes are known to be those of the weights.
@@ -210,3 +215,79 @@ def _without_initial_values() -> Any:
 def _forms(state: Mapping[str, Any]) -> dict[str, str]:
     """What the tensors must have in common with those of the network."""
     return {k: f"{'float' if v.is_floating_point() else 'int'} {tuple(v.shape)}" for k, v in state.items()}
+
+
+class PretrainedPart(Generic[Model]):
+    """A part of the system with a network. Inputs go to the device of its weights; results come back to the CPU.
+
+    Attributes:
+        part: name of its files in a checkpoint.
+        default_checkpoint: name of the shipped checkpoint that has its weights.
+        built_from: the dataclass of the network's settings, and what builds the network from them.
+        model: the network; `model.config` are its settings. Parts with several have other `from_checkpoint` and `network`.
+    """
+
+    part: ClassVar[str]
+    default_checkpoint: ClassVar[str] = "default"
+    built_from: ClassVar[tuple[type, Callable[[Any], "nn.Module"]]]
+    model: Model
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
+        """The part of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
+
+        Raises:
+            CheckpointError: a file is missing or corrupt, or holds another kind of network.
+        """
+        make: Callable[..., Self] = cls
+        return make(load_network(folder, cls.part, *cls.built_from), **options)
+
+    @classmethod
+    def from_pretrained(cls, path_or_id: str | Path = "", device: str = "auto", **options: Any) -> Self:
+        """The part with the weights of a checkpoint.
+
+        Args:
+            path_or_id: as of `find_checkpoint`; "" for the shipped weights.
+            device: as of `to`.
+            options: arguments of the constructor.
+
+        Raises:
+            CheckpointError: not found, incomplete or corrupt.
+            DataError: the device is unknown or not available.
+        """
+        return cls.from_checkpoint(find_checkpoint(path_or_id or cls.default_checkpoint), **options).to(device)
+
+    @property
+    def network(self) -> "nn.Module":
+        """The network, or all networks as one module."""
+        return self.model
+
+    def _description(self) -> tuple[Any, Mapping[str, Any]]:
+        """The dataclass that rebuilds the network, and what else belongs into the JSON."""
+        return self.model.config, {}
+
+    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
+        """Write the part's weights and description for `from_pretrained(folder)`.
+
+        Args:
+            folder: created if missing; other parts of a checkpoint in it are kept.
+            details: plain values to add to the JSON, such as metrics.
+        """
+        config, more = self._description()
+        save_checkpoint(folder, self.part, self.network.state_dict(), config, {**(details or {}), **more})
+
+    def to(self, device: str) -> Self:
+        """Move the weights to a device of torch; returns the part itself. "auto" is CUDA where that is available, else the CPU.
+
+        Raises:
+            DataError: the device is unknown or not available.
+        """
+        self.network.to(resolve_device(device))
+        return self
+
+    @property
+    def device(self) -> "torch.device":
+        """Where the weights are."""
+        import torch
+
+        return next((p.device for p in self.network.parameters()), torch.device("cpu"))

@@ -107,10 +107,9 @@ def _check_sections(kind: Any, content: Any, where: str) -> None:
 
 
 def resolved(config: Any) -> dict[str, Any]:
-    """The configuration as plain values, without the position of its run folder (which may move)."""
-    values = asdict(config)
-    values.pop("run_dir", None)
-    values.pop("output", None)
+    """What a training is told, as plain values: not where it writes (which may move), nor on which device it runs."""
+    values = {name: value for name, value in asdict(config).items() if name not in ("run_dir", "output")}
+    values["loop"].pop("device")
     return values
 
 

@@ -1,11 +1,31 @@
-"""Names of devices and number formats."""
+"""Where networks run: devices, number formats, and threads, of which idle ones sleep: a busy machine then costs a share."""
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from threading import Lock, local
+from types import ModuleType
 from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["PRECISIONS", "has_bfloat16", "resolve_device", "resolve_precision"]
+__all__ = [
+    "PRECISIONS",
+    "available_cores",
+    "has_bfloat16",
+    "limit_threads",
+    "resolve_device",
+    "resolve_precision",
+    "wait_passively",
+    "without_compiler",
+]
 
+PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
+"""Idle threads of GNU's OpenMP (in torch's wheels for Linux) and of LLVM's or Intel's sleep at once."""
+WAITING = (*PASSIVE, "GOMP_SPINCOUNT")
+"""Environment variables with which users decide how idle OpenMP threads wait."""
 PRECISIONS = ("auto", "float32", "bfloat16")
 """Number formats of convolutions."""
 CPU_CHECK = "_is_amx_tile_supported"
@@ -51,8 +71,101 @@ def resolve_precision(precision: str, device: Any) -> Any:
     return torch.bfloat16 if fast else torch.float32
 
 
+@contextmanager
+def without_compiler() -> Iterator[None]:
+    """For the import of torchvision's detectors: RoIAlign loads torch's compiler (1.2 s) to ask whether a device can use it."""
+    name = "torch._dynamo.utils"
+    stand_in = ModuleType(name)
+    stand_in.__dict__["is_compile_supported"] = lambda device: import_module(name).is_compile_supported(device)
+    is_ours = sys.modules.setdefault(name, stand_in) is stand_in
+    try:
+        yield
+    finally:
+        if is_ours:
+            del sys.modules[name]
+
+
 def has_bfloat16() -> bool:
     """Whether all layers run in bfloat16 on this processor, fast or slow: LSTMs need AVX-512."""
     import torch
 
     return not torch.backends.mkldnn.is_available() or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+
+
+def wait_passively() -> None:
+    """Let idle OpenMP threads sleep instead of spin, unless the user has set how they wait.
+
+    Runtimes read this once, when they are loaded: without effect in this process after `import torch`.
+    """
+    if not any(name in os.environ for name in WAITING):
+        os.environ.update(PASSIVE)
+
+
+def available_cores() -> int:
+    """CPU cores this process may use: those of its affinity, or the CPU quota of its control group where that is less."""
+    from loky import cpu_count
+
+    return int(cpu_count())
+
+
+class _Limits:
+    """The limits in force, of all threads of this process.
+
+    Attributes:
+        lock: guards `count` and `torch_threads`.
+        count: how many there are.
+        torch_threads: threads of torch before the first of them.
+        inside: `threads` is that of the calling thread's innermost limit, or missing.
+        blas: held by the thread that limits BLAS, whose number of threads is one for the whole process.
+    """
+
+    lock = Lock()
+    count = 0
+    torch_threads = 1
+    inside = local()
+    blas = Lock()
+
+
+@contextmanager
+def limit_threads(most: int | None = None) -> Iterator[None]:
+    """Within it, torch uses `most` threads at most in the calling thread, and BLAS (NumPy, SciPy) one. Also a decorator.
+
+    A user's smaller setting stays, and what was set before is restored at the end. Several threads of a program may be
+    within it at once; then BLAS is limited until the first of them leaves.
+
+    Args:
+        most: threads of torch; None is one for each available core.
+    """
+    import torch
+
+    outer = getattr(_Limits.inside, "threads", None)
+    with _Limits.lock:
+        before = torch.get_num_threads()  # also lets a new thread take over what others have set now, not later
+        if not _Limits.count:
+            _Limits.torch_threads = before
+        _Limits.count += 1
+    threads = min(available_cores() if most is None else most, outer or _Limits.torch_threads)
+    _Limits.inside.threads = threads
+    torch.set_num_threads(threads)
+    try:
+        with _one_blas_thread():
+            yield
+    finally:
+        _Limits.inside.threads = outer
+        torch.set_num_threads(outer or _Limits.torch_threads)
+        with _Limits.lock:
+            _Limits.count -= 1
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    if not _Limits.blas.acquire(blocking=False):
+        yield
+        return
+    from threadpoolctl import ThreadpoolController
+
+    try:
+        with ThreadpoolController().select(user_api="blas").limit(limits=1):
+            yield
+    finally:
+        _Limits.blas.release()

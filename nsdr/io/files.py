@@ -1,48 +1,69 @@
-"""Writing files atomically."""
+"""Outputs: written whole or not at all, by one process at a time, and checked before the work; and the files of a folder."""
 
 import errno
-import fcntl
+import importlib.util
 import json
+import logging
 import os
 import shutil
+import socket
+import stat
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from nsdr.errors import DataError
 
-__all__ = ["atomic_path", "remove_partial_files", "sync", "write_json"]
+__all__ = [
+    "atomic_path",
+    "check_installed",
+    "check_output",
+    "check_output_folder",
+    "find_files",
+    "is_hidden",
+    "locked",
+    "remove_partial_files",
+    "sync",
+    "write_json",
+]
 
 PARTIAL = ".partial"
 """Part of the name of unfinished files, which begins with a dot."""
-UNWRITABLE = (
-    errno.EEXIST,
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EROFS,
-    errno.EACCES,
-    errno.EPERM,
-    errno.ENOTDIR,
-    errno.ENAMETOOLONG,
-    errno.EISDIR,
-    errno.ELOOP,
-    errno.EPIPE,
-    errno.EIO,
-)
-"""System errors that are the target's."""
-NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
-"""System errors of file systems that cannot lock files."""
+ABANDONED_S = 3600.0
+"""Time after which an unfinished file that nobody writes to is taken for what a kill left (s)."""
+LOCK = ".lock"
+"""End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
 FILE_MODE = 0o644
 """Permissions of written files."""
+PROBE_BYTES = 4096
+"""Bytes that are written for a test, and deleted."""
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
+NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM)
+NO_PLACE = (errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)
+"""System errors that are the target's."""
+NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
+"""System errors of file systems that cannot lock files."""
+log = logging.getLogger(__name__)
 
 
-def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
-    """Write `value` as JSON, atomically."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(value, indent=indent) + "\n")
+@contextmanager
+def writing(path: str | Path) -> Iterator[None]:
+    """The system's errors while `path` is written, in one line.
+
+    Raises:
+        DataError: `path` cannot be written: no permission, no space left.
+    """
+    try:
+        yield
+    except OSError as e:
+        if e.errno in (*NO_SPACE, *NOT_ALLOWED, *NO_PLACE):
+            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+        raise
 
 
 @contextmanager
@@ -50,7 +71,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error.
 
     What is no regular file, such as `/dev/null` or a pipe, is written to and never replaced; of a link, the file that it points
-    to is replaced. What a killed process left of the same file is written over.
+    to is replaced.
 
     Raises:
         DataError: `path` is a folder, or cannot be written: no permission, no space left.
@@ -68,101 +89,212 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
                     shutil.copyfileobj(source, target)
             return
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _partial_file(path) as temporary:
+        temporary = _partial_file(path)
+        try:
             yield temporary
             sync(temporary)
             temporary.chmod(FILE_MODE)
             os.replace(temporary, path)
-            sync(path.parent)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        sync(path.parent)
 
 
-@contextmanager
-def writing(path: str | Path) -> Iterator[None]:
-    """The system's errors while `path` is written, in one line.
-
-    Raises:
-        DataError: `path` cannot be written: no permission, no space left.
-    """
-    try:
-        yield
-    except OSError as e:
-        if e.errno in UNWRITABLE:
-            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
-        raise
-
-
-@contextmanager
-def _partial_file(path: Path) -> Iterator[Path]:
-    """An empty hidden file beside `path`, locked while it is written; deleted, unless it was renamed."""
+def _partial_file(path: Path) -> Path:
+    """An empty hidden file beside `path`, which nobody else writes to."""
     temporary = path.with_name(f".{path.stem}{PARTIAL}{path.suffix}")
-    handle = hold(temporary)
-    while handle is None:  # another process writes the same file
-        temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
-        handle = hold(temporary)
-    try:
-        os.ftruncate(handle, 0)
-        yield temporary
-    finally:
-        if _is_at(handle, temporary):
+    with suppress(FileNotFoundError):
+        if time.time() - temporary.stat().st_mtime > ABANDONED_S:
             temporary.unlink()
-        os.close(handle)
-
-
-def hold(path: Path, create: bool = True) -> int | None:
-    """Lock a file. The system releases the lock when the returned descriptor is closed, or its process ends.
-
-    Whoever renames or deletes the file does so while holding it. File systems without locks grant all.
-
-    Args:
-        path: the file.
-        create: create it if missing.
-
-    Returns:
-        The file's descriptor; None if it is held already, or missing and not to be created.
-    """
-    while True:
-        try:
-            handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | (os.O_CREAT if create else 0), FILE_MODE)
-        except FileNotFoundError:
-            if create:
-                raise
-            return None
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as e:
-            if e.errno not in NO_LOCKS:
-                os.close(handle)
-                if isinstance(e, BlockingIOError):
-                    return None
-                raise
-        if _is_at(handle, path):
-            return handle
-        os.close(handle)  # renamed or deleted meanwhile
-
-
-def _is_at(handle: int, path: Path) -> bool:
-    """Whether the open file is the one of that name."""
     try:
-        return os.path.samestat(os.fstat(handle), path.lstat())
-    except FileNotFoundError:
-        return False
+        temporary.touch(exist_ok=False)
+    except FileExistsError:  # another process writes the same file, or was killed just now
+        temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
+        temporary.touch(exist_ok=False)
+    return temporary
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Delete the unfinished files in a folder that killed processes left; those that a process writes stay."""
+    """Delete the unfinished files that killed processes left in a folder, of which this process has the lock."""
     for path in folder.rglob(f".*{PARTIAL}*"):
         with suppress(PermissionError):  # of another user
-            handle = hold(path, create=False) if path.is_file() else None
-            if handle is not None:
-                path.unlink()
-                os.close(handle)
+            path.unlink(missing_ok=True)
+
+
+def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
+    """Write `value` as JSON, atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(value, indent=indent) + "\n")
 
 
 def sync(*paths: Path) -> None:
-    """Flush files and folders to disk."""
+    """Flush files and folders to disk; Windows flushes folders by itself."""
     for path in paths:
-        handle = os.open(path, os.O_RDONLY)
+        if os.name == "nt" and path.is_dir():
+            continue
+        handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
         try:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+@contextmanager
+def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[None]:
+    """Hold the lock of a folder, or of some output in it; what runs within the block may take it again.
+
+    Args:
+        folder: created if missing.
+        name: of the output in it; "" for the whole folder.
+        wait: wait for another process that has the lock, and say so.
+
+    Raises:
+        DataError: another process has it; names the process, its machine and the time. Or the folder cannot be written.
+    """
+    target = Path(folder) / name
+    with writing(folder):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        path = Path(folder).resolve() / f"{'.' if name else ''}{name}{LOCK}"
+        lock = FileLock(path, is_singleton=True)  # of each thread, which may take it several times
+        try:
+            _acquire(lock, path, target, wait)
+        except OSError as e:
+            if e.errno not in NO_LOCKS:
+                raise
+    try:
+        if lock.lock_counter <= 1:
+            owner = {"process": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+            with suppress(OSError):  # the lock holds on a full disk, too
+                path.write_text(json.dumps(owner))
+        yield
+    finally:
+        if lock.lock_counter <= 1:
+            with suppress(OSError):
+                path.unlink()
+        lock.release()
+
+
+def _acquire(lock: FileLock, path: Path, target: Path, wait: bool) -> None:
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as e:
+        owner = _owner(path)
+        if not wait:
+            raise DataError(f"{target}: {owner} writes to it; wait for it, or choose another place") from e
+        log.warning("%s: %s writes to it; waiting for its end", target, owner)
+        lock.acquire()
+
+
+def _owner(path: Path) -> str:
+    try:
+        owner = json.loads(path.read_text())
+        return f"process {owner['process']} on {owner['host']} (since {owner['since']})"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process"
+
+
+def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequence[str | Path] = ()) -> str:
+    """Check that a file can be written, now or in folders that are still to be made.
+
+    Args:
+        path: the file. What is no regular file, such as `/dev/null`, may have any ending.
+        suffixes: endings that say how it is written; () for any.
+        inputs: files that are read, or written as well: `path` must be none of them.
+
+    Returns:
+        The ending, in lower case; for a target that is no regular file and has none of the endings, the first one.
+
+    Raises:
+        DataError: another ending, one of the inputs, a folder, or a place that is read-only, full or not to be written by this
+            user; names the path.
+    """
+    _check_name(path)
+    path = Path(path)
+    suffix = path.suffix.lower()
+    with writing(path):
+        target = Path(os.path.realpath(path))
+        if target.is_dir():
+            raise DataError(f"{path}: is a folder; expected a file")
+        is_special = target.exists() and not target.is_file()
+        if suffixes and suffix not in suffixes:
+            if not is_special:
+                raise DataError(f"{path}: expected a name ending in {' or '.join(suffixes)}")
+            suffix = suffixes[0]
+        if is_special:
+            if stat.S_ISCHR(target.stat().st_mode):  # what else there is, such as a pipe, might wait for its reader
+                with target.open("wb", buffering=0) as device:
+                    device.write(b"")
+            return suffix
+        if any(target == Path(os.path.realpath(other)) for other in inputs):
+            raise DataError(f"{path}: is already another input or output; choose another name")
+        if target.exists() and (_is_read_only(target) or not os.access(target, os.W_OK)):
+            raise DataError(f"{path}: is read-only; make it writable (chmod u+w), or choose another name")
+        _probe_folder(target.parent, path)
+    return suffix
+
+
+def check_output_folder(path: str | Path) -> None:
+    """Check that files can be written to a folder, which may be missing.
+
+    Raises:
+        DataError: it is a file, read-only, full or not to be written by this user; names the path.
+    """
+    _check_name(path)
+    with writing(path):
+        _probe_folder(Path(os.path.realpath(path)), path)
+
+
+def check_installed(module: str, purpose: str, extra: str) -> None:
+    """Refuse before the work what needs a package that is not installed.
+
+    Args:
+        module: the package's module.
+        purpose: what needs it and its name, such as "figures need matplotlib".
+        extra: the extra of nsdr that brings it.
+
+    Raises:
+        DataError: it is not installed; says how to install it.
+    """
+    if importlib.util.find_spec(module) is None:
+        raise DataError(f"{purpose}: pip install 'nsdr[{extra}]'")
+
+
+def _check_name(path: str | Path) -> None:
+    if not str(path).strip() or "\0" in str(path):
+        raise DataError(f"{str(path)!r}: is no name of an output")
+
+
+def _probe_folder(folder: Path, path: str | Path) -> None:
+    """Write to the folder, or to the nearest one above it that exists."""
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    if not folder.is_dir():
+        raise DataError(f"{path}: {folder} is no folder")
+    if _is_read_only(folder):
+        raise DataError(f"{path}: {folder} is a read-only folder; make it writable (chmod u+w), or choose another one")
+    with tempfile.TemporaryFile(dir=folder) as file:
+        file.write(b"\0" * PROBE_BYTES)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _is_read_only(path: Path) -> bool:
+    """Whether nobody may write it; the superuser could."""
+    return not path.stat().st_mode & (stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH)
+
+
+def find_files(folder: str | Path, pattern: str) -> list[Path]:
+    """Files below a folder whose names match, sorted; without hidden ones, such as the unfinished files of a killed process.
+
+    Args:
+        folder: searched with its subfolders.
+        pattern: of names, such as `video_*.mp4`.
+    """
+    folder = Path(folder)
+    return sorted(p for p in folder.rglob(pattern) if p.is_file() and not is_hidden(p.relative_to(folder)))
+
+
+def is_hidden(path: Path) -> bool:
+    """Whether the file or a folder of the (relative) path has a name that begins with a dot."""
+    return any(part.startswith(".") for part in path.parts)

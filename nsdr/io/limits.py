@@ -1,10 +1,11 @@
 """Limits on what is read, so that a damaged or hostile file ends in an error and not in exhausted memory.
 
 The limits are far above everything in CLEVRER. The environment variable `NSDR_LIMITS`, such as `frames=20000,json_bytes=4e9`,
-or the option `--limits` of the command line changes them, also for worker processes.
+changes them, also for worker processes.
 """
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
@@ -34,7 +35,6 @@ class Limits:
         videos: videos that a manifest lists (CLEVRER: 20,000).
         program_tokens: tokens of a program (CLEVRER: at most 20).
         text_characters: characters of a question or choice.
-        reply_bytes: size of a reply of the server of `nsdr.question_parser.endpoint`.
     """
 
     json_bytes: int = 500_000_000
@@ -50,7 +50,6 @@ class Limits:
     videos: int = 1_000_000
     program_tokens: int = 1_000
     text_characters: int = 2_000
-    reply_bytes: int = 1_000_000
 
 
 def limits() -> Limits:
@@ -77,19 +76,18 @@ def _parsed(text: str) -> Limits:
     return replace(Limits(), **changes)
 
 
-def check_limit(value: float, name: str, what: str) -> None:
+def check_limit(value: float, name: str, what: object, error: Callable[[str], Exception] = DataError) -> None:
     """Refuse a value above the limit `name`.
 
     Args:
         value: the value that was found.
         name: a field of `Limits`.
         what: file and place, for the message.
+        error: makes the exception from a message.
 
     Raises:
         DataError: the value is too large; names the limit and how to raise it.
     """
     highest = getattr(limits(), name)
     if value > highest:
-        raise DataError(
-            f"{what}: {value:,.0f} {name}, more than {highest:,}; if this is right, set {VARIABLE}={name}=…"
-        )
+        raise error(f"{what}: {value:,.0f} {name}, more than {highest:,}; if this is right, set {VARIABLE}={name}=…")

@@ -16,36 +16,34 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
+from nsdr.validation import convert
 
 __all__ = [
     "UNZIP_ERRORS",
-    "iterate_json_list",
     "parse_json",
     "parse_json_lines",
+    "parse_typed",
     "read_bytes",
     "read_json",
     "read_json_bytes",
     "read_npz",
     "read_text",
+    "read_typed",
     "read_yaml",
 ]
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
-GZIP_SIZE_BYTES = 4
-"""Last bytes of a gzip file, which say how many bytes it holds (modulo 2 ** 32)."""
-CHUNK_BYTES = 1 << 20
-"""Decompressed bytes that are held where they are only counted."""
-CHUNK_CHARACTERS = 1 << 16
-"""Smallest number of characters that `iterate_json_list` reads at a time."""
 MAX_YAML_DEPTH = 50
 """Nesting of a YAML file: its parser takes minutes for thousands of levels."""
 UNZIP_ERRORS = (
@@ -170,64 +168,28 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
             yield number, parse_json(line, f"{name}, line {number}", unique=True)
 
 
-def iterate_json_list(path: str | Path) -> Iterator[Any]:
-    """Yield the items of a file that holds one JSON list, without reading the whole file into memory.
+def read_typed(path: str | Path, kind: Any) -> Any:
+    """The content of a JSON file, which may be gzipped, as a value of a type (`nsdr.validation.convert`).
 
     Raises:
-        DataError: the file is missing, too large, no list or not JSON; names the file and the item.
+        DataError: the file is missing, not JSON, or does not fit; names the file, the place, what was expected and found.
     """
-    with _named(str(path), "JSON file", DataError):
-        _check_regular(path, "json_bytes")
-        with open(path, encoding="utf-8-sig") as file:
-            yield from _items(file, str(path))
+    return parse_typed(read_bytes(path, "json_bytes", DataError, "JSON file"), str(path), kind)
 
 
-def _items(file: IO[str], name: str) -> Iterator[Any]:
-    decoder = json.JSONDecoder(parse_constant=_refuse_constant)
-    text, offset, number = "", 0, 0
+def parse_typed(data: bytes, name: str, kind: Any) -> Any:
+    """As `read_typed`, from bytes; `name` says where they come from."""
+    with _named(name, "JSON file", DataError):
+        content = _gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data
+    try:
+        return _decoder(kind).decode(content.removeprefix(codecs.BOM_UTF8))
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
+        return convert(parse_json(content, name), kind, f"{name}: ")  # says what is wrong, and where
 
-    def read_more() -> bool:
-        """Read at least as much again as is left, so that a huge item is decoded only a few times; False at the end."""
-        nonlocal text, offset
-        chunk = file.read(max(CHUNK_CHARACTERS, len(text) - offset))
-        text, offset = text[offset:] + chunk, 0
-        return bool(chunk)
 
-    def next_character() -> str:
-        """The next character that is not white space; empty at the end of the file."""
-        nonlocal offset
-        while True:
-            while offset < len(text) and text[offset].isspace():
-                offset += 1
-            if offset < len(text) or not read_more():
-                return text[offset : offset + 1]
-
-    if next_character() != "[":
-        raise DataError(f"{name}: expected a JSON list")
-    offset += 1
-    closed = next_character() == "]"
-    while not closed:
-        next_character()
-        try:
-            item, end = decoder.raw_decode(text, offset)
-        except json.JSONDecodeError as e:
-            if read_more():
-                continue
-            raise DataError(f"{name}: [{number}]: not valid JSON ({e.msg}); the file may be truncated") from e
-        if end == len(text) and read_more():
-            continue  # a number at the end of the chunk may go on
-        if "\\ud" in text[offset:end].lower():
-            json.dumps(item, ensure_ascii=False).encode()  # lone surrogates cannot be encoded
-        yield item
-        offset, number = end, number + 1
-        character = next_character()
-        closed = character == "]"
-        if not closed and character != ",":
-            raise DataError(f"{name}: [{number}]: expected , or ], got {character!r}; the file may be truncated")
-        offset += not closed
-    offset += 1
-    if next_character():
-        raise DataError(f"{name}: data after the end of the list")
+@lru_cache(maxsize=32)
+def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
+    return msgspec.json.Decoder(kind)
 
 
 def read_npz(path: str | Path, error: ErrorKind = DataError) -> dict[str, NDArray[Any]]:
@@ -269,25 +231,14 @@ def read_yaml(path: str | Path) -> Any:
 
 
 def _gunzipped(data: bytes, name: str) -> bytes:
-    size = int.from_bytes(data[-GZIP_SIZE_BYTES:], "little")
-    if size > limits().json_bytes:
-        _check_decompressed(data, f"{name}, decompressed")
     stream = zlib.decompressobj(wbits=31)
-    content = stream.decompress(data, min(size, limits().json_bytes) + 1)
+    content = stream.decompress(data, limits().json_bytes + 1)
+    check_limit(len(content), "json_bytes", f"{name}, decompressed")
     if stream.unused_data:
         raise ValueError("data after the end of the compressed data")
-    if not stream.eof or len(content) != size:
-        raise EOFError("compressed data end too early, or are of another size than their end says")
+    if not stream.eof:
+        raise EOFError("compressed data end too early")
     return content
-
-
-def _check_decompressed(data: bytes, what: str) -> None:
-    """Count the decompressed bytes, of which few are held at a time, up to the limit."""
-    stream, count = zlib.decompressobj(wbits=31), 0
-    while data and not stream.eof:
-        count += len(stream.decompress(data, CHUNK_BYTES))
-        check_limit(count, "json_bytes", what)
-        data = stream.unconsumed_tail
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:

@@ -48,17 +48,14 @@ class Registry(Generic[T]):
         Raises:
             DataError: no such name, or its package cannot be imported.
         """
-        part: Any = self._parts.get(name)
+        installed = {e.name: e.value for e in entry_points(group=self.group)}
+        part: Any = self._parts.get(name) or installed.get(name)
         if part is None:
-            found = [e for e in entry_points(group=self.group) if e.name == name]
-            if not found:
-                raise DataError(f"{self.what} {name!r}: expected one of {', '.join(self.names())}")
-            part = found[0].value
+            raise DataError(f"{self.what} {name!r}: expected one of {', '.join(self.names())}")
         if isinstance(part, str):
             module, _, attribute = part.partition(":")
             try:
-                part = getattr(import_module(module), attribute)
+                part = self._parts[name] = getattr(import_module(module), attribute)
             except (ImportError, AttributeError) as e:
                 raise DataError(f"{self.what} {name!r}: cannot load {module}:{attribute} ({e})") from e
-            self._parts[name] = cast(T, part)
         return cast(T, part)

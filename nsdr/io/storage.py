@@ -4,11 +4,10 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,24 +17,38 @@ from nsdr.io.files import atomic_path, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import parse_json, read_json, read_npz
 from nsdr.types import DynamicsPrediction, Scene
+from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
 
 __all__ = ["load", "save"]
 
 T = TypeVar("T")
 _KINDS: dict[str, type] = {name: getattr(types, name) for name in types.__all__}
-DTYPES = ("bool", "float16", "float32", "float64", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64)))
-"""Types of arrays in JSON files."""
-PAIR = 2
-"""Length of a row of a map: key and value."""
-NAMES: dict[Any, str] = {
-    int: "a whole number",
-    str: "a text",
-    tuple: "a list",
-    Mapping: "a map",
-    np.ndarray: "an array",
-    NoneType: "null",
-}
-"""What a field holds, in messages."""
+OLD_KEYS = {"doubts": "uncertain"}
+"""Keys of files of version 0.2 and earlier -> those of today."""
+
+
+class _StoredArray(msgspec.Struct):
+    """An array in a JSON file: booleans as one text of 0 and 1, NaN as null."""
+
+    dtype: Literal[
+        "bool", "float16", "float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"
+    ]  # fmt: skip
+    shape: list[Count]
+    values: str | list[int | float | None]
+
+    def array(self, where: str) -> NDArray[Any]:
+        """The array; raises `DataError` where the values do not fit."""
+        is_bool, values = self.dtype == "bool", self.values
+        expected = "a text of 0 and 1" if is_bool else f"a list of numbers of {self.dtype}"
+        expect(set(values) <= {"0", "1"} if is_bool else isinstance(values, list), f"{where}.values", expected, values)
+        if not isinstance(values, str) and self.dtype.startswith("float"):
+            values = [np.nan if v is None else v for v in values]
+        n = math.prod(self.shape)
+        expect(n == len(values), where, f"{n} values of the shape {self.shape}", len(values))
+        try:
+            return np.array([v == "1" for v in values] if is_bool else values, self.dtype).reshape(self.shape)
+        except (TypeError, ValueError, OverflowError) as e:
+            raise DataError(f"{where}.values: expected numbers of {self.dtype} ({e})") from e
 
 
 def save(value: Any, path: str | Path) -> None:
@@ -123,10 +136,10 @@ def _check_sizes(value: Any) -> None:
     """Check what is read against `nsdr.io.limits`."""
     if isinstance(value, Scene):
         later = [*(value.unseen or ()), *(e for events in (value.counterfactual or {}).values() for e in events)]
-        later += [doubt.event for doubt in value.doubts or ()]
+        later += [one.event for one in value.uncertain or ()]
         check_limit(len(value.events) + len(later), "events", "events")
         check_limit(
-            max((e.frame for e in later), default=0), "frames", "unseen, counterfactual and doubtful events: frame"
+            max((e.frame for e in later), default=0), "frames", "unseen, counterfactual and uncertain events: frame"
         )
     if isinstance(value, Scene | DynamicsPrediction):
         check_limit(len(value.objects), "scene_objects", "objects")
@@ -138,84 +151,37 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
         return tuple(_decoded(v, arrays, f"{where}[{i}]") for i, v in enumerate(tree))
     if not isinstance(tree, dict):
         return tree
+    place = where.removeprefix(".") or "file"
     if "array" in tree:
         name = tree["array"]
-        if not isinstance(name, str) or name not in arrays:
-            raise DataError(f"{where}: there is no array {name!r:.60}")
+        expect(isinstance(name, str) and name in arrays, place, "the name of an array", name)
         return arrays[name]
     if "map" in tree:
-        rows = tree["map"]
-        if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) != PAIR for row in rows):
-            raise DataError(f"{where}.map: expected a list of [key, value], got {rows!r:.60}")
-        return {_key(k, where): _decoded(v, arrays, f"{where}.map[{i}][1]") for i, (k, v) in enumerate(rows)}
+        rows = convert(tree["map"], list[tuple[int, Any]], f"{place}.map: ")
+        return {k: _decoded(v, arrays, f"{where}.map[{i}][1]") for i, (k, v) in enumerate(rows)}
     if "dtype" in tree:
-        return _decoded_array(tree, where)
-    kind = tree.get("type")
-    if not isinstance(kind, str) or kind not in _KINDS:
-        expected = "an array with dtype, shape and values, a map, or a type of `nsdr.types`, such as Scene"
-        raise DataError(f"{where or 'file'}: expected {expected}, got type {kind!r:.60}")
-    found, hints = {k: v for k, v in tree.items() if k != "type"}, _hints(kind)
-    required = {
-        f.name for f in dataclasses.fields(_KINDS[kind]) if f.default is f.default_factory is dataclasses.MISSING
-    }
-    for name in sorted((required - found.keys()) | (found.keys() - hints.keys())):
-        raise DataError(f"{where or 'file'}: {'missing' if name in hints else 'unknown'} key {name!r:.60} of a {kind}")
-    content = {}
-    for name, tree in found.items():
-        place = f"{where}.{name}".removeprefix(".")
-        content[name] = _decoded(tree, arrays, place)
-        _check_kind(content[name], hints[name], place, tree)
-        if name == "n_frames":
-            check_limit(content[name], "frames", place)
+        stored: _StoredArray = convert(tree, _StoredArray, f"{place}.")
+        return stored.array(place)
+    content: dict[Any, Any] = {OLD_KEYS.get(k, k): v for k, v in tree.items()}
+    name = content.pop("type", None)
+    kind = _KINDS.get("UncertainCollision" if name == "Doubt" else str(name))
+    if kind is None:
+        raise DataError(
+            f"{place}: expected an array, a map, or a type of `nsdr.types`, such as Scene, got type {shown(name)}"
+        )
+    known = dataclasses.fields(kind)
+    for field in known:
+        if field.name not in content and field.default is field.default_factory is dataclasses.MISSING:
+            raise DataError(f"{place}: missing key {field.name!r} of a {name}")
+    for key in content:
+        if key not in {f.name for f in known}:
+            raise DataError(f"{place}: unknown key {shown(key)} of a {name}")
+    decoded: dict[str, Any] = {key: _decoded(v, arrays, f"{where}.{key}") for key, v in content.items()}
     try:
-        return _KINDS[kind](**content)
+        value = kind(**decoded)
+        if not isinstance(value, Checked):
+            check_fields(value, f"{name}.")
     except DataError as e:
-        raise DataError(f"{where}: {e}" if where else str(e)) from e
-
-
-@cache
-def _hints(kind: str) -> dict[str, Any]:
-    return get_type_hints(_KINDS[kind])
-
-
-def _check_kind(value: Any, hint: Any, where: str, shown: Any) -> None:
-    """Check a field's value, and the items of a list, against the field's type."""
-    options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
-    for option in options:
-        kind = get_origin(option) or option
-        if kind is Any or (isinstance(value, kind) and not (kind is int and isinstance(value, bool))):
-            items = get_args(option)
-            if kind is tuple and Ellipsis in items:
-                for i, item in enumerate(value):
-                    _check_kind(item, items[0], f"{where}[{i}]", item)
-            return
-    names = " or ".join(NAMES.get(get_origin(o) or o, getattr(o, "__name__", str(o))) for o in options)
-    raise DataError(f"{where}: expected {names}, got {shown!r:.60}")
-
-
-def _key(key: Any, where: str) -> int:
-    if type(key) is not int:
-        raise DataError(f"{where}.map: expected object ids as keys, got {key!r:.60}")
-    return key
-
-
-def _decoded_array(tree: dict[str, Any], where: str) -> NDArray[Any]:
-    dtype, shape, values = (tree.get(name) for name in ("dtype", "shape", "values"))
-    if dtype not in DTYPES:
-        raise DataError(f"{where}.dtype: expected one of {', '.join(DTYPES)}, got {dtype!r:.60}")
-    if not isinstance(shape, list) or any(type(n) is not int or n < 0 for n in shape):
-        raise DataError(f"{where}.shape: expected a list of sizes, got {shape!r:.60}")
-    if dtype == "bool":
-        if not isinstance(values, str) or set(values) - {"0", "1"}:
-            raise DataError(f"{where}.values: expected a text of 0 and 1, got {values!r:.60}")
-        values = [c == "1" for c in values]
-    elif not isinstance(values, list) or any(type(v) not in (int, float, NoneType) for v in values):
-        raise DataError(f"{where}.values: expected a list of numbers, got {values!r:.60}")
-    elif dtype.startswith("float"):
-        values = [np.nan if v is None else v for v in values]
-    if math.prod(shape) != len(values):
-        raise DataError(f"{where}: expected {math.prod(shape)} values of the shape {shape}, got {len(values)}")
-    try:
-        return np.array(values, dtype).reshape(shape)
-    except (TypeError, ValueError, OverflowError) as e:
-        raise DataError(f"{where}.values: expected numbers of {dtype} ({e})") from e
+        raise DataError(f"{place}: {e}" if where else str(e)) from e
+    check_limit(getattr(value, "n_frames", 0), "frames", f"{place}.n_frames")
+    return value

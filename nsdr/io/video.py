@@ -16,16 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError, VideoError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import atomic_path, check_installed
 from nsdr.io.limits import check_limit
-from nsdr.io.outputs import check_installed
-from nsdr.io.video_kinds import check_is_video, undecodable
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.timeline import FPS, VIDEO_FRAMES
 
 __all__ = [
     "Layout",
     "VideoSample",
+    "check_is_video",
     "read_frames",
     "read_video",
     "sample_frames",
@@ -41,6 +40,21 @@ UNEVEN = 1.0
 """Frames that are shown so much earlier or later than at an even rate make a variable frame rate (frames of CLEVRER)."""
 REPRODUCIBLE = {"threads": "1", "mbtree": "0"}
 """Options without which x264 encodes the same frames differently from run to run, or from one number of cores to another."""
+HEAD_BYTES = 4096
+"""Bytes at a file's start that tell its kind."""
+CONVERT = "convert it to H.264, for example: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
+KINDS = {
+    "PNG image": (b"\x89PNG",),
+    "JPEG image": (b"\xff\xd8\xff",),
+    "BMP image": (b"BM",),
+    "TIFF image": (b"II*\0", b"MM\0*"),
+    "MP3 sound": (b"ID3", b"\xff\xfb", b"\xff\xf3"),
+    "AAC or FLAC sound": (b"\xff\xf1", b"fLaC"),
+    "PDF document": (b"%PDF",),
+    "zip archive": (b"PK\x03\x04",),
+    "gzip file": (b"\x1f\x8b",),
+}
+"""How files begin that are certainly no videos."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +96,7 @@ def read_video(path: str | Path) -> NDArray[np.uint8]:
     frames = []
     for frame in read_frames(path):
         frames.append(frame)
-        _check(len(frames) * frame.nbytes, "array_bytes", path)
+        check_limit(len(frames) * frame.nbytes, "array_bytes", path, VideoError)
     return np.stack(frames)
 
 
@@ -100,7 +114,7 @@ def read_frames(path: str | Path, layout: Layout | None = None) -> Iterator[NDAr
             warnings.warn(f"{path}: {rate:g} frames per second, resampled to {FPS}", stacklevel=2)
         n = 0
         for frame in _at_rate(_decoded(capture, path, rate), rate):
-            _check(n + 1, "frames", path)
+            check_limit(n + 1, "frames", path, VideoError)
             height, width = frame.shape[:2]
             if n == 0 and (height, width) != (HEIGHT_PX, WIDTH_PX):
                 warnings.warn(f"{path}: {width}x{height} px, resized to {WIDTH_PX}x{HEIGHT_PX}", stacklevel=2)
@@ -109,7 +123,7 @@ def read_frames(path: str | Path, layout: Layout | None = None) -> Iterator[NDAr
             n += 1
             yield frame
         if n == 0:
-            raise undecodable(path, int(capture.get(cv2.CAP_PROP_FOURCC)))
+            raise _undecodable(path)
         if n != VIDEO_FRAMES:
             warnings.warn(f"{path}: {n} frames, CLEVRER's videos have {VIDEO_FRAMES}", stacklevel=2)
 
@@ -132,7 +146,7 @@ def sample_frames(path: str | Path, seconds: float, spacing: int) -> VideoSample
                 size = (frame.shape[1], frame.shape[0])
                 frames.append(_small(frame))
         if not frames:
-            raise undecodable(path, int(capture.get(cv2.CAP_PROP_FOURCC)))
+            raise _undecodable(path)
     return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
 
 
@@ -158,9 +172,10 @@ def _opened(path: Path) -> Iterator[tuple[cv2.VideoCapture, float]]:
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
-            raise undecodable(path)
-        _check(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path)
-        _check(capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT), "image_pixels", path)
+            raise _undecodable(path)
+        check_limit(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path, VideoError)
+        pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+        check_limit(pixels, "image_pixels", path, VideoError)
         rate = float(capture.get(cv2.CAP_PROP_FPS)) or float(FPS)
         if not RATES[0] <= rate <= RATES[1]:
             raise VideoError(f"{path}: {rate:g} frames per second, expected {RATES[0]:g} to {RATES[1]:g}; convert it")
@@ -169,13 +184,6 @@ def _opened(path: Path) -> Iterator[tuple[cv2.VideoCapture, float]]:
         capture.release()
         if level is not None:
             cv2.utils.logging.setLogLevel(level)
-
-
-def _check(value: float, limit: str, path: str | Path) -> None:
-    try:
-        check_limit(value, limit, str(path))
-    except DataError as e:
-        raise VideoError(str(e)) from e
 
 
 def _decoded(capture: cv2.VideoCapture, path: Path, rate: float) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -192,7 +200,7 @@ def _decoded(capture: cv2.VideoCapture, path: Path, rate: float) -> Iterator[tup
             raise VideoError(f"{path}: cannot be decoded ({str(e).splitlines()[0]})") from e
         if not ok:
             return
-        _check(frame.shape[0] * frame.shape[1], "image_pixels", path)
+        check_limit(frame.shape[0] * frame.shape[1], "image_pixels", path, VideoError)
         shown = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000 * FPS
         if index == 0:
             start = shown
@@ -281,3 +289,62 @@ def write_video(
             if stream is None:
                 raise DataError(f"{path}: no frames to write")
             container.mux(stream.encode())
+
+
+def check_is_video(path: Path) -> None:
+    """Refuse what is certainly no video, by the file's first bytes.
+
+    Raises:
+        VideoError: no such file, a folder or device, an empty file, or an image, sound, text or archive; says which.
+    """
+    if path.is_dir():
+        raise VideoError(f"{path}: is a folder; expected a video (`nsdr parse-videos` takes folders)")
+    if not path.is_file():
+        raise VideoError(f"{path}: {'is a device or a pipe; expected a video' if path.exists() else 'no such file'}")
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if not head:
+        raise VideoError(f"{path}: is empty (0 bytes); expected a video")
+    if (found := _other_kind(head)) is not None:
+        hint = "; nsdr.load(nsdr.Scene, ...) reads a saved scene" if path.suffix == ".json" else ""
+        raise VideoError(f"{path}: is a {found}; expected a video{hint}")
+
+
+def _other_kind(head: bytes) -> str | None:
+    """What a file with these first bytes is, if it is no video."""
+    if head[:4] == b"RIFF" and head[8:12] in (b"WAVE", b"WEBP"):
+        return "WAV sound" if head[8:12] == b"WAVE" else "WebP image"
+    if head[4:11] in (b"ftypM4A", b"ftypM4B"):
+        return "M4A sound"
+    return next(
+        (kind for kind, starts in KINDS.items() if head.startswith(starts)), "text file" if _is_text(head) else None
+    )
+
+
+def _is_text(head: bytes) -> bool:
+    try:
+        text = head.decode("utf-8") if len(head) < HEAD_BYTES else head[:-4].decode("utf-8", "ignore")
+    except UnicodeDecodeError:
+        return False
+    return all(c.isprintable() or c in "\n\r\t\f" for c in text)
+
+
+def _undecodable(path: Path) -> VideoError:
+    """The error about a file that OpenCV cannot open or decode; PyAV, which is an extra, knows more of it."""
+    reason = "not a video that OpenCV can read"
+    try:
+        import av
+
+        with av.open(str(path)) as container:
+            videos, sounds = (
+                [s.codec_context.name for s in found] for found in (container.streams.video, container.streams.audio)
+            )
+        if videos:
+            reason = f"{videos[0]} video, which OpenCV cannot decode here"
+        elif sounds:
+            return VideoError(f"{path}: holds sound ({sounds[0]}) but no video")
+    except ImportError:
+        pass
+    except (OSError, ValueError):
+        reason = "is not a video, or is damaged or cut off"
+    return VideoError(f"{path}: {reason}; {CONVERT}")

@@ -1,4 +1,4 @@
-"""CLEVRER's question grammar (texts with their programs) and paraphrases of its texts."""
+"""One engine for rules that relate English and programs, its rule files, and the normal form of texts."""
 
 import lazy_loader
 

@@ -1,11 +1,14 @@
-from .paraphrase import draw_wording as draw_wording, read_paraphrases as read_paraphrases
-from .templates import (
+from .choosing import Chooser as Chooser, Phrases as Phrases
+from .normal import Normal as Normal, normal_form as normal_form
+from .rules import Pair as Pair, Rules as Rules, load_rules as load_rules
+from .slots import Slot as Slot
+from .texts import (
     TEXT_KINDS as TEXT_KINDS,
-    Chooser as Chooser,
-    Grammar as Grammar,
-    Pair as Pair,
-    Phrases as Phrases,
+    clevrer as clevrer,
     described as described,
-    every as every,
+    draw_wording as draw_wording,
+    english as english,
+    in_words as in_words,
+    read_paraphrases as read_paraphrases,
     sample as sample,
 )

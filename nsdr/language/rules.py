@@ -1,69 +1,67 @@
-"""Rules that relate texts and programs, in one notation for both directions: texts are read with them and drawn from them.
+"""One notation and one engine that relate texts and programs: texts are read, drawn and listed by rules, programs put in words.
 
 A line is `SYMBOL: pattern => program`. A pattern holds words, symbols in capitals (with a digit where one occurs twice),
 `(a|b c)` for alternatives and `[a]` for what may be left out. The program holds tokens and the symbols of the pattern, which
 stand for their own programs. The symbols N, NS and A are noun phrases and attribute words (`Slot`): N is singular, NS plural,
-OBJ and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both.
+OBJ and OBJS are N and NS without attribute words, A is attribute words alone; `NS&A` joins the words of both. A set of
+rules may have other slots.
+
+`SYMBOL*3` makes a rule three times as frequent in drawn texts; `N:moves:color` says to `Phrases` what a noun phrase is for, and
+which attribute it must not name. A line with `<attribute>` (or `<ATTRIBUTE>`) stands for three lines, one for each attribute.
 """
 
 import random
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Protocol
+from functools import cache, lru_cache
+from importlib.resources import files
 
+from nsdr.language.choosing import AtRandom, Chooser, Phrases, Replay
+from nsdr.language.slots import SLOT_FORMS, Slot, filled, text_of, with_filters
+from nsdr.language.writing import Writer
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["SLOT_FORMS", "Rules", "Slot", "SlotMaker", "filled"]
+__all__ = ["Pair", "Rules", "load_rules"]
 
-SLOT_FORMS = {"N": ("N", "O"), "NS": ("NS", "OS"), "OBJ": ("O",), "OBJS": ("OS",), "A": ("A",)}
-"""Symbols of noun phrases, and the words of a pattern that stand for them."""
+Pair = tuple[str, list[str]]
+"""A text or a part of one, and its postfix tokens."""
+
+USES = {"N": "one", "NS": "counted", "A": "attribute"}
+"""What a noun phrase is for, where its rule does not say it."""
 OPTION_PROBABILITY = 0.6
 """Probability that a drawn text has what a rule permits to leave out (0-1)."""
 _TOKEN = re.compile(r"[()\[\]|]|[^\s()\[\]|]+")
-_NAMES = {word: name for name, words in ATTRIBUTES.items() for word in words}
-
-
-@dataclass(frozen=True)
-class Slot:
-    """A noun phrase or attribute words of a text.
-
-    Attributes:
-        form: "N", "NS", "O", "OS" or "A" (see `SLOT_FORMS`).
-        words: attribute words in the order color, material, shape.
-    """
-
-    form: str
-    words: tuple[str, ...]
-
-    @property
-    def text(self) -> str:
-        """Such as "red metal cubes", "red object" or, for A, "red metal"."""
-        if self.form == "A":
-            return " ".join(self.words)
-        noun = () if self.words and _NAMES[self.words[-1]] == "shape" else ("object",)
-        return " ".join((*self.words, *noun)) + ("s" if self.form in ("NS", "OS") else "")
+_HEAD = re.compile(r"([A-Z_]+)(?:\*(\d+))?: *(.*)")
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A word, a symbol, or alternatives, each a sequence of parts."""
+    """A word (in normal form, and as it is written), a symbol, or alternatives, each a sequence of parts."""
 
     word: str = ""
+    written: str = ""
     symbol: str = ""
+    use: str = ""
+    without: str = ""
     options: tuple[tuple["_Part", ...], ...] = ()
 
-
-class SlotMaker(Protocol):
-    """Makes the noun phrases of drawn texts."""
-
-    def slot(self, name: str) -> Slot:
-        """A noun phrase for a symbol of `SLOT_FORMS`."""
-        ...
+    @property
+    def name(self) -> str:
+        """The symbol without its digit."""
+        return self.symbol.rstrip("123456789")
 
 
-_Rule = tuple[tuple[_Part, ...], tuple[str, ...]]
+@dataclass(frozen=True)
+class _Rule:
+    parts: tuple[_Part, ...]
+    program: tuple[str, ...]
+    symbols: Mapping[str, _Part]
+    """The symbols of the program, in its order."""
+    weight: int
+
+
+_Words = list[str | Slot]
 _Bound = tuple[tuple[str, tuple[str, ...]], ...]
 """Symbols of a pattern with the programs that they stand for."""
 
@@ -73,72 +71,147 @@ class Rules:
 
     Args:
         text: lines of the notation; empty lines and lines that start with # are skipped.
+        slots: symbols of slots, and the words that stand for them in a text that is read.
+        normal: normal forms of words. What a pattern writes "enters" is read in its normal form.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(
+        self, text: str, slots: Mapping[str, Sequence[str]] = SLOT_FORMS, normal: Mapping[str, str] | None = None
+    ) -> None:
+        self.slots = slots
         self._rules: dict[str, list[_Rule]] = {}
-        for line in text.splitlines():
-            if not line.strip() or line.startswith("#"):
-                continue
-            symbol, rest = line.split(":", 1)
-            pattern, program = rest.split("=>")
-            parts = _sequence(_TOKEN.findall(pattern))
-            self._rules.setdefault(symbol.strip(), []).append((parts, tuple(program.split())))
-        self.words = frozenset(w for rules in self._rules.values() for parts, _ in rules for w in _words_of(parts))
+        for line in _lines(text):
+            head = _HEAD.fullmatch(line)
+            assert head is not None, f"no rule: {line}"
+            pattern, program = head[3].split("=>")
+            parts = _sequence(_TOKEN.findall(pattern), normal or {})
+            in_pattern = {part.symbol: part for part in _all_parts(parts) if part.symbol}
+            used = [name for token in program.split() for name in token.split("&") if name in in_pattern]
+            symbols = {name: in_pattern[name] for name in used}
+            rule = _Rule(parts, tuple(program.split()), symbols, int(head[2] or 1))
+            self._rules.setdefault(head[1], []).append(rule)
+        every_part = (part for rules in self._rules.values() for rule in rules for part in _all_parts(rule.parts))
+        self.words = frozenset(part.word for part in every_part if part.word)
         self.readings = lru_cache(maxsize=1 << 15)(self._readings)
 
     def _readings(self, symbol: str, words: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """All programs of a text as a symbol; `#i` in a program stands for the slot at word i."""
-        found = _Reader(self._rules, words).symbol(symbol, 0)
+        found = _Reader(self._rules, self.slots, words).symbol(symbol, 0)
         return tuple(dict.fromkeys(program for end, program in found if end == len(words)))
 
-    def draw(self, symbol: str, rng: random.Random, words: list[str | Slot], slots: SlotMaker) -> tuple[str, ...]:
-        """Append the words of a random text to `words`; returns its program with `#i` for the slot at word i."""
-        parts, program = rng.choice(self._rules[symbol])
-        bound: dict[str, tuple[str, ...]] = {}
-        self._draw_parts(parts, rng, words, slots, bound)
-        return _composed(program, tuple(bound.items()))
+    def read(self, symbol: str, words: Sequence[str | Slot]) -> list[list[str]]:
+        """All programs of a text as a symbol."""
+        forms = tuple(w if isinstance(w, str) else w.form for w in words)
+        found = (filled(program, words) for program in self.readings(symbol, forms))
+        return [list(t) for t in dict.fromkeys(tuple(tokens) for tokens in found if tokens is not None)]
 
-    def _draw_parts(
-        self,
-        parts: Sequence[_Part],
-        rng: random.Random,
-        words: list[str | Slot],
-        slots: SlotMaker,
-        bound: dict[str, tuple[str, ...]],
-    ) -> None:
+    def write(
+        self, symbol: str, program: Sequence[str], forms: Sequence[Sequence[str]]
+    ) -> list[str | tuple[str, int]] | None:
+        """The words of the first text with a program, (symbol, i) for its slot i; None if there is none.
+
+        Rules are tried in their order. Of alternatives the first is written, and what may be left out is, unless it holds a
+        symbol of the program. Joined slots (`NS&A`) are not written.
+
+        Args:
+            symbol: of the text.
+            program: tokens, with `#i` for slot i.
+            forms: of each slot, the words that may stand for it when it is read, with "" if it may be left out.
+        """
+        found = Writer(self._rules, self.slots, program, forms).symbol(symbol, 0)
+        return next((list(words) for end, words in found if end == len(program)), None)
+
+    def draw(self, symbol: str, rng: random.Random, phrases: Phrases) -> Pair:
+        """A random text of a symbol with its program."""
+        while True:
+            words, program = self._made(_Part(symbol=symbol), AtRandom(rng), phrases)
+            tokens = with_filters(program)
+            if tokens is not None:
+                return text_of(words), tokens
+
+    def every(self, symbol: str, phrases: Phrases, rng: random.Random) -> Iterator[Pair]:
+        """All contents of a symbol, each in one random wording.
+
+        Args:
+            symbol: such as "QUERY".
+            phrases: describes objects; it has to choose among descriptions by `pick`.
+            rng: draws the wordings.
+        """
+        path: list[tuple[int, int]] = []
+        while True:
+            words, program = self._made(_Part(symbol=symbol), Replay(path, rng), phrases)
+            tokens = with_filters(program)
+            if tokens is not None:
+                yield text_of(words), tokens
+            while path and path[-1][0] + 1 == path[-1][1]:
+                path.pop()
+            if not path:
+                return
+            path[-1] = (path[-1][0] + 1, path[-1][1])
+
+    def _made(self, part: _Part, choose: Chooser, phrases: Phrases) -> tuple[_Words, _Words]:
+        """Words of a symbol and its program, slots in both."""
+        if part.name in self.slots:
+            form, bare = self.slots[part.name][0], self.slots[part.name][-1]
+            words = () if part.name in ("OBJ", "OBJS") else phrases.words(choose, part.use, part.without)
+            slot = Slot(form if words else bare, words)
+            return [slot], [slot]
+        rules = self._rules[part.name]
+        rule = choose.pick(rules, [r.weight for r in rules])
+        made = {symbol: self._made(p, choose, phrases) for symbol, p in rule.symbols.items()}
+        program: _Words = []
+        for token in rule.program:
+            if "&" in token:
+                slots = [slot for name in token.split("&") for slot in made[name][1] if isinstance(slot, Slot)]
+                program.append(Slot("A", tuple(w for slot in slots for w in slot.words)))
+            else:
+                program += made[token][1] if token in made else [token]
+        return self._said(rule.parts, {symbol: words for symbol, (words, _) in made.items()}, choose), program
+
+    def _said(self, parts: Sequence[_Part], bound: Mapping[str, _Words], choose: Chooser) -> _Words:
+        """Words of a pattern, given those of its symbols; symbols without a program take any wording."""
+        words: _Words = []
         for part in parts:
             if part.word:
-                words.append(part.word)
+                words.append(part.written)
             elif part.options:
-                options = [o for o in part.options if o]
-                if len(options) == len(part.options) or rng.random() < OPTION_PROBABILITY:
-                    self._draw_parts(rng.choice(options), rng, words, slots, bound)
+                n = len(part.options)
+                weights = [OPTION_PROBABILITY / (n - 1)] * (n - 1) + [1 - OPTION_PROBABILITY]
+                option = choose.vary(part.options, None if part.options[-1] else weights)
+                words += self._said(option, bound, choose)
+            elif part.symbol in bound:
+                words += bound[part.symbol]
+            elif part.name in self.slots:
+                words.append(Slot(self.slots[part.name][-1], ()))
             else:
-                name = part.symbol.rstrip("123456789")
-                if name in SLOT_FORMS:
-                    bound[part.symbol] = (f"#{len(words)}",)
-                    words.append(slots.slot(name))
-                else:
-                    bound[part.symbol] = self.draw(name, rng, words, slots)
+                words += self._said(choose.vary(self._rules[part.name]).parts, {}, choose)
+        return words
+
+
+@cache
+def load_rules(package: str, *names: str) -> Rules:
+    """The rules of the files `NAME.rules` in a package's folder, joined."""
+    return Rules("\n".join(files(package).joinpath(f"{name}.rules").read_text("utf-8") for name in names))
 
 
 class _Reader:
-    def __init__(self, rules: dict[str, list[_Rule]], words: tuple[str, ...]) -> None:
-        self.rules, self.words = rules, words
+    def __init__(
+        self, rules: Mapping[str, list[_Rule]], slots: Mapping[str, Sequence[str]], words: tuple[str, ...]
+    ) -> None:
+        self.rules, self.slots, self.words = rules, slots, words
         self.known: dict[tuple[str, int], list[tuple[int, tuple[str, ...]]]] = {}
 
     def symbol(self, name: str, start: int) -> list[tuple[int, tuple[str, ...]]]:
         """Ends and programs of the texts from `start` on that a symbol stands for."""
-        if name in SLOT_FORMS:
-            fits = start < len(self.words) and self.words[start] in SLOT_FORMS[name]
+        if name in self.slots:
+            fits = start < len(self.words) and self.words[start] in self.slots[name]
             return [(start + 1, (f"#{start}",))] if fits else []
         found = self.known.get((name, start))
         if found is None:
             found = [
-                (end, _composed(program, bound))
-                for parts, program in self.rules[name]
-                for end, bound in self.sequence(parts, start, ())
+                (end, _composed(rule.program, bound))
+                for rule in self.rules[name]
+                for end, bound in self.sequence(rule.parts, start, ())
             ]
             self.known[name, start] = found = list(dict.fromkeys(found))
         return found
@@ -157,32 +230,8 @@ class _Reader:
                 for end, more in self.sequence(option, start, bound):
                     yield from self.sequence(rest, end, more)
         else:
-            for end, program in self.symbol(part.symbol.rstrip("123456789"), start):
+            for end, program in self.symbol(part.name, start):
                 yield from self.sequence(rest, end, (*bound, (part.symbol, program)))
-
-
-def filled(program: Sequence[str], slots: Sequence[str | Slot]) -> list[str] | None:
-    """The program with the filters of its slots; None where joined words name an attribute twice.
-
-    Args:
-        program: tokens, with `#i` for the slot at word i, `#i&#j` for the words of both.
-        slots: words of the text, slots among them.
-    """
-    tokens: list[str] = []
-    for token in program:
-        if not token.startswith("#"):
-            tokens.append(token)
-            continue
-        words: list[str] = []
-        for reference in token.split("&"):
-            slot = slots[int(reference[1:])]
-            assert isinstance(slot, Slot)
-            words += slot.words
-        if len({_NAMES[w] for w in words}) < len(words):
-            return None
-        for name in ATTRIBUTES:
-            tokens += [t for w in words if _NAMES[w] == name for t in (w, f"filter_{name}")]
-    return tokens
 
 
 def _composed(program: tuple[str, ...], bound: _Bound) -> tuple[str, ...]:
@@ -196,14 +245,24 @@ def _composed(program: tuple[str, ...], bound: _Bound) -> tuple[str, ...]:
     return tuple(tokens)
 
 
-def _sequence(tokens: list[str]) -> tuple[_Part, ...]:
+def _lines(text: str) -> Iterator[str]:
+    for line in text.splitlines():
+        if "<attribute>" in line.lower() and not line.startswith("#"):
+            for name in ATTRIBUTES:
+                yield line.replace("<attribute>", name).replace("<ATTRIBUTE>", name.upper())
+        elif line.strip() and not line.startswith("#"):
+            yield line
+
+
+def _sequence(tokens: list[str], normal: Mapping[str, str]) -> tuple[_Part, ...]:
     """Parse a pattern; consumes the tokens up to a closing bracket."""
     options: list[tuple[_Part, ...]] = []
     parts: list[_Part] = []
     while tokens:
         token = tokens.pop(0)
+        name, *how = token.split(":")
         if token in ("(", "["):
-            inner = _sequence(tokens)
+            inner = _sequence(tokens, normal)
             choices = inner[0].options if len(inner) == 1 and inner[0].options and not inner[0].word else (inner,)
             parts.append(_Part(options=(*choices, ()) if token == "[" else choices))
         elif token in (")", "]"):
@@ -211,18 +270,18 @@ def _sequence(tokens: list[str]) -> tuple[_Part, ...]:
         elif token == "|":
             options.append(tuple(parts))
             parts = []
-        elif token.isupper():
-            parts.append(_Part(symbol=token))
+        elif name.isupper():
+            use, without = [*how, "", ""][:2]
+            parts.append(_Part(symbol=name, use=use or USES.get(name.rstrip("123456789"), ""), without=without))
         else:
-            parts.append(_Part(word=token))
+            parts.append(_Part(word=normal.get(token, token), written=token))
     if options:
         return (_Part(options=(*options, tuple(parts))),)
     return tuple(parts)
 
 
-def _words_of(parts: Sequence[_Part]) -> Iterator[str]:
+def _all_parts(parts: Sequence[_Part]) -> Iterator[_Part]:
     for part in parts:
-        if part.word:
-            yield part.word
+        yield part
         for option in part.options:
-            yield from _words_of(option)
+            yield from _all_parts(option)

@@ -1,4 +1,9 @@
-from .endpoint import EndpointParser as EndpointParser
+from .auto import AutoParser as AutoParser
+from .base import Parser as Parser
+from .grammar import GrammarParser as GrammarParser
+from .language_model import LanguageModelParser as LanguageModelParser
 from .model import ParserNetwork as ParserNetwork, QuestionParserConfig as QuestionParserConfig
-from .parser import QuestionParser as QuestionParser, build_networks as build_networks, pad as pad
+from .network import QuestionParser as QuestionParser, build_networks as build_networks, pad as pad
 from .tokenizer import PROGRAM_TOKENS as PROGRAM_TOKENS, Tokenizer as Tokenizer
+
+VERSION: int

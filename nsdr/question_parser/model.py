@@ -1,15 +1,17 @@
 """Sequence-to-sequence network from words to program tokens (paper, section 4.3)."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
-from nsdr.io.validation import MAX_SIZE, SHARE, SIZE, check_ranges
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.tokenizer import END, PAD, START
+from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 __all__ = ["ParserNetwork", "QuestionParserConfig"]
 
@@ -18,7 +20,7 @@ MAX_LAYERS = 100
 
 
 @dataclass(frozen=True)
-class QuestionParserConfig:
+class QuestionParserConfig(Settings):
     """Architecture of each of the three networks.
 
     Attributes:
@@ -29,14 +31,11 @@ class QuestionParserConfig:
         max_tokens: length of the longest program that is decoded (tokens).
     """
 
-    embedding: int = 64
-    hidden: int = 192
-    layers: int = 2
-    dropout: float = 0.0
-    max_tokens: int = 40
-
-    def __post_init__(self) -> None:
-        check_ranges(self, embedding=SIZE, hidden=(2, MAX_SIZE), layers=(1, MAX_LAYERS), dropout=SHARE, max_tokens=SIZE)
+    embedding: Size = 64
+    hidden: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 192
+    layers: Annotated[int, Meta(ge=1, le=MAX_LAYERS)] = 2
+    dropout: Share = 0.0
+    max_tokens: Size = 40
 
 
 class ParserNetwork(nn.Module):
@@ -91,13 +90,12 @@ class ParserNetwork(nn.Module):
         return self.decode(tokens, states, mask, state)[0]
 
     @torch.no_grad()
-    def search(self, words: Tensor, kind: str = "", beam: int = 1) -> tuple[list[list[int]], list[float]]:
-        """Most probable programs by beam search.
+    def search(self, words: Tensor, kind: str = "") -> tuple[list[list[int]], list[float]]:
+        """Programs of the most probable token after each (greedy search).
 
         Args:
             words: (B, T) word indices, on any device.
             kind: kind of the texts, to decode well-typed programs only (see `constraint`); "" permits every token.
-            beam: hypotheses kept for each text; 1 is greedy search.
 
         Returns:
             Token indices of each text's program, and its probability among all token sequences (0-1). The constraint does not
@@ -105,39 +103,27 @@ class ParserNetwork(nn.Module):
         """
         self.eval()
         words = words.to(self.output.weight.device)
-        states, (h, c), mask = self.encode(words)
+        states, state, mask = self.encode(words)
         batch, device = len(words), words.device
-        states, mask = states.repeat_interleave(beam, 0), mask.repeat_interleave(beam, 0)
-        state = (h.repeat_interleave(beam, 1), c.repeat_interleave(beam, 1))
-        token = torch.full((batch * beam, 1), START, device=device)
-        score = torch.full((batch, beam), float("-inf"), device=device)
-        score[:, 0] = 0.0
-        ended = torch.zeros(batch, beam, dtype=torch.bool, device=device)
-        rows = torch.zeros((batch, beam, 0), dtype=torch.long, device=device)
-        stacks = [first_stack(kind)] * (batch * beam)
-        first_row = (torch.arange(batch, device=device) * beam)[:, None]
+        token = torch.full((batch, 1), START, device=device)
+        score = torch.zeros(batch, device=device)
+        rows: list[list[int]] = [[] for _ in range(batch)]
+        stacks, running = [first_stack(kind)] * batch, [True] * batch
         for step in range(self.config.max_tokens):
             logits, state = self.decode(token, states, mask, state)
-            next_scores = logits[:, 0].log_softmax(-1)
+            scores = logits[:, 0].log_softmax(-1)
             if kind:
                 masks = np.stack([allowed(stack, kind, step == 0) for stack in stacks])
-                next_scores = next_scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
-            next_scores = next_scores.view(batch, beam, -1)
-            only_padding = torch.full_like(next_scores, float("-inf"))
-            only_padding[..., PAD] = 0.0
-            next_scores = torch.where(ended[..., None], only_padding, next_scores)
-            n_tokens = next_scores.shape[-1]
-            score, best = (score[..., None] + next_scores).flatten(1).topk(beam)
-            parent, new = best // n_tokens, best % n_tokens
-            rows = torch.cat([rows.gather(1, parent[..., None].expand(-1, -1, step)), new[..., None]], -1)
-            ended = ended.gather(1, parent) | (new == END)
-            chosen = (first_row + parent).flatten()
-            state = (state[0][:, chosen], state[1][:, chosen])
-            token = new.view(-1, 1)
-            if bool(ended.all()):
+                scores = scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
+            best, token = scores.max(-1, keepdim=True)
+            score += best[:, 0] * torch.tensor(running, device=device)
+            for i, t in enumerate(token[:, 0].tolist()):
+                running[i] = running[i] and t not in (PAD, END)
+                if running[i]:
+                    rows[i].append(t)
+                    stacks[i] = following(stacks[i], t) if kind else None
+                else:
+                    stacks[i] = None
+            if not any(running):
                 break
-            if kind:
-                hypotheses = zip(chosen.tolist(), token[:, 0].tolist(), ended.flatten().tolist(), strict=True)
-                stacks = [None if done or t == PAD else following(stacks[i], t) for i, t, done in hypotheses]
-        best_rows = rows[:, 0].tolist()
-        return [[t for t in row if t not in (PAD, END)] for row in best_rows], score[:, 0].exp().tolist()
+        return rows, score.exp().tolist()

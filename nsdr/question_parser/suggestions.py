@@ -1,59 +1,46 @@
 """The well-formed questions that are nearest to a text which was refused."""
 
 import random
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from difflib import SequenceMatcher
 from itertools import combinations
 
 from nsdr.errors import ExecutionError
-from nsdr.language.templates import Chooser, Grammar, Pair, described, every
-from nsdr.question_parser.tokenizer import split_words
+from nsdr.language.choosing import Chooser
+from nsdr.language.normal import FUNCTION_WORDS, MEANINGS, normal_form
+from nsdr.language.slots import Slot
+from nsdr.language.texts import clevrer, described
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["nearest_questions", "suggestion"]
 
-SYMBOLS: dict[str, tuple[Callable[[Grammar], Pair], ...]] = {
-    "descriptive": (Grammar.count_or_exist_events, Grammar.count_or_exist_motion, Grammar.query),
-    "multiple_choice": (Grammar.explanatory, Grammar.predictive, Grammar.counterfactual),
-    "choice": (Grammar.presence, Grammar.collision, Grammar.entrance, Grammar.exit, Grammar.happens),
+SYMBOLS = {
+    "descriptive": ("EVENTS", "MOTION", "QUERY"),
+    "multiple_choice": ("EXPLANATORY", "PREDICTIVE", "COUNTERFACTUAL"),
+    "choice": ("PRESENCE", "COLLISION", "ENTRANCE", "EXIT", "HAPPENS"),
 }
-"""Symbols of the grammar whose contents are compared with a text, by kind of text."""
+"""Symbols of clevrer.rules whose contents are compared with a text, by kind of text."""
 ANY_NAMES = (("red", "cube"), ("blue", "sphere"))
 """Objects of the suggestions where neither a scene nor the text names any."""
-FUNCTION_TEXT = "a an and any are at do does 's in is it of on that the there this to was were will"
-FUNCTION_WORDS = frozenset(FUNCTION_TEXT.split())
 FUNCTION_WEIGHT = 0.2
-"""Weight of these words beside that of others (1) in the similarity of two texts."""
+"""Weight of function words beside that of others (1) in the similarity of two texts."""
 ORDER_WEIGHT = 0.3
 """Weight of the similar order of words beside that of the words themselves (1)."""
 COMPARED = 60
 """Number of texts with the most similar words whose order is compared, too."""
-_SUFFIX = re.compile(r"(?:ing|es|ed|s|e)$")
-STEM_LETTERS = 5
-STEMS = {
-    **dict.fromkeys(("hit", "hitt", "bump", "touch", "crash", "strik", "meet", "bang"), "colli"),
-    **dict.fromkeys(("leav", "left", "disap", "vanis", "go", "gon"), "exit"),
-    **dict.fromkeys(("appea", "arriv", "com"), "enter"),
-    **dict.fromkeys(("rest", "still", "motio", "parke", "stand"), "stati"),
-    **{"ball": "spher", "block": "cub", "box": "cub", "grey": "gray", "colou": "color", "thing": "objec"},
-    **{"shiny": "metal", "matt": "rubbe", "caus": "respo", "why": "respo", "happe": "happe", "remov": "witho"},
-}
-"""Stems that count as those of the grammar's words."""
 
 
 class _Names:
-    """Descriptions of objects; implements `nsdr.language.templates.Phrases`."""
+    """Descriptions of objects; implements `nsdr.language.choosing.Phrases`."""
 
     def __init__(self, names: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> None:
         self.names, self.classes = list(names), classes
 
-    def one(self, choose: Chooser) -> tuple[str, ...]:
-        return choose.pick(self.names)
-
-    def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+    def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        if use == "one":
+            return choose.pick(self.names)
         kept = [words for words in self.classes if not set(words).intersection(ATTRIBUTES.get(without, ()))]
         return () if use == "enters" else choose.pick(kept)
 
@@ -76,8 +63,9 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive",
     Returns:
         The most similar first, always the same for the same arguments.
     """
-    said = _stems(text)
-    names = _names_in_text(text) if scene is None else _names_in_scene(text, scene)
+    said = _meanings(text)
+    named = dict.fromkeys(word.words for word in normal_form(text).words if isinstance(word, Slot) and word.words)
+    names = (list(named) or list(ANY_NAMES)) if scene is None else _names_in_scene(said, scene)
     if not names:
         return []
     shapes = [
@@ -86,11 +74,11 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive",
     phrases = _Names(names, list(dict.fromkeys([(), *names, *shapes])))
     if scene is None and len(names) < 2:  # a collision takes two
         phrases.names = [*names, *(other for other in ANY_NAMES if other not in names)]
-    pairs = [pair for symbol in SYMBOLS[kind] for pair in every(symbol, phrases, random.Random(0))]
+    pairs = [pair for symbol in SYMBOLS[kind] for pair in clevrer().every(symbol, phrases, random.Random(0))]
     described_names = [described(words)[0] for words in phrases.names]
     pairs = [pair for pair in pairs if all(pair[0].count(f"the {name}") < 2 for name in described_names)]
-    pairs.sort(key=lambda pair: (-_common(said, _stems(pair[0])), len(pair[0])))
-    nearest = sorted(pairs[:COMPARED], key=lambda pair: (-_similarity(said, _stems(pair[0])), len(pair[0])))
+    pairs.sort(key=lambda pair: (-_common(said, _meanings(pair[0])), len(pair[0])))
+    nearest = sorted(pairs[:COMPARED], key=lambda pair: (-_similarity(said, _meanings(pair[0])), len(pair[0])))
     found: list[str] = []
     for candidate, program in [*nearest, *pairs[COMPARED:]]:
         if candidate not in found and (scene is None or _fits(program, scene)):
@@ -100,25 +88,15 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive",
     return found
 
 
-def _names_in_text(text: str) -> list[tuple[str, ...]]:
-    """Noun phrases of the text as attribute words, each with a word of every attribute at most."""
-    names: list[tuple[str, ...]] = []
-    current: dict[str, str] = {}
-    for word in [*split_words(text), ""]:
-        stem = _stem(word)
-        attribute = next(((n, w) for n, words in ATTRIBUTES.items() for w in words if word and _stem(w) == stem), None)
-        if attribute is not None and attribute[0] not in current:
-            current[attribute[0]] = attribute[1]
-            continue
-        if current:
-            names.append(tuple(current[n] for n in ATTRIBUTES if n in current))
-        current = dict([attribute]) if attribute is not None else {}
-    return list(dict.fromkeys(names)) or list(ANY_NAMES)
+def _meanings(text: str) -> list[str]:
+    """Attribute words and the meanings of the other words of a text."""
+    words = normal_form(text).words
+    parts = ((word.words or ("object",)) if isinstance(word, Slot) else (MEANINGS.get(word, word),) for word in words)
+    return [meaning for part in parts for meaning in part]
 
 
-def _names_in_scene(text: str, scene: Scene) -> list[tuple[str, ...]]:
-    """For each object the shortest unique description that is nearest to the text's words."""
-    said = _stems(text)
+def _names_in_scene(said: Sequence[str], scene: Scene) -> list[tuple[str, ...]]:
+    """For each object the shortest unique description that is nearest to what was said."""
     triples = [(o.color, o.material, o.shape) for o in scene.objects]
     names = []
     for triple in triples:
@@ -128,7 +106,7 @@ def _names_in_scene(text: str, scene: Scene) -> list[tuple[str, ...]]:
             for words in combinations(triple, size)
             if sum(set(words) <= set(other) for other in triples) == 1
         ]
-        names.append(max(options, key=lambda words: (sum(_stem(w) in said for w in words), -len(words), words)))
+        names.append(max(options, key=lambda words: (sum(w in said for w in words), -len(words), words)))
     return names
 
 
@@ -144,15 +122,6 @@ def _fits(program: Sequence[str], scene: Scene) -> bool:
     return True
 
 
-def _stem(word: str) -> str:
-    stem = _SUFFIX.sub("", word)[:STEM_LETTERS] if len(word) > 3 else word
-    return STEMS.get(stem, stem)
-
-
-def _stems(text: str) -> list[str]:
-    return [_stem(word) for word in split_words(text)]
-
-
 def _common(first: Sequence[str], second: Sequence[str]) -> float:
     """Weighted Dice coefficient of the words of two texts (0-1)."""
     a, b = set(first), set(second)
@@ -160,8 +129,8 @@ def _common(first: Sequence[str], second: Sequence[str]) -> float:
     return 2 * _weight(a & b) / total if total else 0.0
 
 
-def _weight(stems: set[str]) -> float:
-    return sum(FUNCTION_WEIGHT if stem in FUNCTION_WORDS else 1.0 for stem in stems)
+def _weight(words: set[str]) -> float:
+    return sum(FUNCTION_WEIGHT if word in FUNCTION_WORDS else 1.0 for word in words)
 
 
 def _similarity(first: Sequence[str], second: Sequence[str]) -> float:

@@ -2,7 +2,6 @@
 
 import difflib
 import re
-import warnings
 from collections.abc import Iterable, Sequence
 
 from nsdr.errors import QuestionError
@@ -50,25 +49,22 @@ class Tokenizer:
     def __len__(self) -> int:
         return len(self.words) + 1
 
-    def encode(self, text: str, unknown: str = "error") -> list[int]:
+    def known(self, text: str) -> list[int]:
+        """Word indices of a text without its unknown words."""
+        return [self._index[word] for word in split_words(text) if word in self._index]
+
+    def encode(self, text: str) -> list[int]:
         """Word indices of a text.
 
-        Args:
-            text: English text.
-            unknown: what to do with an unknown word: "error", or "ignore" to leave it out with a warning.
-
         Raises:
-            QuestionError: an empty text, a text of unknown words only, or an unknown word; names it and similar known ones.
+            QuestionError: an empty text or an unknown word; names it and similar known ones.
         """
         words = split_words(text)
         if not words:
             raise QuestionError(f"the text {text!r} is empty")
-        unknown_words = [word for word in words if word not in self._index]
-        if unknown_words:
-            near = difflib.get_close_matches(unknown_words[0], self.words, n=NEAR_WORDS, cutoff=NEAR_SIMILARITY)
-            hint = f"; did you mean {', '.join(near)}?" if near else "; docs/questions.md lists the supported wordings"
-            message = f"unknown word {unknown_words[0]!r} in {text!r}{hint}"
-            if unknown == "error" or len(unknown_words) == len(words):
-                raise QuestionError(message)
-            warnings.warn(f"{message} (ignored)", stacklevel=2)
-        return [self._index[word] for word in words if word in self._index]
+        for word in words:
+            if word not in self._index:
+                near = difflib.get_close_matches(word, self.words, n=NEAR_WORDS, cutoff=NEAR_SIMILARITY)
+                hint = f"did you mean {', '.join(near)}?" if near else "docs/questions.md lists the supported wordings"
+                raise QuestionError(f"unknown word {word!r} in {text!r}; {hint}")
+        return [self._index[word] for word in words]

@@ -3,7 +3,6 @@
 from nsdr.symbolic.executor import Executor
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
 from nsdr.symbolic.program import Program, Step
-from nsdr.symbolic.responsibility import but_for
 from nsdr.symbolic.traces import explain, format_probability, format_trace, format_tree
 
 __all__ = [
@@ -14,9 +13,11 @@ __all__ = [
     "Module",
     "Program",
     "Step",
-    "but_for",
     "explain",
     "format_probability",
     "format_trace",
     "format_tree",
 ]
+
+VERSION = 2
+"""Of the answers of programs: raised when they change."""

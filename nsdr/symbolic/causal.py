@@ -1,22 +1,14 @@
 """The causal graph of observed events (paper, section 3.3)."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 from nsdr.types import Event
 
 __all__ = ["ancestor_sets", "causal_path", "direct_causes"]
 
 
-class _HasObjects(Protocol):
-    @property
-    def objects(self) -> tuple[int, ...]: ...
-
-
-def direct_causes(events: Sequence[_HasObjects]) -> list[list[int]]:
-    """Indices of the direct causes of each event.
-
-    The direct causes of an event are, for each of its objects, the latest earlier event of that object.
+def direct_causes(events: Sequence[Event]) -> list[list[int]]:
+    """Indices of the direct causes of each event: for each of its objects, the latest earlier event of that object.
 
     Args:
         events: in order of time.
@@ -29,22 +21,16 @@ def direct_causes(events: Sequence[_HasObjects]) -> list[list[int]]:
     return causes
 
 
-def ancestor_sets(events: Sequence[_HasObjects]) -> dict[int, int]:
-    """Direct and indirect causes of each event.
+def ancestor_sets(events: Sequence[Event]) -> list[set[int]]:
+    """Indices of the direct and indirect causes of each event.
 
     Args:
         events: in order of time.
-
-    Returns:
-        Bit sets of causes by the bit of the event; bit i stands for `events[i]`.
     """
-    ancestors: list[int] = []
+    ancestors: list[set[int]] = []
     for causes in direct_causes(events):
-        bits = 0
-        for cause in causes:
-            bits |= ancestors[cause] | 1 << cause
-        ancestors.append(bits)
-    return {1 << index: bits for index, bits in enumerate(ancestors)}
+        ancestors.append(set(causes).union(*(ancestors[cause] for cause in causes)))
+    return ancestors
 
 
 def causal_path(events: Sequence[Event], starts: Callable[[Event], bool], target: Event) -> list[Event] | None:

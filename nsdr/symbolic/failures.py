@@ -3,11 +3,12 @@
 import re
 from collections.abc import Sequence
 from itertools import permutations
+from typing import Any
 
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.phrases import attribute_words, indefinite, noun_phrase
-from nsdr.symbolic.program import Program
+from nsdr.symbolic.program import Step
 from nsdr.symbolic.world import World
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -28,13 +29,13 @@ MAX_LISTED = 8
 
 
 def failure(
-    error: ExecutionError, program: Program, index: int, values: Sequence[int], world: World, text: str, where: str
+    error: ExecutionError, steps: Sequence[Step], index: int, values: Sequence[Any], world: World, text: str, where: str
 ) -> ExecutionError:
     """The error of a step, in words.
 
     Args:
         error: what the step's module raised.
-        program: the program that failed.
+        steps: of the program that failed.
         index: of the failed step.
         values: of the steps before it.
         world: that it ran on.
@@ -44,26 +45,21 @@ def failure(
     Returns:
         An error whose message quotes the text, or names what the program asks for, and says what the scene has instead.
     """
-    step = program.steps[index]
+    step, asked, prefix = steps[index], noun_phrase(steps, index), f"{where}: " if where else ""
     if step.token not in ("unique", "filter_order"):
-        message = f"{where}: {error}" if where else str(error)
-        return ExecutionError(message, index + 1, step.token, noun_phrase(program.steps, index))
+        return ExecutionError(f"{prefix}{error}", index + 1, step.token, asked)
     source = step.inputs[0]
-    members = values[source] & world.members
-    is_objects = program.steps[source].kind == Kind.OBJECTS
-    noun, asked = noun_phrase(program.steps, source), noun_phrase(program.steps, index)
-    found = _objects(world, members) if is_objects else world.event_sentences(members)
-    expected = "exactly one" if step.token == "unique" else f"a {program.steps[step.inputs[1]].token} one"
+    is_objects = steps[source].kind == Kind.OBJECTS
+    found = _objects(world, values[source]) if is_objects else world.sentences(values[source])
+    expected = "exactly one" if step.token == "unique" else f"a {steps[step.inputs[1]].token} one"
     if step.token == "unique" and found:
-        words = attribute_words(program.steps, source) if is_objects else ()
+        noun, words = noun_phrase(steps, source), attribute_words(steps, source) if is_objects else ()
         plain = words and noun.removesuffix(" object") == " ".join(words)
         quoted = _own_words(text, words) if plain else ""
-        place = f" in {where}" if where else ""
-        kind = "objects" if is_objects else "events"
+        place, kind = f" in {where}" if where else "", "objects" if is_objects else "events"
         message = f"'{quoted or asked}'{place} fits {_number(len(found))} {kind}: {_listed(found, is_objects)}"
     else:
-        message = f"{where}: " if where else ""
-        message += _nothing(program, index, noun, asked, found, world)
+        message = prefix + _nothing(steps, index, found, world)
     return ExecutionError(message, index + 1, step.token, asked, expected, found)
 
 
@@ -72,24 +68,24 @@ def general(message: str) -> str:
     return next((text for pattern, text in GENERAL.items() if re.search(pattern, message)), message)
 
 
-def _nothing(program: Program, index: int, noun: str, asked: str, found: Sequence[str], world: World) -> str:
+def _nothing(steps: Sequence[Step], index: int, found: Sequence[str], world: World) -> str:
     """The sentence about a set that is empty, or too small for an order."""
-    step = program.steps[index]
-    is_objects = program.steps[step.inputs[0]].kind == Kind.OBJECTS
-    if is_objects:
+    step = steps[index]
+    noun = noun_phrase(steps, step.inputs[0])
+    if steps[step.inputs[0]].kind == Kind.OBJECTS:
         asked = noun.removesuffix(" object") if noun.endswith(" object") else indefinite(noun)
         return f"no object in this video is {asked}; it has: {_listed(_objects(world, world.all_objects), True)}"
-    subject = f"there is no {asked.removeprefix('the ')}" if step.token == "filter_order" else f"there is no {noun}"
+    asked = noun_phrase(steps, index).removeprefix("the ") if step.token == "filter_order" else noun
     if found:
-        return f"{subject}; there is {_number(len(found))}: {_listed(found, False)}"
-    kinds = {"collision": world.colliding, "entrance": world.entering, "exit": world.exiting}
+        return f"there is no {asked}; there is {_number(len(found))}: {_listed(found, False)}"
+    kinds = {"collision": "collision", "entrance": "in", "exit": "out"}
     kind = next((name for name in kinds if noun.startswith(name)), "event")
-    others = world.event_sentences(world.observed & kinds.get(kind, -1))
-    return f"{subject}; the {kind}s of this video: {_listed(others, False) if others else 'none'}"
+    others = world.sentences([e for e in world.events if kind == "event" or e.kind == kinds[kind]])
+    return f"there is no {asked}; the {kind}s of this video: {_listed(others, False) if others else 'none'}"
 
 
-def _objects(world: World, bits: int) -> tuple[str, ...]:
-    return tuple(f"the {o.name}" for o in world.objects if bits >> o.id & 1)
+def _objects(world: World, objects: Sequence[int]) -> tuple[str, ...]:
+    return tuple(f"the {world.objects[i].name}" for i in objects)
 
 
 def _listed(found: Sequence[str], is_objects: bool) -> str:

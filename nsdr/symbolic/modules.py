@@ -1,77 +1,162 @@
 """The signature table: every program module with its argument types, result type and meaning.
 
-Parsing, type checking, dispatch, the question parser's vocabulary and the documentation all use this table.
-
-At run time, sets of objects and of events are integers used as bit sets (bit i = object or event i of the `World`), and a
-single object or event is a one-bit set. Types are checked before a program runs, so values carry no type.
+Parsing, type checking, dispatch, the question parser's vocabulary and the documentation all use this table. Values of programs are
+plain (`nsdr.symbolic.world`). Types are checked before a program runs, so values carry no type.
 """
 
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import StrEnum
 from itertools import product
+from typing import Any
 
 from nsdr.errors import ExecutionError
-from nsdr.symbolic.extensions import EXTENSION_MODULES, EXTENSION_WORDS
-from nsdr.symbolic.signature import Kind, Module
-from nsdr.symbolic.world import World
+from nsdr.symbolic.quantities import CHANGES
+from nsdr.symbolic.world import Causes, ChangedEvents, Events, Objects, World
+from nsdr.types import Event
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["ALL_WORDS", "ARITY", "DISPATCH", "EXTENSIONS", "MODULES", "WORDS", "Kind", "Module"]
 
 
-def _unique(world: World, values: int) -> int:
-    values &= world.members
-    if values.bit_count() != 1:
-        raise ExecutionError(f"expected exactly one, found {values.bit_count()}")
-    return values
+class Kind(StrEnum):
+    """Types of values in a program."""
+
+    OBJECTS = "objects"
+    EVENTS = "events"
+    OBJECT = "object"
+    EVENT = "event"
+    FRAME = "frame"
+    NUMBER = "number"
+    BOOLEAN = "boolean"
+    COLOR = "color"
+    MATERIAL = "material"
+    SHAPE = "shape"
+    ORDER = "order"
+    DIRECTION = "direction"
+    SPEED = "speed"
+    NAME = "name"
+    CHANGE = "change"
+    UNKNOWN = "unknown"
 
 
-def _order(world: World, events: int, order: str) -> int:
-    events &= world.members
-    if order == "last":
-        chosen = events.bit_length() and 1 << (events.bit_length() - 1)
-    else:
-        remaining = events if order == "first" else events & (events - 1)
-        chosen = remaining & -remaining
-    if not chosen:
-        raise ExecutionError(f"no {order} event among {events.bit_count()}")
-    return chosen
+@dataclass(frozen=True)
+class Module:
+    """A row of the signature table.
+
+    Attributes:
+        name: the program token.
+        arguments: accepted types of each argument, first argument (deepest on the stack) first.
+        result: type of the result; None for `unique`: `object` of a set of objects, `event` of a set of events.
+        run: function called as `run(world, *arguments)`.
+        meaning: one line of documentation.
+        in_data_set: whether CLEVRER's own programs use it; if not, the released executor has it, or it is an extension.
+        extension: whether it is for questions beyond CLEVRER.
+    """
+
+    name: str
+    arguments: tuple[tuple[Kind, ...], ...]
+    result: Kind | None
+    run: Callable[..., Any]
+    meaning: str
+    in_data_set: bool = True
+    extension: bool = False
 
 
-def _before(world: World, events: int, event: int) -> int:
-    return events & world.before(world.frame_of(event))
+ORDERS = {"first": 0, "second": 1, "last": -1}
+"""Index of an event in a set, by order word."""
 
 
-def _after(world: World, events: int, event: int) -> int:
-    return events & world.after(world.frame_of(event))
+def _unique(world: World, values: Objects | Events) -> int | Event:
+    if len(values) != 1:
+        raise ExecutionError(f"expected exactly one, found {len(values)}")
+    return values[0]
 
 
-def _partner(world: World, event: int, one: int) -> int:
-    pair = world.objects_of(event)
-    other = pair & ~one
-    if not pair & one or other.bit_count() != 1:
+def _with(attribute: str) -> Callable[[World, Objects, str], Objects]:
+    return lambda w, objects, word: tuple([i for i in objects if getattr(w.object(i), attribute) == word])
+
+
+def _in_motion(wanted: bool) -> Callable[[World, Objects | int, int | None], Objects]:
+    return lambda w, who, frame: w.in_motion(as_set(who), frame, wanted)
+
+
+def as_set(who: Objects | int) -> Objects:
+    """A set of objects, or one of them as a set."""
+    return who if isinstance(who, tuple) else (who,)
+
+
+def _of_kind(kind: str) -> Callable[[World, Events, Objects | int], Events]:
+    def run(world: World, events: Events, who: Objects | int) -> Events:
+        objects = set(as_set(who))
+        return tuple([e for e in events if e.kind == kind and not objects.isdisjoint(e.objects)])
+
+    return run
+
+
+def _order(world: World, events: Events, order: str) -> Event:
+    index = ORDERS[order]
+    if len(events) <= max(index, 0):
+        raise ExecutionError(f"no {order} event among {len(events)}")
+    return events[index]
+
+
+def _before(world: World, events: Events, event: Event) -> Events:
+    frame = world.frame_of(event)
+    return tuple([e for e in events if 0 <= e.frame < frame])
+
+
+def _after(world: World, events: Events, event: Event) -> Events:
+    frame = world.frame_of(event)
+    return tuple([e for e in events if e.frame > frame])
+
+
+def _ancestors(world: World, events: Events, event: Event) -> Causes:
+    causes = world.causes(event)
+    return Causes.of(event, [e for e in events if e in causes])
+
+
+def _partner(world: World, event: Event, one: int) -> int:
+    if event.kind != "collision" or one not in event.objects:
         raise ExecutionError(
-            f"{world.event_text(event)} is not a collision of {world.object_text(one)} with another object"
+            f"{world.event_text([event])} is not a collision of {world.object_text([one])} with another object"
         )
-    return other
+    return event.objects[event.objects[0] == one]
 
 
-def _belongs(world: World, one: int, events: int) -> bool:
-    if events & world.collisions_only and not one & world.colliding:
-        raise ExecutionError(
-            f"whether {world.event_text(one)} is not known: only collisions are, with an object changed"
-        )
-    return bool(world.same_kind_and_objects(one) & events)
+def _get_object(world: World, event: Event) -> int:
+    if len(event.objects) != 1:
+        raise ExecutionError(f"{world.event_text([event])} has {len(event.objects)} objects; expected one")
+    return event.objects[0]
 
 
-def _object_belongs(world: World, one: int, events: int) -> bool:
-    return bool(world.participation(one) & events)
+def _like_any(events: Events, others: Iterable[Event]) -> Events:
+    """Those of the events that are of the same kind and objects as one of the others, at any frame."""
+    found = {(e.kind, e.objects) for e in others}
+    return tuple([e for e in events if (e.kind, e.objects) in found])
 
 
-def _get_object(world: World, event: int) -> int:
-    objects = world.objects_of(event)
-    if objects.bit_count() != 1:
-        raise ExecutionError(f"{world.event_text(event)} has {objects.bit_count()} objects; expected one")
-    return objects
+def _changed(world: World, events: Events, one: int, change: str) -> ChangedEvents:
+    return ChangedEvents(_like_any(events, world.quantities.collisions_with(one, change)))
+
+
+def _belongs(world: World, one: Event | int, events: Events) -> bool:
+    if isinstance(one, Event):
+        if isinstance(events, ChangedEvents) and one.kind != "collision":
+            raise ExecutionError(
+                f"whether {world.event_text([one])} is not known: only collisions are, with an object changed"
+            )
+        return bool(_like_any(events, [one]))
+    targets = [events.target] if isinstance(events, Causes) else []
+    return any(one in e.objects for e in (*events, *targets))
+
+
+def _faster(world: World, one: int, other: int, frame: int | None) -> bool:
+    return world.quantities.is_faster(one, other, frame)
+
+
+def _heavier(world: World, one: int, other: int) -> bool:
+    return world.quantities.is_heavier(one, other)
 
 
 _OBJECTS, _EVENTS, _OBJECT, _EVENT = (Kind.OBJECTS,), (Kind.EVENTS,), (Kind.OBJECT,), (Kind.EVENT,)
@@ -79,18 +164,19 @@ _SETS = (Kind.OBJECTS, Kind.EVENTS)
 _WHO = (Kind.OBJECTS, Kind.OBJECT)
 _FRAME = (Kind.FRAME,)
 _COLOR, _MATERIAL, _SHAPE, _ORDER = (Kind.COLOR,), (Kind.MATERIAL,), (Kind.SHAPE,), (Kind.ORDER,)
+_BEYOND = {"in_data_set": False, "extension": True}
 
 _TABLE = [
     Module("objects", (), Kind.OBJECTS, lambda w: w.all_objects, "all objects of the video"),
-    Module("events", (), Kind.EVENTS, lambda w: w.observed, "all observed events, in order of time"),
+    Module("events", (), Kind.EVENTS, lambda w: w.events, "all observed events, in order of time"),
     Module("all_events", (), Kind.EVENTS, lambda w: w.possible, "every possible event: the collision of each pair, and the entrance and exit of each object"),
-    Module("unseen_events", (), Kind.EVENTS, lambda w: w.need_unseen(), "events after the video"),
+    Module("unseen_events", (), Kind.EVENTS, lambda w: w.unseen_events, "events after the video"),
     Module("start", (), Kind.EVENT, lambda w: w.start, "the video's first frame, as an event"),
     Module("end", (), Kind.EVENT, lambda w: w.end, "the video's last frame, as an event"),
     Module("null", (), Kind.FRAME, lambda w: None, "no particular frame; stands for the whole video"),
     Module("unique", (_SETS,), None, _unique, "the only member of a set; an error if it has none or several"),
-    Module("count", (_SETS,), Kind.NUMBER, lambda w, values: (values & w.members).bit_count(), "number of members"),
-    Module("exist", (_SETS,), Kind.BOOLEAN, lambda w, values: bool(values & w.members), "whether the set has any members"),
+    Module("count", (_SETS,), Kind.NUMBER, lambda w, values: len(values), "number of members"),
+    Module("exist", (_SETS,), Kind.BOOLEAN, lambda w, values: bool(values), "whether the set has any members"),
     Module("negate", ((Kind.BOOLEAN,),), Kind.BOOLEAN, lambda w, value: not value, "logical not"),
     Module("query_color", (_OBJECT,), Kind.COLOR, lambda w, one: w.object(one).color, "colour of an object"),
     Module("query_material", (_OBJECT,), Kind.MATERIAL, lambda w, one: w.object(one).material, "material of an object"),
@@ -98,23 +184,35 @@ _TABLE = [
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "frame of an event"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "object of an entrance or exit"),
     Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the official semantics left, right, up or down", False),
-    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: w.need_counterfactual(one) & w.possible, "collisions that happen without an object", False),
-    Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a colour"),
-    Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a material"),
-    Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, lambda w, objects, word: objects & w.with_word[word], "objects of a shape"),
-    Module("filter_moving", (_WHO, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.motion.moving(objects, frame), "objects that are visible and move at a frame; with `null`, at any frame"),
-    Module("filter_stationary", (_WHO, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.motion.stationary(objects, frame), "objects that are visible and at rest at a frame; with `null`, that never move while visible"),
-    Module("filter_in", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.entering & w.involving(who), "entrances of the objects"),
-    Module("filter_out", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.exiting & w.involving(who), "exits of the objects"),
-    Module("filter_collision", (_EVENTS, _WHO), Kind.EVENTS, lambda w, events, who: events & w.colliding & w.involving(who), "collisions in which any of the objects takes part"),
+    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: _like_any(w.possible, w.collisions_without(one)), "collisions that happen without an object", False),
+    Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, _with("color"), "objects of a colour"),
+    Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, _with("material"), "objects of a material"),
+    Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, _with("shape"), "objects of a shape"),
+    Module("filter_moving", (_WHO, _FRAME), Kind.OBJECTS, _in_motion(True), "objects that are visible and move at a frame; with `null`, at any frame"),
+    Module("filter_stationary", (_WHO, _FRAME), Kind.OBJECTS, _in_motion(False), "objects that are visible and at rest at a frame; with `null`, that never move while visible"),
+    Module("filter_in", (_EVENTS, _WHO), Kind.EVENTS, _of_kind("in"), "entrances of the objects"),
+    Module("filter_out", (_EVENTS, _WHO), Kind.EVENTS, _of_kind("out"), "exits of the objects"),
+    Module("filter_collision", (_EVENTS, _WHO), Kind.EVENTS, _of_kind("collision"), "collisions in which any of the objects takes part"),
     Module("filter_order", (_EVENTS, _ORDER), Kind.EVENT, _order, "first, second or last event in time"),
     Module("filter_before", (_EVENTS, _EVENT), Kind.EVENTS, _before, "events before an event"),
     Module("filter_after", (_EVENTS, _EVENT), Kind.EVENTS, _after, "events after an event"),
-    Module("filter_ancestor", (_EVENTS, _EVENT), Kind.EVENTS, lambda w, events, event: w.ancestors(events, event), "events responsible for an event: its ancestors in the causal graph"),
+    Module("filter_ancestor", (_EVENTS, _EVENT), Kind.EVENTS, _ancestors, "events responsible for an event: its ancestors in the causal graph"),
     Module("get_col_partner", (_EVENT, _OBJECT), Kind.OBJECT, _partner, "other object of a collision"),
-    Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, lambda w, events, one: events & w.need_counterfactual(one), "those of the events that happen without an object"),
+    Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, lambda w, events, one: _like_any(events, w.collisions_without(one)), "those of the events that happen without an object"),
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
-    *EXTENSION_MODULES,
+    Module("query_speed", (_OBJECT, _FRAME), Kind.SPEED, lambda w, one, frame: w.quantities.speed(one, frame), "speed of an object at a frame (world units per second)", **_BEYOND),
+    Module("query_name", (_OBJECT,), Kind.NAME, lambda w, one: w.object(one).name, "color, material and shape of an object", **_BEYOND),
+    Module("is_faster", (_OBJECT, _OBJECT, _FRAME), Kind.BOOLEAN, _faster, "whether the first object is faster than the second at a frame", **_BEYOND),
+    Module("get_faster", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: a if _faster(w, a, b, frame) else b, "the faster of two objects at a frame", **_BEYOND),
+    Module("get_slower", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: b if _faster(w, a, b, frame) else a, "the slower of two objects at a frame", **_BEYOND),
+    Module("filter_fastest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.quantities.extreme_speed(objects, frame, max), "the fastest of the objects that are visible at a frame; with `null`, by their highest speed while visible", **_BEYOND),
+    Module("filter_slowest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.quantities.extreme_speed(objects, frame, min), "the slowest of these", **_BEYOND),
+    Module("is_heavier", (_OBJECT, _OBJECT), Kind.BOOLEAN, _heavier, "whether the first object is heavier than the second", **_BEYOND),
+    Module("get_heavier", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: a if _heavier(w, a, b) else b, "the heavier of two objects", **_BEYOND),
+    Module("get_lighter", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: b if _heavier(w, a, b) else a, "the lighter of two objects", **_BEYOND),
+    Module("filter_heaviest", (_OBJECTS,), Kind.OBJECTS, lambda w, objects: w.quantities.extreme_mass(objects, max), "the heaviest of the objects", **_BEYOND),
+    Module("filter_lightest", (_OBJECTS,), Kind.OBJECTS, lambda w, objects: w.quantities.extreme_mass(objects, min), "the lightest of the objects", **_BEYOND),
+    Module("get_changed", (_EVENTS, _OBJECT, (Kind.CHANGE,)), Kind.EVENTS, _changed, "those of the events that happen with an object changed", **_BEYOND),
 ]  # fmt: skip
 
 MODULES: dict[str, Module] = {module.name: module for module in _TABLE}
@@ -122,31 +220,27 @@ MODULES: dict[str, Module] = {module.name: module for module in _TABLE}
 
 WORDS: dict[str, Kind] = {
     **{word: Kind(name) for name, words in ATTRIBUTES.items() for word in words},
-    **dict.fromkeys(("first", "second", "last"), Kind.ORDER),
+    **dict.fromkeys(ORDERS, Kind.ORDER),
 }
 """Tokens that are their own value: attribute words and orders."""
 
-ALL_WORDS: dict[str, Kind] = WORDS | EXTENSION_WORDS
-"""`WORDS` and those of questions beyond CLEVRER."""
+EXTENSION_WORDS: dict[str, Kind] = dict.fromkeys(CHANGES, Kind.CHANGE)
+"""Such tokens for questions beyond CLEVRER: changes of an object."""
 
-EXTENSIONS = frozenset(EXTENSION_WORDS) | {"query_direction"} | {module.name for module in EXTENSION_MODULES}
+ALL_WORDS: dict[str, Kind] = WORDS | EXTENSION_WORDS
+
+EXTENSIONS = frozenset(EXTENSION_WORDS) | {"query_direction"} | {m.name for m in _TABLE if m.extension}
 """Tokens that programs of CLEVRER's questions do not have, with a meaning in the paper's semantics."""
 
 ARITY: dict[str, int] = {module.name: len(module.arguments) for module in _TABLE}
 """Number of arguments of each module."""
 
 
-def _dispatch() -> dict[tuple[str | Kind, ...], tuple[Module, Kind]]:
-    """(token, type of each argument) -> module and type of its result."""
-    table: dict[tuple[str | Kind, ...], tuple[Module, Kind]] = {}
-    of_objects = replace(MODULES["belong_to"], run=_object_belongs)
-    for module in _TABLE:
-        for kinds in product(*module.arguments):
-            single = Kind.OBJECT if kinds[:1] == (Kind.OBJECTS,) else Kind.EVENT
-            chosen = of_objects if module.name == "belong_to" and kinds[0] == Kind.OBJECT else module
-            table[(module.name, *kinds)] = (chosen, module.result or single)
-    return table
+def _result(module: Module, kinds: tuple[Kind, ...]) -> Kind:
+    return module.result or (Kind.OBJECT if kinds == (Kind.OBJECTS,) else Kind.EVENT)
 
 
-DISPATCH = _dispatch()
-"""The signature table expanded by argument types, for type checking and execution."""
+DISPATCH: dict[tuple[str | Kind, ...], tuple[Module, Kind]] = {
+    (module.name, *kinds): (module, _result(module, kinds)) for module in _TABLE for kinds in product(*module.arguments)
+}
+"""(token, type of each argument) -> module and type of its result."""

@@ -12,15 +12,14 @@
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import dataclass
+from itertools import combinations, pairwise
 
-from nsdr.clevrer.predictions import SAMPLE_FRAMES, Described, Prediction, PredictionFile
-from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
+from nsdr.clevrer.files.predictions import SAMPLE_FRAMES, Described, Prediction, PredictionFile
+from nsdr.clevrer.files.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
-from nsdr.types import SceneObject
+from nsdr.types import Event, SceneObject
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["OfficialEvent", "OfficialWorld"]
@@ -40,29 +39,18 @@ Samples = list[tuple[int, dict[int, GridPosition]]]
 """Frame and grid positions by object id, in the order of the file, of each sample of a trajectory."""
 
 
-class OfficialEvent(NamedTuple):
+@dataclass(frozen=True)
+class OfficialEvent(Event):
     """An event as the released executor lists it.
 
     Attributes:
         kind: "start", "end", "in", "out" or "collision".
-        frame: frame index; None for a possible event.
+        frame: frame index; -1 for a possible event.
         objects: ids of the objects, ascending; -1 for unknown ones.
     """
 
-    kind: str
-    frame: int | None
-    objects: tuple[int, ...] = ()
-
-    @property
-    def time(self) -> int:
-        """The frame.
-
-        Raises:
-            ExecutionError: a possible event has none.
-        """
-        if self.frame is None:
-            raise ExecutionError(f"a possible {self.kind} has no frame")
-        return self.frame
+    def __post_init__(self) -> None:
+        """Nothing is checked: these events are no events of a scene."""
 
 
 class OfficialWorld:
@@ -74,8 +62,11 @@ class OfficialWorld:
 
     Attributes:
         objects: identities.
+        all_objects: their ids.
         events: of the video, in order of time, with its start and end.
         unseen_events: after the video, in order of time.
+        possible: the collision of each pair, without a frame.
+        start, end: the first and last frame of the video, as events.
 
     Raises:
         DataError: another value of `collisions`.
@@ -83,7 +74,7 @@ class OfficialWorld:
 
     def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
         if collisions not in ("predicted", "velocity"):
-            raise DataError(f"collisions is {collisions!r}; expected predicted or velocity")
+            raise DataError(f"collisions: expected one of predicted, velocity, got {collisions!r}")
         self.objects = [SceneObject(i, *o.triple) for i, o in enumerate(content.objects)]
         self._ids = {o.triple: o.id for o in content.objects}
         observed, *others = content.predictions
@@ -91,12 +82,14 @@ class OfficialWorld:
         self._paths = _paths(samples, len(self.objects))
         find = self._listed if collisions == "predicted" else self._detected
         factual = find(observed)
-        self._counterfactual = {p.what_if: find(p) for p in others}
+        self._counterfactual = {p.what_if: tuple(find(p)) for p in others}
         self._frames = {frame for frame, _ in samples}
-        start_and_end = [OfficialEvent("start", 0), OfficialEvent("end", END_FRAME)]
-        events = sorted([*start_and_end, *_entrances_and_exits(samples), *factual], key=lambda e: e.time)
-        self.events = [e for e in events if e.time < VIDEO_FRAMES]
-        self.unseen_events = [e for e in events if e.time >= VIDEO_FRAMES]
+        self.all_objects = tuple(range(len(self.objects)))
+        self.possible = tuple(OfficialEvent("collision", -1, pair) for pair in combinations(self.all_objects, 2))
+        self.start, self.end = OfficialEvent("start", 0, ()), OfficialEvent("end", END_FRAME, ())
+        events = sorted([self.start, self.end, *_entrances_and_exits(samples), *factual], key=lambda e: e.frame)
+        self.events = tuple(e for e in events if e.frame < VIDEO_FRAMES)
+        self.unseen_events = tuple(e for e in events if e.frame >= VIDEO_FRAMES)
 
     def _identify(self, row: Described) -> int:
         return self._ids.get(row.triple, UNKNOWN_OBJECT)
@@ -118,21 +111,27 @@ class OfficialWorld:
             raise ExecutionError(f"there is no object {one}")
         return self.objects[one]
 
+    def frame_of(self, event: OfficialEvent) -> int:
+        """Frame of an event of the video."""
+        if event.frame < 0:
+            raise ExecutionError(f"a possible {event.kind} has no frame")
+        return event.frame
+
     def _speed(self, one: int, frame: int) -> float:
         return math.hypot(*sampled_velocity(self._paths[one], frame, SAMPLE_FRAMES))
 
-    def in_motion(self, objects: Sequence[int], frame: int | None, wanted: bool) -> list[int]:
+    def in_motion(self, objects: Sequence[int], frame: int | None, wanted: bool) -> tuple[int, ...]:
         """Objects that are visible, and move or (`wanted` is False) rest, at a frame; with None, ever or never move."""
         if frame is not None and frame not in self._frames:
             raise ExecutionError(f"motion at frame {frame} is not known")
         found = []
         for i in objects:
-            path = self._paths[i]
+            path = self._paths[self.object(i).id]
             visible = any(t < VIDEO_FRAMES for t in path) if frame is None else frame in path
             frames = path if frame is None else (frame,)
             if visible and any(self._speed(i, t) > MOVING_GRID_PER_FRAME for t in frames) == wanted:
                 found.append(i)
-        return found
+        return tuple(found)
 
     def direction(self, one: int, frame: int | None) -> str:
         """Direction in which an object moves at a frame: left, right, up or down."""
@@ -146,22 +145,31 @@ class OfficialWorld:
                 return name
         raise ExecutionError(f"the direction at frame {frame} is none of {', '.join(DIRECTIONS_DEGREES)}")
 
-    @cached_property
-    def _ancestors(self) -> dict[int, int]:
-        return ancestor_sets(self.events)
-
     def causes(self, event: OfficialEvent) -> set[OfficialEvent]:
         """Direct and indirect causes of an observed event."""
         if event not in self.events:
             raise ExecutionError(f"the {event.kind} was not observed, so its causes are not known")
-        bits = self._ancestors[1 << self.events.index(event)]
-        return {e for i, e in enumerate(self.events) if bits >> i & 1}
+        return {self.events[i] for i in ancestor_sets(self.events)[self.events.index(event)]}
 
-    def collisions_without(self, removed: int) -> list[OfficialEvent]:
+    def collisions_without(self, removed: int) -> tuple[OfficialEvent, ...]:
         """Collisions at any frame that happen without an object."""
         if removed not in self._counterfactual:
             raise ExecutionError(f"events without object {removed} are not known")
         return self._counterfactual[removed]
+
+    def object_text(self, objects: Sequence[int]) -> str:
+        """A set of objects in words."""
+        known = range(len(self.objects))
+        return "; ".join(self.objects[i].name if i in known else "unknown object" for i in objects) or "none"
+
+    def event_text(self, events: Sequence[OfficialEvent]) -> str:
+        """A set of events in words."""
+        texts = []
+        for e in events:
+            names = " and ".join(self.object_text([i]) for i in e.objects)
+            when = "" if e.frame < 0 else f"(frame {e.frame})"
+            texts.append(" ".join(part for part in (names, e.kind, when) if part))
+        return "; ".join(texts) or "none"
 
 
 def _paths(samples: Samples, n: int) -> list[GridPath]:

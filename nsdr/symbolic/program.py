@@ -27,15 +27,13 @@ RESEARCH_NAMES = {
 """The released executor's names -> the data set's tokens; it also writes `events filter_start` and `events filter_end` for
 `start` and `end`."""
 
-KNOWN_TOKENS = frozenset(MODULES) | frozenset(ALL_WORDS)
-"""Tokens of well-formed programs in the data set's spelling."""
 ANSWER_KINDS = (
     *(Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE),
     *(Kind.DIRECTION, Kind.SPEED, Kind.NAME),
 )
-"""Result types of programs that answer a question."""
+"""Result types that are words, numbers or truth values."""
 SAID_KINDS = (*ANSWER_KINDS, Kind.FRAME, Kind.EVENTS)
-"""Result types that can be said in words: of the programs of descriptive questions."""
+"""Result types of programs of descriptive questions."""
 CHOICE_KINDS = (Kind.EVENT, Kind.OBJECT)
 """Result types of programs of choices."""
 
@@ -69,13 +67,11 @@ class Program:
         tokens: postfix tokens in the data set's spelling.
         steps: one per token.
         needs_choice: whether its `belong_to` takes the event or object of a choice.
-        answers: whether the result is a word, number or truth value.
     """
 
     tokens: tuple[str, ...]
     steps: tuple[Step, ...] = field(repr=False, compare=False)
     needs_choice: bool = field(default=False, compare=False)
-    answers: bool = field(default=True, compare=False)
 
     @property
     def result(self) -> Kind:
@@ -166,7 +162,7 @@ def _checked(source: tuple[str, ...]) -> Program:
         raise ProgramError(f"{len(stack)} values are left on the stack; expected one (is the program complete?)")
     if steps[-1].module is None:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
-    return Program(tokens, tuple(steps), needs_choice, steps[-1].kind in ANSWER_KINDS)
+    return Program(tokens, tuple(steps), needs_choice)
 
 
 def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
@@ -191,18 +187,15 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
     Raises:
         ProgramError: an unreadable tree, a token that is no text, or more tokens than `Limits.program_tokens`.
     """
-    if isinstance(source, Program):
-        return source.tokens
-    tokens = _spelled(source)
-    return tokens if KNOWN_TOKENS.issuperset(tokens) else data_set_names(tokens)
+    return source.tokens if isinstance(source, Program) else data_set_names(_spelled(source))
 
 
 def _spelled(source: str | Sequence[str]) -> tuple[str, ...]:
     if not isinstance(source, str):
-        tokens = tuple(source)
-        if not all(isinstance(token, str) for token in tokens):
-            raise ProgramError(f"a token is {next(t for t in tokens if not isinstance(t, str))!r:.60}; expected texts")
-        return _limited(tokens)
+        for token in source:
+            if not isinstance(token, str):
+                raise ProgramError(f"a token is {token!r:.60}; expected texts")
+        return _limited(tuple(source))
     is_tree = re.search(r"[()]", source)
     return _tree_tokens(source) if is_tree else _limited(tuple(re.findall(r"[^\s,]+", source.lower())))
 

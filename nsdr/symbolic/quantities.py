@@ -20,6 +20,8 @@ __all__ = ["CHANGES", "Quantities", "Simulate"]
 
 Simulate = Callable[[Intervention, int], Sequence[Event]]
 """Collisions of a video, and after it, with an intervention at a frame. Raises `DataError` where it is impossible."""
+Extreme = Callable[..., int]
+"""`max` or `min`."""
 
 CHANGES: Mapping[str, Callable[[int], Intervention]] = {
     "twice_as_heavy": lambda i: SetMass(i, factor=2.0),
@@ -39,7 +41,7 @@ many frames apart count as the same in `nsdr.dynamics.metrics.collision_scores`.
 
 
 class Quantities:
-    """Numbers of one scene. Objects are one-bit sets, as in `nsdr.symbolic.world.World`.
+    """Numbers of one scene.
 
     Args:
         scene: the scene.
@@ -50,13 +52,12 @@ class Quantities:
         self._scene, self._simulate = scene, simulate
         self._changed: dict[tuple[int, str], Sequence[Event] | str] = {}
 
-    def speed(self, one: int, frame: int | None) -> float:
+    def speed(self, i: int, frame: int | None) -> float:
         """Speed of an object at a frame (world units/s)."""
-        return float(np.hypot(*self._velocity(_id(one), frame)))
+        return float(np.hypot(*self._velocity(i, frame)))
 
-    def direction(self, one: int, frame: int | None) -> str:
+    def direction(self, i: int, frame: int | None) -> str:
         """One of `nsdr.world.vocabulary.DIRECTIONS`."""
-        i = _id(one)
         vx, vy = self._velocity(i, frame)
         speed, error = math.hypot(vx, vy), self._speed_error
         if speed <= MOVING_SPEED_WORLD_PER_S + SURE * error:
@@ -70,56 +71,52 @@ class Quantities:
             raise ExecutionError(f"the {self._name(i)} moves between {between} at frame {frame}: no single direction")
         return DIRECTIONS[nearest]
 
-    def is_faster(self, one: int, other: int, frame: int | None) -> bool:
+    def is_faster(self, i: int, j: int, frame: int | None) -> bool:
         """Whether an object is faster than another one at a frame; with None, by their highest speeds while visible."""
-        i, j = self._two(one, other)
+        self._check_two(i, j)
         a, b = self._speed_of(i, frame), self._speed_of(j, frame)
         self._check_speeds(i, j, a, b)
         return a > b
 
-    def extreme_speed(self, objects: int, frame: int | None, extreme: str) -> int:
-        """The "fastest" or "slowest" of the objects that are visible at a frame, with None ever; 0 if there are none."""
+    def extreme_speed(self, objects: Sequence[int], frame: int | None, extreme: Extreme) -> tuple[int, ...]:
+        """The fastest (`max`) or slowest (`min`) of the objects that are visible at a frame, with None ever; none of none."""
         visible = self._scene.visible if frame is None else self._scene.visible[:, [self._in_video(frame)]]
-        ids = [i for i in _ids(objects) if visible[i].any()]
-        speeds = {i: self._speed_of(i, frame) for i in ids}
-        if not ids:
-            return 0
-        found = (max if extreme == "fastest" else min)(ids, key=lambda i: speeds[i])
-        for i in ids:
+        speeds = {i: self._speed_of(i, frame) for i in objects if visible[i].any()}
+        if not speeds:
+            return ()
+        found = extreme(speeds, key=lambda i: speeds[i])
+        for i, speed in speeds.items():
             if i != found:
-                self._check_speeds(found, i, speeds[found], speeds[i])
-        return 1 << found
+                self._check_speeds(found, i, speeds[found], speed)
+        return (found,)
 
-    def is_heavier(self, one: int, other: int) -> bool:
+    def is_heavier(self, i: int, j: int) -> bool:
         """Whether an object is heavier than another one."""
-        i, j = self._two(one, other)
+        self._check_two(i, j)
         return self._mass_difference(i, j) > 0
 
-    def extreme_mass(self, objects: int, extreme: str) -> int:
-        """The "heaviest" or "lightest" of the objects; 0 if there are none."""
-        ids = _ids(objects)
-        if not ids:
-            return 0
+    def extreme_mass(self, objects: Sequence[int], extreme: Extreme) -> tuple[int, ...]:
+        """The heaviest (`max`) or lightest (`min`) of the objects; none of none."""
+        if not objects:
+            return ()
         log_mass = self._masses[0]
-        found = (max if extreme == "heaviest" else min)(ids, key=lambda i: float(log_mass[i]))
-        for i in ids:
+        found = extreme(objects, key=lambda i: float(log_mass[i]))
+        for i in objects:
             if i != found:
                 self._mass_difference(found, i)
-        return 1 << found
+        return (found,)
 
-    def collisions_with(self, one: int, change: str) -> Sequence[Event]:
+    def collisions_with(self, i: int, change: str) -> Sequence[Event]:
         """The collisions of the video, and after it, with an object changed (see `CHANGES`)."""
-        key = (_id(one), change)
-        if key not in self._changed:
-            self._changed[key] = self._simulated(*key)
-        found = self._changed[key]
+        if (i, change) not in self._changed:
+            self._changed[i, change] = self._simulated(i, CHANGES[change](i))
+        found = self._changed[i, change]
         if isinstance(found, str):
             raise ExecutionError(found)
         return found
 
-    def _simulated(self, i: int, change: str) -> Sequence[Event] | str:
+    def _simulated(self, i: int, intervention: Intervention) -> Sequence[Event] | str:
         """The collisions, or why they are not known."""
-        intervention = CHANGES[change](i)
         if self._simulate is None:
             text = intervention_text(intervention).replace(f"object {i}", f"the {self._name(i)}")
             return f"what happens with {text} is not known in this scene; ask about the video, which can be simulated"
@@ -195,10 +192,9 @@ class Quantities:
             raise ExecutionError("masses are not known in this scene; the dynamics backend physics fits them")
         return physics.log_mass, physics.log_mass_covariance
 
-    def _two(self, one: int, other: int) -> tuple[int, int]:
-        if one == other:
-            raise ExecutionError(f"both are the {self._name(_id(one))}; compare two objects")
-        return _id(one), _id(other)
+    def _check_two(self, i: int, j: int) -> None:
+        if i == j:
+            raise ExecutionError(f"both are the {self._name(i)}; compare two objects")
 
     def _in_video(self, frame: int) -> int:
         last = self._scene.n_frames - 1
@@ -208,11 +204,3 @@ class Quantities:
 
     def _name(self, i: int) -> str:
         return self._scene.objects[i].name
-
-
-def _id(one: int) -> int:
-    return one.bit_length() - 1
-
-
-def _ids(objects: int) -> list[int]:
-    return [i for i in range(objects.bit_length()) if objects >> i & 1]

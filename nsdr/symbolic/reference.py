@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from nsdr.symbolic.extensions import EXTENSION_WORDS
-from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
+from nsdr.symbolic.modules import EXTENSION_WORDS, MODULES, WORDS, Kind, Module
 
 __all__ = ["extension_page", "reference_page"]
 

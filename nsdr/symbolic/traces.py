@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from nsdr.symbolic.causal import causal_path
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 
-__all__ = ["disagreement", "explain", "format_probability", "format_trace", "format_tree"]
+__all__ = ["explain", "format_probability", "format_trace", "format_tree"]
 
 
 def format_trace(trace: Sequence[TraceStep]) -> str:
@@ -59,30 +59,7 @@ def explain(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
         return f"error: {answer.error}"
     if not trace:
         return f"{answer.answer}: no trace was kept"
-    meaning = _meaning(answer) if isinstance(answer, ChoiceAnswer) else ""
-    return f"{answer.answer}: {_reason(trace, len(trace) - 1, scene)}{meaning}"
-
-
-def _meaning(choice: ChoiceAnswer) -> str:
-    """By which meaning of "responsible" a choice was judged, and what the other one says; "" for other questions."""
-    if not choice.meanings:
-        return ""
-    if choice.meanings["chain"] == choice.meanings["but_for"]:
-        return "; by the causal chain and by what would have happened without it"
-    if choice.meanings["but_for"] is None:
-        return "; by the causal chain (by what would have happened without it: not known)"
-    judged = choice.meanings["chain"] == (choice.answer == "correct")
-    return f"; by {'the causal chain' if judged else 'what would have happened without it'}{disagreement(choice)}"
-
-
-def disagreement(choice: ChoiceAnswer) -> str:
-    """What the other meaning of "responsible" says, as " (…)"; "" where both say the same, or one is not known."""
-    chain, needed = (choice.meanings.get(name) for name in ("chain", "but_for"))
-    if chain is None or needed is None or chain == needed:
-        return ""
-    if chain == (choice.answer == "correct"):
-        return f" (by what would have happened without it: {'correct' if needed else 'wrong'})"
-    return f" (by the causal chain: {'correct' if chain else 'wrong'})"
+    return f"{answer.answer}: {_reason(trace, len(trace) - 1, scene)}"
 
 
 def _reason(trace: Sequence[TraceStep], index: int, scene: Scene) -> str:

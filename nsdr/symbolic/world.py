@@ -1,322 +1,152 @@
-"""A scene prepared for execution: sets of objects and events are integers used as bit sets.
+"""What program modules run on: a scene's objects, events and motion, and how values of programs are said.
 
-Event bits, from low to high: every possible event (for choices), observed events in order of time, unseen events in order of
-time, the start and end of the video, and one mark per observed event for its participants (see `World.ancestors`).
+An object is its id, an event an `Event`, a set of either a tuple: objects in order of their ids, events in order of time.
 """
 
-from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.symbolic.quantities import Quantities, Simulate
 from nsdr.types import Event, Scene, SceneObject
 
-__all__ = ["MotionTable", "World", "world_of"]
+__all__ = ["Boundary", "Causes", "ChangedEvents", "Objects", "World", "event_sentence"]
+
+Objects = tuple[int, ...]
+Events = tuple[Event, ...]
+VERBS = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}
 
 
 @dataclass(frozen=True)
-class MotionTable:
-    """Visibility and motion of all objects, as bit sets.
+class Boundary(Event):
+    """The start or end of the video as an event without objects; no set of events has it."""
 
-    Attributes:
-        visible_at: visible objects, by frame.
-        moving_at: visible objects that move, by frame.
-        visible_ever: objects visible at any frame of the video.
-        moving_ever: objects that are visible and move at any frame.
+    def __post_init__(self) -> None:
+        """It is no event of a scene, and not checked like one."""
+
+
+class Causes(tuple[Event, ...]):
+    """The events that are responsible for one, `target`.
+
+    In the paper, taking part in an event makes an object responsible for it, but no event is responsible for itself.
     """
 
-    visible_at: Sequence[int] | Mapping[int, int]
-    moving_at: Sequence[int] | Mapping[int, int]
-    visible_ever: int
-    moving_ever: int
+    target: Event
 
-    def moving(self, objects: int, frame: int | None) -> int:
-        """Those of the objects that are visible and move at a frame; with None, at any frame."""
-        return objects & (self.moving_ever if frame is None else _at(self.moving_at, frame))
-
-    def stationary(self, objects: int, frame: int | None) -> int:
-        """Those of the objects that are visible and at rest at a frame; with None, that never move while visible."""
-        if frame is None:
-            return objects & self.visible_ever & ~self.moving_ever
-        return objects & _at(self.visible_at, frame) & ~_at(self.moving_at, frame)
+    @classmethod
+    def of(cls, target: Event, events: Iterable[Event]) -> "Causes":
+        """The causes of an event."""
+        causes = cls(events)
+        causes.target = target
+        return causes
 
 
-def _at(table: Sequence[int] | Mapping[int, int], frame: int) -> int:
-    try:
-        return table[frame]
-    except (IndexError, KeyError):
-        raise ExecutionError(f"motion at frame {frame} is not known") from None
-
-
-class _Index:
-    """Bit sets of events by kind, by object, and by kind and objects. Each added event takes the next bit."""
-
-    def __init__(self) -> None:
-        self.events: list[Event] = []
-        self.of_kind = {"in": 0, "out": 0, "collision": 0}
-        self.of_object: dict[int, int] = {}
-        self.same: dict[tuple[str, tuple[int, ...]], int] = {}
-
-    def copy(self) -> "_Index":
-        other = _Index.__new__(_Index)
-        other.events, other.of_kind = self.events.copy(), self.of_kind.copy()
-        other.of_object, other.same = self.of_object.copy(), self.same.copy()
-        return other
-
-    def add(self, event: Event) -> None:
-        bit = 1 << len(self.events)
-        self.events.append(event)
-        kind, objects = event.kind, event.objects
-        self.of_kind[kind] |= bit
-        for i in objects:
-            self.of_object[i] = self.of_object.get(i, 0) | bit
-        self.same[kind, objects] = self.same.get((kind, objects), 0) | bit
+class ChangedEvents(tuple[Event, ...]):
+    """Those of some events that happen with an object changed, as far as that is known: collisions only."""
 
 
 @lru_cache(maxsize=16)
-def _possible_events(n: int) -> _Index:
+def possible_events(n: int) -> Events:
     """Every event that could happen to n objects; their frame is -1."""
-    index = _Index()
-    for pair in combinations(range(n), 2):
-        index.add(Event("collision", -1, pair))
-    for kind in ("in", "out"):
-        for i in range(n):
-            index.add(Event(kind, -1, (i,)))
-    return index
+    pairs = [Event("collision", -1, pair) for pair in combinations(range(n), 2)]
+    return tuple(pairs + [Event(kind, -1, (i,)) for kind in ("in", "out") for i in range(n)])
 
 
 class World:
-    """Objects, events and motion as bit sets, which program modules run on. `world_of` makes one from a scene.
+    """A scene with the paper's semantics.
 
     Args:
+        scene: the scene.
+        simulate: as of `nsdr.symbolic.quantities.Quantities`.
+
+    Attributes:
         objects: identities.
-        observed: events of the video in order of time.
-        unseen: events after the video in order of time; None where they are not known.
-        counterfactual: collisions without an object, by that object's id; None where they are not known.
-        end_frame: frame of the event `end`.
-        motion: makes the motion table; called when it is first needed.
+        all_objects: their ids.
+        events: of the video, in order of time.
+        possible: every event that could happen, without a frame.
+        start, end: the first and last frame of the video, as events.
         quantities: speeds, masses and changes, for questions beyond CLEVRER.
     """
 
-    def __init__(
-        self,
-        objects: Sequence[SceneObject],
-        observed: Sequence[Event],
-        unseen: Sequence[Event] | None,
-        counterfactual: Mapping[int, Sequence[Event]] | None,
-        end_frame: int,
-        motion: Callable[[], MotionTable],
-        quantities: Quantities,
-    ) -> None:
-        self.objects = objects
-        self.quantities = quantities
-        self._observed_events = observed
-        self._unseen_events = unseen
-        self._counterfactual = counterfactual
-        self._make_motion = motion
-        self.all_objects = (1 << len(objects)) - 1
-        self.with_word = _Words()
-        for o in objects:
-            bit = 1 << o.id
-            self.with_word[o.color] |= bit
-            self.with_word[o.material] |= bit
-            self.with_word[o.shape] |= bit
-        self._index_events(end_frame)
-        self._involving: dict[int, int] = {1 << i: events for i, events in self._of_object.items()}
+    def __init__(self, scene: Scene, simulate: Simulate | None = None) -> None:
+        self._scene = scene
+        self.objects, self.events = scene.objects, scene.events
+        self._names = [o.name for o in scene.objects]
+        self.all_objects: Objects = tuple(range(len(scene.objects)))
+        self.possible = possible_events(len(scene.objects))
+        self.start, self.end = Boundary("start", 0, ()), Boundary("end", scene.n_frames - 1, ())
+        self.quantities = Quantities(scene, simulate)
 
-    def _index_events(self, end_frame: int) -> None:
-        observed, unseen = self._observed_events, self._unseen_events or ()
-        index = _possible_events(len(self.objects)).copy()
-        self._first = len(index.events)
-        self.possible = (1 << self._first) - 1
-        for event in observed:
-            index.add(event)
-        for event in unseen:
-            index.add(event)
-        n_events = len(index.events)
-        self.frames = [e.frame for e in index.events[self._first :]]
-        self.observed = ((1 << len(observed)) - 1) << self._first
-        self._unseen = ((1 << len(unseen)) - 1) << (self._first + len(observed))
-        self.start, self.end = 1 << n_events, 2 << n_events
-        # Only the frames of start and end are read; they match no filter.
-        index.events += [Event("in", 0, (0,)), Event("in", end_frame, (0,))]
-        self.events = index.events
-        self._mark = len(self.events)
-        self.members = (1 << self._mark) - 1
-        # Of sets of events of which only the collisions are known.
-        self.collisions_only = 1 << 2 * self._mark
-        self.entering, self.exiting, self.colliding = index.of_kind.values()
-        self._of_object, self._same = index.of_object, index.same
-
-    def event(self, bit: int) -> Event:
-        """The event that a one-bit set stands for."""
-        return self.events[bit.bit_length() - 1]
-
-    def object(self, bit: int) -> SceneObject:
-        """The object that a one-bit set stands for."""
-        return self.objects[bit.bit_length() - 1]
-
-    def objects_of(self, event: int) -> int:
-        """Objects that take part in an event, as a bit set."""
-        if event == self.start or event == self.end:
-            return 0
-        bits = 0
-        for i in self.events[event.bit_length() - 1].objects:
-            bits |= 1 << i
-        return bits
-
-    def frame_of(self, event: int) -> int:
-        """Frame of an event of the video."""
-        frame = self.events[event.bit_length() - 1].frame
-        if frame < 0:
-            raise ExecutionError(f"{self.event_text(event)} is only a possible event and has no frame")
-        return frame
-
-    def before(self, frame: int) -> int:
-        """Observed and unseen events before a frame."""
-        earlier = (1 << bisect_left(self.frames, frame)) - 1
-        return earlier << self._first
-
-    def after(self, frame: int) -> int:
-        """Observed and unseen events after a frame."""
-        return (self.observed | self._unseen) & -(1 << (self._first + bisect_right(self.frames, frame)))
-
-    def involving(self, objects: int) -> int:
-        """Events in which any of the objects takes part."""
-        found = self._involving.get(objects)
-        if found is None:
-            found = 0
-            for i, events in self._of_object.items():
-                if objects >> i & 1:
-                    found |= events
-            self._involving[objects] = found
-        return found
-
-    def participation(self, one: int) -> int:
-        """Events in which an object takes part, and its marks as a participant of observed events (see `ancestors`)."""
-        events = self.involving(one)
-        return events | (events & self.observed) << self._mark
-
-    def same_kind_and_objects(self, event: int) -> int:
-        """All events of the same kind with the same objects, at any frame."""
-        if event == self.start or event == self.end:
-            return event
-        e = self.events[event.bit_length() - 1]
-        return self._same[e.kind, e.objects]
-
-    def ancestors(self, events: int, event: int) -> int:
-        """Those of the events that are responsible for an event, and the mark of that event.
-
-        In the paper, taking part in an event makes an object responsible for it, but no event is responsible for itself.
-        So the result contains the event's mark instead of the event; only `participation` of objects has marks.
-        """
-        if not event & self.observed:
-            raise ExecutionError(f"{self.event_text(event)} was not observed, so its causes are not known")
-        return (events & self._ancestors[event]) | event << self._mark
-
-    @cached_property
-    def _ancestors(self) -> dict[int, int]:
-        return {bit << self._first: bits << self._first for bit, bits in ancestor_sets(self._observed_events).items()}
-
-    def need_unseen(self) -> int:
+    @property
+    def unseen_events(self) -> Events:
         """Events after the video."""
-        if self._unseen_events is None:
+        if self._scene.unseen is None:
             raise ExecutionError("events after the video are not known in this scene")
-        return self._unseen
+        return self._scene.unseen
 
-    def need_counterfactual(self, removed: int) -> int:
-        """Every event of the same kind and objects as one that happens without an object (a one-bit set)."""
-        known = self._counterfactual
-        object_id = removed.bit_length() - 1
-        if known is None or object_id not in known:
-            raise ExecutionError(f"events without {self.object_text(removed)} are not known in this scene")
-        return self.like_any(known[object_id])
+    def collisions_without(self, removed: int) -> Events:
+        """Collisions that happen without an object."""
+        known = self._scene.counterfactual
+        if known is None or removed not in known:
+            raise ExecutionError(f"events without {self._names[removed]} are not known in this scene")
+        return known[removed]
 
-    def like_any(self, events: Sequence[Event]) -> int:
-        """Every event of the same kind and objects as one of these."""
-        result = 0
-        for event in events:
-            result |= self._same[event.kind, event.objects]
-        return result
+    def object(self, one: int) -> SceneObject:
+        """The object with an id."""
+        return self.objects[one]
+
+    def frame_of(self, event: Event) -> int:
+        """Frame of an event of the video."""
+        if event.frame < 0:
+            raise ExecutionError(f"{self.event_text([event])} is only a possible event and has no frame")
+        return event.frame
+
+    def in_motion(self, objects: Objects, frame: int | None, wanted: bool) -> Objects:
+        """Objects that are visible, and move or (`wanted` is False) rest, at a frame; with None, ever or never move."""
+        visible, moving = self._scene.visible, self._scene.moving
+        if moving is None:
+            raise ExecutionError("motion is not known in this scene (it was made from events alone)")
+        if frame is None:
+            shown, moves = np.any(visible, axis=1), np.any(visible & moving, axis=1)
+        elif 0 <= frame < self._scene.n_frames:
+            shown, moves = visible[:, frame], moving[:, frame]
+        else:
+            raise ExecutionError(f"motion at frame {frame} is not known")
+        return tuple([i for i in objects if shown[i] and moves[i] == wanted])
 
     @cached_property
-    def motion(self) -> MotionTable:
-        """Visibility and motion of all objects.
+    def _ancestors(self) -> list[set[int]]:
+        return ancestor_sets(self.events)
 
-        Raises:
-            ExecutionError: motion is not known.
-        """
-        return self._make_motion()
+    def causes(self, event: Event) -> set[Event]:
+        """Direct and indirect causes of an observed event."""
+        if event not in self.events:
+            raise ExecutionError(f"{self.event_text([event])} was not observed, so its causes are not known")
+        return {self.events[i] for i in self._ancestors[self.events.index(event)]}
 
-    def object_text(self, objects: int) -> str:
+    def object_text(self, objects: Sequence[int]) -> str:
         """A set of objects in words."""
-        return ", ".join(o.name for o in self.objects if objects >> o.id & 1) or "none"
+        return ", ".join([self._names[i] for i in objects]) or "none"
 
-    def event_text(self, events: int) -> str:
+    def event_text(self, events: Sequence[Event]) -> str:
         """A set of events in words."""
-        texts = [self._one_event_text(1 << i, event) for i, event in enumerate(self.events) if events >> i & 1]
-        return "; ".join(texts) or "none"
+        if events == self.possible:
+            return f"{len(events)} possible events"
+        return "; ".join([event_sentence(e, self._names) for e in events]) or "none"
 
-    def event_sentences(self, events: int) -> tuple[str, ...]:
+    def sentences(self, events: Sequence[Event]) -> tuple[str, ...]:
         """Each event of a set as a sentence; frames after the video are about right only."""
-        members = [(1 << i, event) for i, event in enumerate(self.events) if events >> i & 1]
-        sentences = []
-        for bit, event in members:
-            text = self._one_event_text(bit, event, "the ")
-            sentences.append(text.replace("(frame", "(about frame") if bit & self._unseen else text)
-        return tuple(sentences)
-
-    def _one_event_text(self, bit: int, event: Event, article: str = "") -> str:
-        if bit in (self.start, self.end):
-            return f"{'start' if bit == self.start else 'end'} (frame {event.frame})"
-        names = [article + self.objects[i].name for i in event.objects]
-        what = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}[event.kind].format(*names)
-        return what if event.frame < 0 else f"{what} (frame {event.frame})"
+        names, n_frames = [f"the {name}" for name in self._names], self._scene.n_frames
+        texts = [(e, event_sentence(e, names)) for e in events]
+        return tuple(t if e.frame < n_frames else t.replace("(frame", "(about frame") for e, t in texts)
 
 
-def world_of(scene: Scene, simulate: Simulate | None = None) -> World:
-    """The world of a scene with the paper's semantics; `simulate` is as of `nsdr.symbolic.quantities.Quantities`."""
-    return World(
-        scene.objects,
-        scene.events,
-        scene.unseen,
-        scene.counterfactual,
-        end_frame=scene.n_frames - 1,
-        motion=lambda: _motion(scene),
-        quantities=Quantities(scene, simulate),
-    )
-
-
-def _motion(scene: Scene) -> MotionTable:
-    if scene.moving is None:
-        raise ExecutionError("motion is not known in this scene (it was made from events alone)")
-    visible_at, visible_ever = _bits_by_frame(scene.visible)
-    moving_at, moving_ever = _bits_by_frame(scene.visible & scene.moving)
-    return MotionTable(visible_at, moving_at, visible_ever, moving_ever)
-
-
-class _Words(dict[str, int]):
-    """Bit set of objects by attribute word; empty for words that no object has."""
-
-    def __missing__(self, word: str) -> int:
-        return 0
-
-
-def _bits_by_frame(flags: NDArray[np.bool_]) -> tuple[list[int], int]:
-    """(n, F) flags -> the bit set of objects of each frame, and their union."""
-    at = [0] * flags.shape[1]
-    ever = 0
-    for first in range(0, len(flags), 8):  # `packbits` packs 8 flags into a byte
-        packed = np.packbits(flags[first : first + 8], axis=0, bitorder="little")[0]
-        ever |= int(np.bitwise_or.reduce(packed)) << first
-        at = (
-            [bits | byte << first for bits, byte in zip(at, packed.tolist(), strict=True)] if first else packed.tolist()
-        )
-    return at, ever
+def event_sentence(event: Event, names: Sequence[str]) -> str:
+    """An event as a sentence, such as "red metal cube enters (frame 12)"; `names` are those of the scene's objects."""
+    what = VERBS[event.kind].format(*[names[i] for i in event.objects]) if event.objects else event.kind
+    return what if event.frame < 0 else f"{what} (frame {event.frame})"

@@ -2,8 +2,9 @@ from .localization import ground_location as ground_location, outline as outline
 from .tracker import TrackerConfig as TrackerConfig, track as track
 from .truth_tracks import tracks_from_annotation as tracks_from_annotation, tracks_from_motion as tracks_from_motion
 from .visibility import (
-    VisibilityConfig as VisibilityConfig,
     cut_sides as cut_sides,
     hidden_sides as hidden_sides,
     in_image as in_image,
 )
+
+VERSION: int

@@ -1,4 +1,4 @@
-"""Ground-plane positions of objects from their masks.
+"""Ground-plane positions of objects from their masks, and whether objects look as large there as they should.
 
 The centroid of an object's outline is not the projection of its centre, and the centroid of an outline that is cut by the
 image border or by a nearer object is biased. Both corrections follow from the known camera and shapes: outlines are projected
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.tracking.visibility import cut_sides
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, on_ground, pixels_from_world
+from nsdr.types import VideoTracks
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["expected_size", "ground_location", "outline"]
+__all__ = ["expected_size", "ground_location", "outline", "size_ratio", "size_warning"]
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -37,11 +38,22 @@ CLIP_MARGIN_PX = 40
 CUT_ITERATIONS = 8
 """Fixed-point iterations for the centre of a partly hidden object: the offsets of its sides depend on the centre."""
 
+SIZE_QUANTILE = 0.75
+"""Of the ratios of the sizes in an object's frames, and of those of the objects: objects that others hide in part look
+smaller."""
+MIN_FRAMES, MIN_OBJECTS = 5, 2
+"""Frames in which an object is seen whole, and objects, that a ratio needs at least."""
+TYPICAL_RATIO = np.array([1.02, 0.99])
+"""Ratios of width and height of official proposals, see `MAX_RATIO`."""
+MAX_RATIO = 1.08
+"""Largest ratio, relative to the typical one, and inverse of the smallest. `python benchmarks/video_sizes.py PROPOSALS.npz`
+prints the typical ones and the largest deviation: below 1.06 in 300 training videos."""
 
-def outline(shape: str, x: float, y: float, yaw: float = 0.0) -> FloatArray:
+
+def outline(shape: str, x: float, y: float, yaw: float = 0.0, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
     """Outline of an object at (x, y) on the ground as a convex polygon (N, 2) in pixels."""
     points = surface_points(shape, yaw) + np.array([x, y, OBJECT_RADIUS_WORLD])
-    return cv2.convexHull(pixels_from_world(points).astype(np.float32))[:, 0].astype(float)
+    return cv2.convexHull(camera.pixels(points).astype(np.float32))[:, 0].astype(float)
 
 
 def _centroid(polygon: FloatArray) -> FloatArray:
@@ -57,8 +69,8 @@ def _terms(pixels: FloatArray) -> FloatArray:
     return np.stack([u**i * v**j for i in exponents for j in exponents if i + j <= POLYNOMIAL_DEGREE], 1)
 
 
-@lru_cache(maxsize=1)
-def _calibration() -> dict[str, tuple[FloatArray, FloatArray]]:
+@lru_cache(maxsize=4)
+def _calibration(camera: Camera) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Polynomial coefficients of each shape; cubes are averaged over their yaw.
 
     The first array (10, 2) gives the projected centre minus the centroid, as a function of the centroid. The second (10, 4)
@@ -73,8 +85,8 @@ def _calibration() -> dict[str, tuple[FloatArray, FloatArray]]:
     for shape in SHAPES:
         yaws = np.linspace(0, np.pi / 2, CUBE_YAWS, endpoint=False) if shape == "cube" else [0.0]
         centroids, edges = [], []
-        for x, y in ground_from_pixels(centres):
-            polygons = [outline(shape, x, y, yaw) for yaw in yaws]
+        for x, y in camera.ground(centres):
+            polygons = [outline(shape, x, y, yaw, camera) for yaw in yaws]
             centroids.append(np.mean([_centroid(p) for p in polygons], 0))
             edges.append(np.mean([[*p.min(0), *p.max(0)] for p in polygons], 0))
         to_centre = np.linalg.lstsq(_terms(np.array(centroids)), centres - centroids, rcond=None)[0]
@@ -83,10 +95,10 @@ def _calibration() -> dict[str, tuple[FloatArray, FloatArray]]:
     return result
 
 
-def expected_size(shape: str, location_world: FloatArray) -> FloatArray:
+def expected_size(shape: str, location_world: FloatArray, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
     """Width and height (N, 2) in pixels of the bounding boxes of objects of a shape at (x, y) (N, 2) on the ground."""
-    _, to_edges = _calibration()[shape]
-    edges = _terms(pixels_from_world(on_ground(location_world))) @ to_edges
+    _, to_edges = _calibration(camera)[shape]
+    edges = _terms(camera.pixels(on_ground(location_world))) @ to_edges
     return edges[:, 2:] - edges[:, :2]
 
 
@@ -95,6 +107,7 @@ def ground_location(
     centroid_px: FloatArray,
     box_xyxy_px: NDArray[np.integer[Any]],
     hidden: NDArray[np.bool_] | None = None,
+    camera: Camera = CLEVRER_CAMERA,
 ) -> FloatArray:
     """Ground-plane positions of objects of one shape.
 
@@ -106,11 +119,12 @@ def ground_location(
         centroid_px: (N, 2) mask centroids (column, row).
         box_xyxy_px: (N, 4) mask bounds.
         hidden: (N, 4) bool from `hidden_sides`; None considers the image border only.
+        camera: that took the image, of 480x320 pixels.
 
     Returns:
         (N, 2) world (x, y) of the objects' centres.
     """
-    to_centre, to_edges = _calibration()[shape]
+    to_centre, to_edges = _calibration(camera)[shape]
     centroid = np.asarray(centroid_px, float).reshape(-1, 2)
     box = np.asarray(box_xyxy_px, float).reshape(-1, 4)
     centre = centroid + _terms(centroid) @ to_centre
@@ -124,4 +138,30 @@ def ground_location(
         from_high, from_low = box[cut, 2:] - offset[:, 2:], box[cut, :2] - offset[:, :2]
         from_sides = np.where(low_hidden, from_high, np.where(high_hidden, from_low, (from_high + from_low) / 2))
         centre[cut] = np.where(low_hidden & high_hidden, centre[cut], from_sides)
-    return ground_from_pixels(centre)
+    return camera.ground(centre)
+
+
+def size_ratio(tracks: VideoTracks) -> NDArray[np.float64] | None:
+    """Width and height (2,) of objects relative to what is expected at their places; None if too little is seen whole."""
+    ratios = []
+    for track in tracks.tracks:
+        whole = ~cut_sides(track.box_xyxy_px).any(1)
+        if whole.sum() >= MIN_FRAMES:
+            box = track.box_xyxy_px[whole].astype(float)
+            expected = expected_size(track.object.shape, track.location_world[whole], tracks.camera)
+            ratios.append(np.quantile((box[:, 2:] - box[:, :2]) / expected, SIZE_QUANTILE, axis=0))
+    return np.asarray(np.quantile(ratios, SIZE_QUANTILE, axis=0)) if len(ratios) >= MIN_OBJECTS else None
+
+
+def size_warning(tracks: VideoTracks) -> str:
+    """What is wrong with the sizes of a video's objects: other cameras, zoom and stretching show there; "" if nothing is."""
+    ratio = size_ratio(tracks)
+    if ratio is None:
+        return ""
+    width, height = ratio / TYPICAL_RATIO
+    if max(width, height, 1 / width, 1 / height) <= MAX_RATIO:
+        return ""
+    return (
+        f"objects look {width:.2f} times as wide and {height:.2f} times as high as they should at their places: cropped, "
+        "zoomed, stretched, or another camera; positions and collisions may be wrong"
+    )

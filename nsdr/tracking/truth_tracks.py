@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from nsdr.types import SceneObject, Track, VideoTracks
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import surface_points
 
 __all__ = ["tracks_from_annotation", "tracks_from_motion"]
@@ -23,13 +23,16 @@ def tracks_from_annotation(annotation: Mapping[str, Any]) -> VideoTracks:
     return tracks_from_motion(annotation["object_property"], annotation["motion_trajectory"])
 
 
-def tracks_from_motion(objects: Sequence[Mapping[str, Any]], frames: Sequence[Mapping[str, Any]]) -> VideoTracks:
+def tracks_from_motion(
+    objects: Sequence[Mapping[str, Any]], frames: Sequence[Mapping[str, Any]], camera: Camera = CLEVRER_CAMERA
+) -> VideoTracks:
     """Tracks as of `tracks_from_annotation`, from the lists of objects and frames of an annotation or a truth file.
 
     Args:
         objects: `object_id`, `color`, `material` and `shape` of each object.
         frames: for each frame, `objects` with `object_id`, `inside_camera_view`, `location` (x, y, z in world units) and
             `orientation` (radians).
+        camera: that took the video.
     """
     size = np.array([WIDTH_PX, HEIGHT_PX])
     tracks: list[Track] = []
@@ -40,7 +43,7 @@ def tracks_from_motion(objects: Sequence[Mapping[str, Any]], frames: Sequence[Ma
             row = next((o for o in frame["objects"] if o["object_id"] == properties["object_id"]), None)
             if row is None or not row["inside_camera_view"]:
                 continue
-            outline = CLEVRER_CAMERA.pixels(surface_points(words[2], row["orientation"][2]) + np.array(row["location"]))
+            outline = camera.pixels(surface_points(words[2], row["orientation"][2]) + np.array(row["location"]))
             low, high = np.clip(np.floor(outline.min(0)), 0, size), np.clip(np.ceil(outline.max(0)), 0, size)
             if np.isfinite(outline).all() and (high > low).all():
                 seen.append(f)
@@ -52,4 +55,4 @@ def tracks_from_motion(objects: Sequence[Mapping[str, Any]], frames: Sequence[Ma
             scene_object = SceneObject(len(tracks), *words)
             location = np.array(positions, float)
             tracks.append(Track(scene_object, np.array(seen), location, centre, box, np.ones(len(seen))))
-    return VideoTracks(len(frames), tuple(tracks))
+    return VideoTracks(len(frames), tuple(tracks), camera)

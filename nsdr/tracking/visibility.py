@@ -1,21 +1,24 @@
 """Visibility of objects: inside the image, cut by its border, or occluded by another object. One rule each."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.io.validation import NOT_NEGATIVE, check_ranges
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
-__all__ = ["VisibilityConfig", "cut_sides", "hidden_sides", "in_image"]
+__all__ = ["cut_sides", "hidden_sides", "in_image"]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 
+CUT_MARGIN_PX = 2.0
+"""A box side closer than this to the image border may be cut by it (pixels). Like `TOUCH_PX`, chosen by the accuracy of
+answers on `dev` scenes."""
+TOUCH_PX = 2.0
+"""Boxes closer than this touch each other (pixels)."""
 COVERED_SHARE = 0.6
 """A nearer box hides another box's top only when it covers more than this share of its width."""
 BOUNDING_RADII = 2.0
@@ -24,24 +27,6 @@ MIN_DEPTH_RADII = 3.0
 """Objects whose centre has a smaller depth are not in the image (object radii)."""
 DEPTH_FLOOR_WORLD = 0.01
 """Depths are raised to this value before a division (world units)."""
-
-
-@dataclass(frozen=True)
-class VisibilityConfig:
-    """When a side of a box is not a side of the object.
-
-    The values were chosen on `dev` scenes; `python benchmarks/visibility.py` compares others.
-
-    Attributes:
-        cut_margin_px: a box side closer than this to the image border may be cut by it (pixels).
-        touch_px: boxes closer than this touch each other (pixels).
-    """
-
-    cut_margin_px: float = 2.0
-    touch_px: float = 2.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self, cut_margin_px=NOT_NEGATIVE, touch_px=NOT_NEGATIVE)
 
 
 def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Camera = CLEVRER_CAMERA) -> BoolArray:
@@ -73,15 +58,15 @@ def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Ca
     return np.asarray(inside)
 
 
-def cut_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None) -> BoolArray:
+def cut_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:
     """Which sides of boxes (..., 4) may be cut by the image border: (..., 4) bool for left, top, right, bottom."""
     box = np.asarray(box_xyxy_px, float)
     inside = np.concatenate([box[..., :2], np.array([WIDTH_PX, HEIGHT_PX]) - box[..., 2:]], -1)
     with np.errstate(invalid="ignore"):
-        return np.asarray(inside < (config or VisibilityConfig()).cut_margin_px)
+        return np.asarray(inside < CUT_MARGIN_PX)
 
 
-def hidden_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = None) -> BoolArray:
+def hidden_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:
     """Which sides of the boxes of each frame are hidden: not a side of the object itself.
 
     A side is hidden when the image border cuts it, or when it lies inside the box of a nearer object. Of two objects, the
@@ -89,12 +74,10 @@ def hidden_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = No
 
     Args:
         box_xyxy_px: (..., N, 4) mask bounds of all objects in a frame; rows of NaN stand for objects that were not detected.
-        config: margins; None for the defaults.
 
     Returns:
         (..., N, 4) bool: left, top, right, bottom.
     """
-    touch_px = (config or VisibilityConfig()).touch_px
     box = np.asarray(box_xyxy_px, float)
     if box.ndim < 2:  # no boxes
         box = box.reshape(-1, 4)
@@ -104,12 +87,12 @@ def hidden_sides(box_xyxy_px: NDArray[Any], config: VisibilityConfig | None = No
         width = np.minimum(x1[mine], x1[other]) - np.maximum(x0[mine], x0[other])
         height = np.minimum(y1[mine], y1[other]) - np.maximum(y0[mine], y0[other])
         nearer = y1[other] > y1[mine]
-        beside = nearer & (height > touch_px) & (width > -touch_px)
-        below = nearer & (width > touch_px) & (height > -touch_px)
+        beside = nearer & (height > TOUCH_PX) & (width > -TOUCH_PX)
+        below = nearer & (width > TOUCH_PX) & (height > -TOUCH_PX)
         covers = below & (width > COVERED_SHARE * (x1 - x0)[mine])
-        left = beside & (x0[other] <= x0[mine]) & (x0[mine] <= x1[other] + touch_px)
-        right = beside & (x0[other] - touch_px <= x1[mine]) & (x1[mine] <= x1[other])
-        bottom = below & (y0[other] - touch_px <= y1[mine])
+        left = beside & (x0[other] <= x0[mine]) & (x0[mine] <= x1[other] + TOUCH_PX)
+        right = beside & (x0[other] - TOUCH_PX <= x1[mine]) & (x1[mine] <= x1[other])
+        bottom = below & (y0[other] - TOUCH_PX <= y1[mine])
         top = covers & (y0[other] <= y0[mine])
     hidden = np.stack([side.any(-1) for side in (left, top, right, bottom)], -1)
-    return np.asarray(hidden | cut_sides(box, config))
+    return np.asarray(hidden | cut_sides(box))

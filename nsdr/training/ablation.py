@@ -1,27 +1,22 @@
-"""Ablation of the number of training programs: accuracy of programs and answers by question type (figure of the paper)."""
+"""Ablation of the number of training programs, with the networks alone: programs and answers by question type (figure)."""
 
 import csv
-import importlib.util
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.questions import QUESTION_TYPES, SceneQuestions, read_questions
-from nsdr.clevrer.scenes import scene_from_truth
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.evaluation.score import evaluate
-from nsdr.io.files import atomic_path
-from nsdr.io.listing import find_files
-from nsdr.io.lock import locked
-from nsdr.language.templates import TEXT_KINDS
-from nsdr.question_parser.parser import QuestionParser
+from nsdr.io.files import atomic_path, find_files, locked
+from nsdr.language.texts import TEXT_KINDS
+from nsdr.question_parser.network import QuestionParser
 from nsdr.symbolic import Executor, Program
 from nsdr.training.question_parser_task import QuestionParserTraining, train_question_parser
-from nsdr.visualize.distributions import program_curve
-from nsdr.visualize.figures import figure_png
 
 __all__ = ["ALL", "parse_sizes", "run_ablation"]
 
@@ -49,10 +44,9 @@ def parse_sizes(text: str) -> list[int]:
 
 
 def run_ablation(config: QuestionParserTraining, sizes: Sequence[int]) -> str:
-    """Train with each number of programs, evaluate, and write `ablation.csv` and `ablation.png` to the run's folder.
+    """Train with each number of programs, evaluate, and write `ablation.csv` to the run's folder (`nsdr figures` draws it).
 
-    Each size is a run of its own in a subfolder, so an interrupted ablation is resumed where it stopped. The figure is left
-    out where matplotlib is not installed.
+    Each size is a run of its own in a subfolder, so an interrupted ablation is resumed where it stopped.
 
     Args:
         config: the training, with `evaluation_questions` and `evaluation_scenes` to evaluate on.
@@ -77,10 +71,9 @@ def run_ablation(config: QuestionParserTraining, sizes: Sequence[int]) -> str:
             name = "all" if size == ALL else str(size)
             size_config = replace(config, samples=size, run_dir=str(run_dir / name), output="")
             checkpoint = train_question_parser(size_config)
-            parser = QuestionParser.from_checkpoint(checkpoint, min_probability=0.0, unknown="ignore")
+            parser = QuestionParser.from_checkpoint(checkpoint)
             rows += [{"programs": name, **row} for row in _accuracies(parser, scenes, executors)]
             _write_csv(run_dir / "ablation.csv", rows)
-        _write_figure(run_dir / "ablation.png", rows)
     return str(run_dir / "ablation.csv")
 
 
@@ -143,10 +136,3 @@ def _write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     writer.writerows(rows)
     with atomic_path(path) as temporary:
         temporary.write_text(text.getvalue())
-
-
-def _write_figure(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    if importlib.util.find_spec("matplotlib") is None:
-        return
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(figure_png(program_curve(rows)))

@@ -1,7 +1,6 @@
 """The mean of the weights of several runs: `nsdr train average FOLDER FOLDER --part dynamics --output runs/mean`."""
 
 import hashlib
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from torch import Tensor
 
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import PARTS, load_checkpoint, save_checkpoint
-from nsdr.io.outputs import check_output_folder
+from nsdr.io.files import check_output_folder
 
 __all__ = ["average_checkpoints", "main"]
 
@@ -44,45 +43,37 @@ def average_checkpoints(folders: Sequence[str | Path], part: str, output: str | 
     if len(folders) < 2:
         raise DataError(f"expected two or more folders of checkpoints to average, got {len(folders)}")
     check_output_folder(output)
-    states, descriptions = zip(*(load_checkpoint(folder, part) for folder in folders), strict=True)
-    common = {k: v for k, v in descriptions[0].items() if k not in OWN}
-    for folder, state, description in zip(folders[1:], states[1:], descriptions[1:], strict=True):
-        other = {k: v for k, v in description.items() if k not in OWN}
-        different = [k for k in {**common, **other} if common.get(k) != other.get(k)]
-        if different:
+    states, details = zip(*(load_checkpoint(folder, part) for folder in folders), strict=True)
+    first = _settings(details[0])
+    shapes = {name: value.shape for name, value in states[0].items()}
+    for folder, state, description in zip(folders[1:], states[1:], details[1:], strict=True):
+        other = _settings(description)
+        for name in (k for k in {**first, **other} if first.get(k) != other.get(k)):
             raise DataError(
-                f"{folder}: {part}.json: {_difference(different[0], common, other)}; only checkpoints of the same network as "
-                f"{folders[0]} can be averaged"
+                f"{folder}: {part}.json: {name}: expected {first.get(name)!r:.60}, got {other.get(name)!r:.60}; only "
+                f"checkpoints of the same network as {folders[0]} can be averaged"
             )
-        shapes = [{name: tuple(value.shape) for name, value in s.items()} for s in (states[0], state)]
-        if shapes[0] != shapes[1]:
+        if {name: value.shape for name, value in state.items()} != shapes:
             raise DataError(f"{folder}: {part}.safetensors: has other tensors than {folders[0]}; restore the files")
+    averaged = []
+    for folder, description in zip(folders, details, strict=True):
+        digest = hashlib.sha256((Path(folder) / f"{part}.safetensors").read_bytes()).hexdigest()[:DIGITS]
+        averaged.append({"weights_sha256": digest} | {k: description[k] for k in OWN if k in description})
+    common = {k: v for k, v in details[0].items() if k not in (*OWN, "part", "config")}
     mean = {name: _mean([state[name] for state in states]) for name in states[0]}
-    averaged = [
-        {"weights_sha256": _digest(Path(folder) / f"{part}.safetensors")} | {k: d[k] for k in OWN if k in d}
-        for folder, d in zip(folders, descriptions, strict=True)
-    ]
-    details = {k: v for k, v in common.items() if k not in ("part", "config")} | {"averaged": averaged}
-    save_checkpoint(output, part, mean, common["config"], details, half=True)
+    save_checkpoint(output, part, mean, details[0]["config"], {**common, "averaged": averaged}, half=True)
     return str(output)
 
 
-def _difference(key: str, first: dict[str, Any], other: dict[str, Any]) -> str:
-    """What differs, as far down as one setting: "config.hidden: expected 512, got 16"."""
-    a, b = first.get(key), other.get(key)
-    if isinstance(a, dict) and isinstance(b, dict):
-        inner = next(k for k in {**a, **b} if a.get(k) != b.get(k))
-        return f"{key}.{inner}: expected {a.get(inner)!r:.60}, got {b.get(inner)!r:.60}"
-    return f"{key}: expected {a!r:.60}, got {b!r:.60}"
+def _settings(details: dict[str, Any]) -> dict[str, Any]:
+    """What must be equal, the network's settings one by one."""
+    config = {f"config.{name}": value for name, value in details["config"].items()}
+    return config | {k: v for k, v in details.items() if k not in (*OWN, "config")}
 
 
 def _mean(values: Sequence[Tensor]) -> Tensor:
     mean = torch.stack([value.double() for value in values]).mean(0)
     return (mean if values[0].is_floating_point() else mean.round()).to(values[0].dtype)
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:DIGITS]
 
 
 def main(argv: Sequence[str] | None = None) -> str:
@@ -91,13 +82,10 @@ def main(argv: Sequence[str] | None = None) -> str:
     Raises:
         CheckpointError, DataError: as of `average_checkpoints`.
     """
-    parser = jsonargparse.ArgumentParser(
-        prog="nsdr train average",
-        description="Write the mean of the weights of checkpoints of the same network.",
-        exit_on_error=False,
-    )
+    about = "Write the mean of the weights of checkpoints of the same network."
+    parser = jsonargparse.ArgumentParser(prog="nsdr train average", description=about, exit_on_error=False)
     parser.add_argument("folders", nargs="+", help="two or more folders of checkpoints")
     parser.add_argument("--part", required=True, help=f"which part of them: {', '.join(PARTS)}")
     parser.add_argument("--output", required=True, help="folder of the mean")
-    options = parser.parse_args(sys.argv[1:] if argv is None else list(argv))
+    options = parser.parse_args(None if argv is None else list(argv))
     return average_checkpoints(options.folders, options.part, options.output)

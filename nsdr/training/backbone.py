@@ -1,43 +1,52 @@
 """Train the baselines' backbone: `nsdr train backbone --config configs/baselines/backbone.yaml --root DATA`."""
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
+import cv2
 import numpy as np
 import torch
+from msgspec import Meta
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
-from nsdr.baselines.backbone import (
-    CELL_STAGE,
+from nsdr.baselines.features.backbone import (
     MAX_COUNT,
-    STRIDES,
+    STRIDE,
     BackboneConfig,
     FrameClassifier,
     FrameScores,
     image_batch,
-    load_backbone,
 )
-from nsdr.baselines.extraction import spaced
+from nsdr.baselines.features.extraction import frames_of, spaced
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
-from nsdr.io.validation import COUNT, MANY, SHARE, SIZE, check_paths, check_ranges
-from nsdr.training.backbone_frames import DecodedVideo, SeenObject, decode_videos
-from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.io.files import atomic_path
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import Job, run_jobs
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
+from nsdr.validation import MAX_SIZE, Count, PathName, PositiveCount, Settings, Share, Size
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["BackboneTask", "BackboneTraining", "frame_targets", "main"]
+__all__ = ["BackboneTask", "BackboneTraining", "Frame", "decode_videos", "frame_targets", "main"]
 
 FOUND_PROBABILITY = 0.5
 """A centre is found in a cell with a higher probability (0-1)."""
 EVALUATION_BATCH = 32
 """Frames that are evaluated at once."""
+MAPS = ("centre", "attributes")
+"""Targets that have columns."""
 
 
 @dataclass(frozen=True)
-class BackboneTraining:
+class BackboneTraining(Settings):
     """Training of the backbone on frames of a data set: which objects have their centre where, and what the frame shows.
 
     Attributes:
@@ -45,7 +54,6 @@ class BackboneTraining:
             training split is used.
         run_dir: folder of the run, which also keeps the decoded frames; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
-        initial: weights to start from, "imagenet" or a checkpoint of this training; "" starts from random weights.
         image_size: height and width to which frames are scaled (pixels); multiples of 16.
         frames_per_video: evenly spaced frames of each video.
         videos: maximum number of videos; 0 for all.
@@ -56,33 +64,90 @@ class BackboneTraining:
         loop: the optimisation.
     """
 
-    root: str
-    run_dir: str
+    root: PathName
+    run_dir: PathName
     output: str = ""
-    initial: str = ""
-    image_size: tuple[int, int] = (160, 240)
-    frames_per_video: int = 8
-    videos: int = 0
-    held_out_every: int = 20
-    evaluation_frames: int = 400
-    flip: float = 0.5
+    image_size: tuple[Size, Size] = (160, 240)
+    frames_per_video: Size = 8
+    videos: Count = 0
+    held_out_every: Annotated[int, Meta(ge=2, le=MAX_SIZE)] = 20
+    evaluation_frames: PositiveCount = 400
+    flip: Share = 0.5
     model: BackboneConfig = field(default_factory=BackboneConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_paths(self, "root", "run_dir")
-        check_ranges(self, image_size=SIZE, frames_per_video=SIZE, videos=COUNT, held_out_every=(2, SIZE[1]))
-        check_ranges(self, evaluation_frames=MANY, flip=SHARE)
-        stride = STRIDES[CELL_STAGE]
-        if any(side % stride for side in self.image_size):
-            raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {stride}")
+        super().__post_init__()
+        if any(side % STRIDE for side in self.image_size):
+            raise DataError(f"image_size is {list(self.image_size)}; expected multiples of {STRIDE}")
 
 
-def frame_targets(objects: Sequence[SeenObject], cells: tuple[int, int]) -> dict[str, Tensor]:
-    """What a frame shows.
+class Frame(NamedTuple):
+    """A frame and what it shows.
+
+    Attributes:
+        image: (H, W, 3) uint8 RGB, mapped from a file.
+        targets: as of `frame_targets`.
+    """
+
+    image: NDArray[np.uint8]
+    targets: dict[str, Tensor]
+
+    def mirrored(self) -> "Frame":
+        """The frame seen from the other side of the plane y = 0."""
+        return Frame(self.image[:, ::-1], {k: v.flip(-1) if k in MAPS else v for k, v in self.targets.items()})
+
+
+def decode_videos(
+    root: str | Path, folder: str | Path, image_size: tuple[int, int], frames: int, limit: int = 0
+) -> dict[int, list[Frame]]:
+    """Frames of the training videos of a data set that have annotations, by index. What an earlier call decoded is kept.
 
     Args:
-        objects: whose centres are in the frame; of several in a cell, the last one counts there.
+        root: the data set, in the official layout.
+        folder: where decoded frames are kept.
+        image_size: height and width to which frames are scaled (pixels).
+        frames: evenly spaced frames of each video.
+        limit: maximum number of videos; 0 for all.
+
+    Raises:
+        DataError: the data set has no such videos, or one cannot be read.
+    """
+    split = CLEVRER(root).split("train")
+    indices = sorted(set(split.entries("videos")) & set(split.entries("annotations")))[: limit or None]
+    if not indices:
+        raise DataError(f"{root}: has no training videos with annotations; make some with `nsdr generate dataset`")
+    jobs = []
+    for index in indices:
+        video = split.video(index)
+        key = fingerprint(inputs=[video], config=[image_size, frames])
+        jobs.append(Job(video.name, video, Path(folder) / f"{index:05d}.npy", key))
+    summary = run_jobs(partial(_decode, image_size, frames), jobs, folder, wait=True)
+    summary.succeeded(jobs, folder, keep_going=False)
+    cells = image_size[0] // STRIDE, image_size[1] // STRIDE
+    decoded = {}
+    for index, job in zip(indices, jobs, strict=True):
+        annotation, images = split.annotation(index), np.load(job.output, mmap_mode="r")
+        picked = spaced(len(annotation["motion_trajectory"]), frames)
+        targets = [frame_targets(annotation, int(frame), cells) for frame in picked]
+        decoded[index] = list(map(Frame, images, targets))
+    return decoded
+
+
+def _decode(image_size: tuple[int, int], count: int, video: Path, output: Path) -> None:
+    height, width = image_size
+    frames = frames_of(video)
+    scaled = [cv2.resize(frames[i], (width, height), interpolation=cv2.INTER_AREA) for i in spaced(len(frames), count)]
+    with atomic_path(output) as temporary:
+        np.save(temporary, np.stack(scaled))
+
+
+def frame_targets(annotation: Mapping[str, Any], frame: int, cells: tuple[int, int]) -> dict[str, Tensor]:
+    """What a frame shows: the objects whose centres are in it; of several in a cell, the nearest to the camera counts there.
+
+    Args:
+        annotation: of the video.
+        frame: index of the frame.
         cells: height and width of the map.
 
     Returns:
@@ -93,16 +158,21 @@ def frame_targets(objects: Sequence[SeenObject], cells: tuple[int, int]) -> dict
     """
     centre = torch.zeros(cells, dtype=torch.bool)
     attributes = torch.zeros(len(ATTRIBUTES), *cells, dtype=torch.int64)
-    sizes = [len(words) for words in ATTRIBUTES.values()]
-    present = [torch.zeros(size, dtype=torch.bool) for size in sizes]
-    for seen in objects:
-        row, column = int(seen.row * cells[0]), int(seen.column * cells[1])
-        centre[row, column] = True
-        attributes[:, row, column] = torch.tensor(seen.words)
-        for flags, word in zip(present, seen.words, strict=True):
-            flags[word] = True
-    number = torch.tensor(min(len(objects), MAX_COUNT))
-    return {"centre": centre, "attributes": attributes, "present": torch.cat(present), "number": number}
+    present = [torch.zeros(len(words), dtype=torch.bool) for words in ATTRIBUTES.values()]
+    names = {row["object_id"]: row for row in annotation["object_property"]}
+    objects = [o for o in annotation["motion_trajectory"][frame]["objects"] if o["inside_camera_view"]]
+    number = 0
+    for seen in sorted(objects, key=lambda o: -float(CLEVRER_CAMERA.depth(o["location"]))):
+        column, row = (float(value) for value in CLEVRER_CAMERA.pixels(seen["location"]))
+        x, y = int(column / CLEVRER_CAMERA.width * cells[1] // 1), int(row / CLEVRER_CAMERA.height * cells[0] // 1)
+        if 0 <= x < cells[1] and 0 <= y < cells[0]:
+            number += 1
+            centre[y, x] = True
+            for k, (name, words) in enumerate(ATTRIBUTES.items()):
+                attributes[k, y, x] = word = words.index(names[seen["object_id"]][name])
+                present[k][word] = True
+    counted = torch.tensor(min(number, MAX_COUNT))
+    return {"centre": centre, "attributes": attributes, "present": torch.cat(present), "number": counted}
 
 
 class BackboneTask(Task):
@@ -115,22 +185,13 @@ class BackboneTask(Task):
     def __init__(self, config: BackboneTraining) -> None:
         self.config = config
         torch.manual_seed(config.loop.seed)
-        model = FrameClassifier(config.model)
-        if config.initial:
-            model.backbone = load_backbone(config.model.name, config.initial)
-        self.model: nn.Module = model.to(memory_format=torch.channels_last)
-        height, width = config.image_size
-        self.cells = height // STRIDES[CELL_STAGE], width // STRIDES[CELL_STAGE]
+        self.model: nn.Module = FrameClassifier(config.model).to(memory_format=torch.channels_last)
         folder = Path(config.run_dir) / "frames"
         videos = decode_videos(config.root, folder, config.image_size, config.frames_per_video, config.videos)
-        self.training = [v for v in videos if v.index % config.held_out_every]
-        held_out = [v for v in videos if v.index % config.held_out_every == 0]
-        if not self.training or not held_out:
-            expected = f"training videos whose index {config.held_out_every} divides, to evaluate on, and others"
-            raise DataError(f"{config.root}: expected {expected}; got {len(held_out)} and {len(self.training)}")
-        every = [(video, frame) for video in held_out for frame in range(config.frames_per_video)]
-        picked = np.unique(spaced(len(every), config.evaluation_frames))
-        self.held_out = [every[i] for i in picked]
+        is_held_out = held_out(np.array(list(videos)), config.held_out_every, config.root)
+        self.training = [frames for frames, held in zip(videos.values(), is_held_out, strict=True) if not held]
+        every = [frame for frames, held in zip(videos.values(), is_held_out, strict=True) if held for frame in frames]
+        self.held_out = [every[i] for i in np.unique(spaced(len(every), config.evaluation_frames))]
 
     def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int, bool]]:
         """The position of each example's video in `training`, its frame, and whether it is flipped."""
@@ -141,29 +202,21 @@ class BackboneTask(Task):
 
     def collate(self, examples: Sequence[tuple[int, int, bool]]) -> dict[str, Tensor]:
         """B frames: `images` (B, 3, H, W), as of `image_batch`, and the targets of `frame_targets`, stacked."""
-        return self._batch([(self.training[video], frame) for video, frame, _ in examples], [e[2] for e in examples])
+        frames = [(self.training[video][frame], flip) for video, frame, flip in examples]
+        return self._batch([frame.mirrored() if flip else frame for frame, flip in frames])
 
-    def _batch(self, frames: Sequence[tuple[DecodedVideo, int]], flipped: Sequence[bool]) -> dict[str, Tensor]:
-        images, targets = [], []
-        for (video, frame), flip in zip(frames, flipped, strict=True):
-            image, objects = video.images[frame], video.objects[frame]
-            if flip:
-                image = image[:, ::-1]
-                objects = tuple(seen._replace(column=np.nextafter(1, 0) - seen.column) for seen in objects)
-            images.append(image)
-            targets.append(frame_targets(objects, self.cells))
-        joined = {name: torch.stack([t[name] for t in targets]) for name in targets[0]}
-        return {"images": image_batch(images, self.config.image_size), **joined}
+    def _batch(self, frames: Sequence[Frame]) -> dict[str, Tensor]:
+        targets = {name: torch.stack([frame.targets[name] for frame in frames]) for name in frames[0].targets}
+        return {"images": image_batch([frame.image for frame in frames], self.config.image_size), **targets}
 
     def losses(self, model: nn.Module, batch: dict[str, Tensor]) -> dict[str, LossTerm]:
         """Means per frame of centres, words and number of objects, per object of attributes; `images` are (B, 3, H, W)."""
         scores: FrameScores = model(batch["images"])
         frames, centre = len(batch["images"]), batch["centre"]
-        objects = int(centre.sum())
         terms = {"centre": LossTerm(_binary(scores.centre, centre), frames)}
         for name, logits, target in _attributes(scores, batch):
             total = (cross_entropy(logits, target, reduction="none") * centre).sum()
-            terms[name] = LossTerm(total, objects)
+            terms[name] = LossTerm(total, centre.sum())
         terms["present"] = LossTerm(_binary(scores.present, batch["present"]), frames)
         terms["count"] = LossTerm(cross_entropy(scores.number, batch["number"], reduction="sum"), frames)
         return terms
@@ -181,29 +234,27 @@ class BackboneTask(Task):
         """
         model.eval()
         device = next(model.parameters()).device
-        totals: dict[str, float] = dict.fromkeys(("objects", "found", "right", "false", "words", "count"), 0.0)
+        totals: Counter[str] = Counter()
         for start in range(0, len(self.held_out), EVALUATION_BATCH):
             frames = self.held_out[start : start + EVALUATION_BATCH]
-            batch = {k: v.to(device) for k, v in self._batch(frames, [False] * len(frames)).items()}
+            batch = {k: v.to(device) for k, v in self._batch(frames).items()}
             scores: FrameScores = model(batch["images"])
             found, centre = scores.centre.sigmoid() > FOUND_PROBABILITY, batch["centre"]
             right = found & centre
-            totals["objects"] += int(centre.sum())
-            totals["found"] += int(right.sum())
-            totals["false"] += int((found & ~centre).sum())
             for _, logits, target in _attributes(scores, batch):
                 right = right & (logits.argmax(1) == target)
-            totals["right"] += int(right.sum())
-            totals["words"] += float(((scores.present > 0) == batch["present"]).float().mean(1).sum())
-            totals["count"] += int((scores.number.argmax(1) == batch["number"]).sum())
-        n, objects = len(self.held_out), max(totals["objects"], 1.0)
-        shares = {"found": totals["found"] / objects, "right": totals["right"] / objects}
-        return {
-            **shares,
-            "false_centres": totals["false"] / n,
-            "present": totals["words"] / n,
-            "count": totals["count"] / n,
-        }
+            counted = {
+                "objects": centre,
+                "found": found & centre,
+                "right": right,
+                "false_centres": found & ~centre,
+                "present": (scores.present > 0) == batch["present"],
+                "count": scores.number.argmax(1) == batch["number"],
+            }
+            totals.update({name: int(flags.sum()) for name, flags in counted.items()})
+        n, objects, words = len(self.held_out), max(totals["objects"], 1), sum(map(len, ATTRIBUTES.values()))
+        per = {"found": objects, "right": objects, "false_centres": n, "present": n * words, "count": n}
+        return {name: totals[name] / number for name, number in per.items()}
 
 
 def _binary(logits: Tensor, target: Tensor) -> Tensor:
@@ -218,12 +269,7 @@ def _attributes(scores: FrameScores, batch: dict[str, Tensor]) -> Iterator[tuple
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    Raises:
-        DataError: no training videos with annotations.
-    """
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config: Any = parse_training(BackboneTraining, argv, "backbone")
-    task = BackboneTask(config)
     details = {"image_size": list(config.image_size)}
-    return train_part("backbone", task, config, config.model, details)
+    return train_part("backbone", BackboneTask(config), config, config.model, details)

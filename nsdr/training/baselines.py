@@ -3,32 +3,32 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import torch
+from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import BASELINES, Baseline, Batch
-from nsdr.baselines.data import Example, FeatureSource, feature_sizes, make_batch, training_examples, video_needs
-from nsdr.baselines.features import MANIFEST, FeatureCache
-from nsdr.baselines.trained import TrainedBaseline, baseline_sizes, masked_scores
-from nsdr.baselines.vocabulary import Vocabulary
-from nsdr.clevrer.questions import QUESTION_TYPES, read_questions
+from nsdr.baselines.data import Vocabulary, make_batch, training_examples
+from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache
+from nsdr.baselines.trained import TrainedBaseline, masked_scores
+from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, resolved
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
-from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training, training_time
+from nsdr.validation import PathName, PositiveCount, Settings, expect
 
 __all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
 
 
 @dataclass(frozen=True)
-class BaselineTraining:
+class BaselineTraining(Settings):
     """Training of a baseline on a question file and the features of its videos.
 
     Attributes:
@@ -36,7 +36,7 @@ class BaselineTraining:
         system: name of the baseline in `nsdr.baselines.base.BASELINES`.
         questions: question file in CLEVRER's format, with answers, and with programs where the system needs them.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
-        features: folder of a `nsdr.baselines.features.FeatureCache`; "" for systems that see no video.
+        features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
         held_out: the videos whose index this number divides are left out of training and evaluated on.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.
@@ -44,22 +44,21 @@ class BaselineTraining:
         loop: the optimisation.
     """
 
-    run_dir: str
+    run_dir: PathName
     system: str
-    questions: str
+    questions: PathName
     output: str = ""
     features: str = ""
-    held_out: int = 20
-    texts_per_video: int = 8
+    held_out: Annotated[int, Meta(ge=2)] = 20
+    texts_per_video: PositiveCount = 8
     model: dict[str, Any] = field(default_factory=dict)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_paths(self, "run_dir", "questions")
-        check_choices(self, system=BASELINES.names())
-        check_ranges(self, held_out=(2, MANY[1]), texts_per_video=MANY)
+        super().__post_init__()
+        expect(self.system in BASELINES.names(), "system", f"one of {', '.join(BASELINES.names())}", repr(self.system))
         self.model_config()
-        wanted = ", ".join(sorted(video_needs(BASELINES[self.system].needs)))
+        wanted = ", ".join(sorted(BASELINES[self.system].needs & set(KINDS)))
         if wanted and not self.features:
             raise DataError(f"features: {self.system} needs {wanted} of the videos; give the folder of their features")
         if self.features and not wanted:
@@ -79,7 +78,7 @@ class BaselineTraining:
     def data_fingerprint(self) -> str:
         """Of the questions, and of the settings that the features were made with; features of other videos may be added."""
         manifest = [Path(self.features) / MANIFEST] if self.features else []
-        return fingerprint(inputs=[Path(self.questions), *manifest], code=False)
+        return fingerprint(inputs=[Path(self.questions), *manifest])
 
 
 class TrainingBatch(NamedTuple):
@@ -102,25 +101,19 @@ class BaselineTask(Task):
     def __init__(self, config: BaselineTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.config = config
-        scenes = read_questions(config.questions)
-        training = [s for s in scenes if s.scene_index % config.held_out]
-        self.held_out = [s for s in scenes if s.scene_index % config.held_out == 0]
-        for listed, what in ((training, "train"), (self.held_out, "evaluate")):
-            if not any(s.questions for s in listed):
-                raise DataError(
-                    f"{config.questions}: of {len(scenes)} videos none is left to {what} on with held_out "
-                    f"{config.held_out}; choose another number, or give more videos"
-                )
+        scenes = [scene for scene in read_questions(config.questions) if scene.questions]
+        is_held_out = held_out(np.array([s.scene_index for s in scenes], int), config.held_out, config.questions)
+        training = [scene for scene, held in zip(scenes, is_held_out, strict=True) if not held]
+        self.held_out = [scene for scene, held in zip(scenes, is_held_out, strict=True) if held]
         kind = BASELINES[config.system]
         vocabulary = Vocabulary.from_questions(training)
-        self.videos = training_examples(training, vocabulary, "program" in kind.needs)
+        self.videos = training_examples(training, vocabulary, kind.needs)
         self.places = [(v, i) for v, examples in enumerate(self.videos) for i in range(len(examples))]
-        self.features = FeatureCache(config.features, kind.needs) if config.features else None
-        sizes = baseline_sizes(vocabulary, *feature_sizes(self.features, kind.needs))
-        model_config = config.model_config()
-        network = kind(model_config, sizes)
+        self.features = features = FeatureCache(config.features, kind.needs) if config.features else None
+        sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
+        network = kind(config.model_config(), sizes)
         self.model: nn.Module = network
-        self.trained = TrainedBaseline(config.system, model_config, network, vocabulary, sizes)
+        self.trained = TrainedBaseline(config.system, network, vocabulary)
         self.possible = vocabulary.possible_answers()
 
     def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int]]:
@@ -135,7 +128,12 @@ class BaselineTask(Task):
 
     def collate(self, examples: Sequence[tuple[int, int]]) -> TrainingBatch:
         """The batch of these texts."""
-        return training_batch([self.videos[v][i] for v, i in examples], self.features, self.trained.network)
+        texts = [self.videos[v][i] for v, i in examples]
+        return TrainingBatch(
+            make_batch(texts, self.features, self.trained.network.needs),
+            torch.tensor([e.is_choice for e in texts]),
+            torch.tensor([e.answer for e in texts]),
+        )
 
     def losses(self, model: nn.Module, batch: TrainingBatch) -> dict[str, LossTerm]:
         """The cross-entropy of the answers."""
@@ -145,17 +143,8 @@ class BaselineTask(Task):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Accuracies on the held-out videos by question type, for options also per option; programs are the file's."""
-        baseline = self.trained.with_network(cast(Baseline, model))
+        baseline = TrainedBaseline(self.config.system, cast(Baseline, model), self.trained.vocabulary)
         return accuracies(score_answers(baseline.answer_questions(self.held_out, self.features)))
-
-
-def training_batch(examples: Sequence[Example], features: FeatureSource | None, network: Baseline) -> TrainingBatch:
-    """The batch of examples with answers."""
-    return TrainingBatch(
-        make_batch(examples, features, network.needs),
-        torch.tensor([e.is_choice for e in examples]),
-        torch.tensor([e.answer for e in examples]),
-    )
 
 
 def accuracies(report: Mapping[str, Any]) -> dict[str, float]:
@@ -173,9 +162,9 @@ def train_baseline(config: BaselineTraining) -> str:
         DataError: unreadable questions or features, or the run was started with other ones.
     """
     task = BaselineTask(config)
-    held_out = {"videos": len(task.videos), "texts": len(task.places), "held_out_videos": len(task.held_out)}
+    counts = {"videos": len(task.videos), "texts": len(task.places), "held_out_videos": len(task.held_out)}
     inputs = {"data": config.data_fingerprint()}
-    return train_part("baseline", task, config, config.model_config(), {**task.trained.details(), **held_out}, inputs)
+    return train_part("baseline", task, config, config.model_config(), {**task.trained.details(), **counts}, inputs)
 
 
 def main(argv: Sequence[str] | None = None) -> str:
@@ -184,28 +173,19 @@ def main(argv: Sequence[str] | None = None) -> str:
 
 
 class BaselineTrainer:
-    """Trains by YAML files for `nsdr.evaluation.run_experiment`."""
+    """Trains by YAML files of `BaselineTraining` for `nsdr.evaluation.run_experiment`."""
 
     def fingerprint(self, file: str) -> str:
         """Of the settings but for the device, the questions and the features' settings."""
         config = self._config(file)
-        values = resolved(replace(config, loop=replace(config.loop, device="auto")))
-        return fingerprint(config=values, inputs=[config.data_fingerprint().encode()], code=False)
+        return fingerprint(config=resolved(config), inputs=[config.data_fingerprint().encode()])
 
     def features(self, file: str) -> str:
         """Folder of the features of the training; "" for a system that sees no video."""
         return self._config(file).features
 
     def train(self, file: str, device: str) -> str:
-        """Train, go on with a training that was stopped, or find that it is done.
-
-        Args:
-            file: YAML file of `BaselineTraining`.
-            device: where; "auto" for that of the file.
-
-        Returns:
-            The folder of the checkpoint.
-        """
+        """Train where that is not done yet, on the file's device for "auto"; returns the folder of the checkpoint."""
         config = self._config(file)
         return train_baseline(config if device == "auto" else replace(config, loop=replace(config.loop, device=device)))
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nsdr.dynamics.collisions.detector import TrackCollisionDetector
+from nsdr.dynamics.collisions import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import (
     MotionArrays,
     NetworkInputs,
@@ -19,10 +19,9 @@ from nsdr.dynamics.collisions.features import (
 from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
 from nsdr.dynamics.metrics import collision_scores
 from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
-from nsdr.errors import DataError
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, SHARE, check_paths, check_ranges
-from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
+from nsdr.validation import Count, NotNegative, PathName, PositiveCount, Settings, Share
 
 __all__ = ["HELD_OUT_EVERY", "CollisionTask", "CollisionTraining", "main"]
 
@@ -38,7 +37,7 @@ BIAS_WORLD = 0.03
 
 
 @dataclass(frozen=True)
-class CollisionTraining:
+class CollisionTraining(Settings):
     """Training of the collision network on tracks of real proposals.
 
     Attributes:
@@ -55,22 +54,17 @@ class CollisionTraining:
         loop: the optimisation.
     """
 
-    proposals: str
-    truth: str
-    run_dir: str
+    proposals: PathName
+    truth: PathName
+    run_dir: PathName
     output: str = ""
-    limit: int = 0
-    noise_world: float = 0.002
-    gap_share: float = 0.4
-    bias_share: float = 0.25
-    evaluation_scenes: int = 600
+    limit: Count = 0
+    noise_world: NotNegative = 0.002
+    gap_share: Share = 0.4
+    bias_share: Share = 0.25
+    evaluation_scenes: PositiveCount = 600
     model: CollisionNetworkConfig = field(default_factory=CollisionNetworkConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
-
-    def __post_init__(self) -> None:
-        check_paths(self, "proposals", "truth", "run_dir")
-        check_ranges(self, limit=COUNT, noise_world=NOT_NEGATIVE, evaluation_scenes=MANY)
-        check_ranges(self, gap_share=SHARE, bias_share=SHARE)
 
 
 class _Example(NamedTuple):
@@ -90,12 +84,9 @@ class CollisionTask(Task):
         self.model: nn.Module = CollisionNetwork(config.model)
         cache = f"{config.run_dir}/motion.npz"
         data = read_motion_dataset(config.proposals, config.truth, cache, config.limit or None)
-        held_out = data.scene % HELD_OUT_EVERY == 0
-        if held_out.all() or not held_out.any():
-            message = f"expected scenes whose index {HELD_OUT_EVERY} divides, to evaluate on, and others to train on"
-            raise DataError(f"{config.proposals}: {message}; got {held_out.sum()} and {(~held_out).sum()}")
-        self.data: MotionDataset = data.subset(~held_out)
-        self.held_out: MotionDataset = data.subset(np.flatnonzero(held_out)[: config.evaluation_scenes])
+        is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.proposals)
+        self.data: MotionDataset = data.subset(~is_held_out)
+        self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
         self.arrays = [arrays_from_states(self.data.states(i)[0]) for i in range(len(self.data))]
 
     def draw(self, count: int, rng: np.random.Generator) -> list[_Example]:
@@ -203,10 +194,6 @@ def step_loss(logits: Tensor, frame: Tensor) -> Tensor:
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    Raises:
-        DataError: unreadable training data.
-    """
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(CollisionTraining, argv, "collisions")
     return train_part("collisions", CollisionTask(config), config, config.model)

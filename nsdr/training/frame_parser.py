@@ -1,43 +1,37 @@
 """Train the frame parser: `nsdr train frame-parser --config configs/frame_parser/default.yaml --run_dir runs/parser`."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
+from urllib.error import URLError
 
-import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
+from torchvision.models.detection import MaskRCNN_ResNet50_FPN_Weights, maskrcnn_resnet50_fpn
 
 from nsdr.errors import DataError
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
-from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.io.validation import MANY, check_choices, check_paths, check_ranges
-from nsdr.training.coco_weights import load_coco_weights
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
-from nsdr.world.vocabulary import attributes_of
+from nsdr.validation import PathName, PositiveCount, Settings
 
-__all__ = ["FrameParserTask", "FrameParserTraining", "main"]
+__all__ = ["FrameParserTask", "FrameParserTraining", "load_coco_weights", "main"]
 
 MAX_EXAMPLE_SEED = 2**62
 """Upper bound of the seed of an example's augmentation."""
-SHOWN_FRAMES = 3
-"""Held-out frames that are shown in TensorBoard with their detections."""
-MIN_SHOWN_SCORE = 0.5
-"""Detections with a lower score (0-1) are not drawn."""
-DRAWING_RGB = (255, 255, 0)
-"""Colour of the boxes and labels (RGB, 0-255)."""
-LABEL_SCALE = 0.35
-"""Size of the labels (OpenCV's font scale)."""
-LABEL_GAP_PX = 3
-"""Distance from a box up to the baseline of its label (px)."""
+COCO_NETWORK = ("resnet50", 256)
+"""Backbone and channels of the pyramid of torchvision's network."""
+MAX_REASON = 120
+"""Characters of an error's reason that are shown."""
 
 
 @dataclass(frozen=True)
-class FrameParserTraining:
+class FrameParserTraining(Settings):
     """Training of the frame parser.
 
     Attributes:
@@ -52,20 +46,18 @@ class FrameParserTraining:
         loop: the optimisation.
     """
 
-    frames: str
-    run_dir: str
+    frames: PathName
+    run_dir: PathName
     output: str = ""
     initial: str = ""
-    pretrained: str = ""
-    evaluation_frames: int = 150
+    pretrained: Literal["", "coco"] = ""
+    evaluation_frames: PositiveCount = 150
     model: FrameParserConfig = field(default_factory=FrameParserConfig)
     augmentation: AugmentConfig = field(default_factory=AugmentConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_paths(self, "frames", "run_dir")
-        check_ranges(self, evaluation_frames=MANY)
-        check_choices(self, pretrained=("", "coco"))
+        super().__post_init__()
         if self.initial and self.pretrained:
             raise DataError(
                 f"initial: {self.initial} and pretrained: {self.pretrained} both start the weights; give one"
@@ -108,32 +100,43 @@ class FrameParserTask(Task):
         frames = [self.evaluation_frames[int(i)] for i in picked]
         return detection_scores(model, frames) | average_precision(model, frames)
 
-    @torch.no_grad()
-    def images(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
-        """Held-out frames (H, W, 3) with the detections drawn in."""
-        model.eval()
-        device = next(model.parameters()).device
-        shown = {}
-        for number in range(min(SHOWN_FRAMES, len(self.evaluation_frames))):
-            image, _ = self.evaluation_frames[number * len(self.evaluation_frames) // SHOWN_FRAMES]
-            (detections,) = model([image.to(device)])
-            canvas = np.ascontiguousarray((image.permute(1, 2, 0).numpy() * 255).astype(np.uint8))
-            for i in torch.where(detections["scores"] > MIN_SHOWN_SCORE)[0].tolist():
-                left, top, right, bottom = (int(side) for side in detections["boxes"][i].tolist())
-                label = " ".join(attributes_of(int(detections["attribute"][i].argmax())))
-                cv2.rectangle(canvas, (left, top), (right, bottom), DRAWING_RGB, 1)
-                label_start = (left, top - LABEL_GAP_PX)
-                cv2.putText(canvas, label, label_start, cv2.FONT_HERSHEY_SIMPLEX, LABEL_SCALE, DRAWING_RGB, 1)
-            shown[f"evaluation/{number}"] = canvas
-        return shown
+
+def load_coco_weights(model: FrameParserNetwork) -> list[str]:
+    """Copy the weights of torchvision's Mask R-CNN of COCO, which the paper starts from.
+
+    The outputs for COCO's classes have no counterpart and stay as they are. torchvision's file is downloaded once and its
+    checksum verified; only tensors are read from it.
+
+    Returns:
+        Names of the tensors that were copied.
+
+    Raises:
+        DataError: another architecture, or the file cannot be had; says where it is looked for.
+    """
+    found = model.config.backbone, model.config.fpn_channels
+    if found != COCO_NETWORK:
+        raise DataError(
+            "pretrained is 'coco', which needs model.backbone {} with {} fpn_channels; got {} with {}".format(
+                *COCO_NETWORK, *found
+            )
+        )
+    weights = MaskRCNN_ResNet50_FPN_Weights.COCO_V1
+    try:
+        trained = maskrcnn_resnet50_fpn(weights=weights, progress=False).state_dict()
+    except (URLError, OSError, RuntimeError, ValueError) as e:
+        raise DataError(
+            f"pretrained: the COCO weights cannot be had from {weights.url} ({str(e)[:MAX_REASON]}); put that file into "
+            f"{torch.hub.get_dir()}/checkpoints, or give --pretrained '' to start from random weights"
+        ) from e
+    ours = model.state_dict()
+    renamed = {re.sub(r"^backbone\.", "backbone.pyramid.", name): value for name, value in trained.items()}
+    fitting = {name: v for name, v in renamed.items() if name in ours and ours[name].shape == v.shape}
+    model.load_state_dict(fitting, strict=False)
+    return sorted(fitting)
 
 
 def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    Raises:
-        DataError: unreadable training data, or fewer training frames than a batch.
-    """
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(FrameParserTraining, argv, "frame-parser")
     task = FrameParserTask(config)
     if len(task.training_frames) < config.loop.batch_size:

@@ -9,17 +9,18 @@ import logging
 import math
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import torch
 from accelerate import Accelerator, DistributedDataParallelKwargs
 from accelerate.state import AcceleratorState, PartialState
 from accelerate.utils import send_to_device
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -28,13 +29,12 @@ from tqdm import tqdm
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import described, resolved
-from nsdr.io.device import has_bfloat16, resolve_device, resolve_precision
-from nsdr.io.lock import locked
-from nsdr.io.validation import check_choices, check_ranges
+from nsdr.io.device import PRECISIONS, has_bfloat16, resolve_device, resolve_precision
+from nsdr.io.files import locked
 from nsdr.training.run_folder import RunFolder, TrainingState
-from nsdr.training.tensorboard import EventFile
+from nsdr.validation import Count, NotNegative, Positive, PositiveCount, Settings, one_of
 
-__all__ = ["LoopConfig", "LossTerm", "Task", "learning_rate_at", "train", "train_part"]
+__all__ = ["LoopConfig", "LossTerm", "Task", "held_out", "learning_rate_at", "train", "train_part"]
 
 log = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ SGD_MOMENTUM = 0.9
 
 
 @dataclass(frozen=True)
-class LoopConfig:
+class LoopConfig(Settings):
     """Settings of the optimisation.
 
     Attributes:
@@ -60,8 +60,8 @@ class LoopConfig:
         clip_norm: maximum norm of the gradient; larger gradients are scaled down.
         ema: decay per step of an exponential moving average of the weights, which is evaluated and saved instead of them; 0
             for none.
-        precision: "no" (float32; CUDA's convolutions are TF32, as PyTorch has it), "bf16" or "fp16" mixed precision; "auto" is
-            "bf16" where the device multiplies bfloat16 matrices, else "no" (on processors without AMX, bfloat16 is slower).
+        precision: "float32" (CUDA's convolutions are TF32, as PyTorch has it) or "bfloat16" (mixed); "auto" is "bfloat16" where
+            the device multiplies matrices of it (processors without AMX do so slowly).
         seed: seed of the initial weights, the batches and the augmentation.
         log_every: steps between two lines of losses in `metrics.jsonl`.
         evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
@@ -73,32 +73,23 @@ class LoopConfig:
         DataError: a value out of its range; names it.
     """
 
-    steps: int = 1000
-    batch_size: int = 8
-    optimizer: str = "adam"
-    learning_rate: float = 1e-3
-    weight_decay: float = 0.0
-    warmup_steps: int = 0
-    schedule: str = "cosine"
-    step_size: int = 1000
-    step_factor: float = 0.3
-    clip_norm: float = 5.0
-    ema: float = 0.0
-    precision: str = "no"
-    seed: int = 0
-    log_every: int = 20
-    evaluate_every: int = 0
-    save_every: int = 200
+    steps: PositiveCount = 1000
+    batch_size: PositiveCount = 8
+    optimizer: Literal["adam", "sgd"] = "adam"
+    learning_rate: Positive = 1e-3
+    weight_decay: NotNegative = 0.0
+    warmup_steps: Count = 0
+    schedule: Literal["constant", "cosine", "step"] = "cosine"
+    step_size: PositiveCount = 1000
+    step_factor: Positive = 0.3
+    clip_norm: Positive = 5.0
+    ema: Annotated[float, Meta(ge=0, lt=1)] = 0.0
+    precision: Annotated[str, one_of(PRECISIONS)] = "float32"
+    seed: Count = 0
+    log_every: PositiveCount = 20
+    evaluate_every: Count = 0
+    save_every: PositiveCount = 200
     device: str = "auto"
-
-    def __post_init__(self) -> None:
-        many, positive = (1, math.inf), (math.nextafter(0, 1), math.inf)
-        check_ranges(self, steps=many, batch_size=many, step_size=many, log_every=many, save_every=many)
-        check_ranges(self, learning_rate=positive, clip_norm=positive, step_factor=positive, weight_decay=(0, math.inf))
-        check_ranges(self, warmup_steps=(0, math.inf), evaluate_every=(0, math.inf), seed=(0, math.inf))
-        check_ranges(self, ema=(0, math.nextafter(1, 0)))
-        check_choices(self, optimizer=("adam", "sgd"), schedule=("constant", "cosine", "step"))
-        check_choices(self, precision=("auto", "no", "bf16", "fp16"))
 
 
 class LossTerm(NamedTuple):
@@ -133,10 +124,6 @@ class Task(Protocol):
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Metrics of `model` on held-out data, by name."""
 
-    def images(self, model: nn.Module) -> Mapping[str, NDArray[np.uint8]]:
-        """RGB images (H, W, 3) for TensorBoard, by name; none by default."""
-        return {}
-
 
 class _Losses(nn.Module):
     """The forward pass from a batch to the loss terms, as one module: gradients of all that it calls are synchronised."""
@@ -154,7 +141,7 @@ class _Losses(nn.Module):
 
 
 def learning_rate_at(step: int, config: LoopConfig) -> float:
-    """Learning rate of a step (0-based)."""
+    """Learning rate of a step (0-based). As it depends on nothing else, there is no scheduler to save."""
     if step < config.warmup_steps:
         return config.learning_rate * (step + 1) / config.warmup_steps
     if config.schedule == "cosine":
@@ -168,12 +155,10 @@ def learning_rate_at(step: int, config: LoopConfig) -> float:
 def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping[str, Any]) -> dict[str, float]:
     """Train `task.model`, resuming the run in `run_dir` if there is one; at the end the model holds the trained weights.
 
-    The folder gets `config.json`, `metrics.jsonl`, TensorBoard events and the newest checkpoints; see `RunFolder`.
-
     Args:
         task: what to train.
         config: settings of the optimisation.
-        run_dir: folder of the run.
+        run_dir: folder of the run; see `RunFolder`.
         resolved: the whole configuration as plain values; a run is resumed only with the configuration it was started with.
 
     Returns:
@@ -186,83 +171,126 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
     """
     accelerator = _accelerator(config)
     with locked(run_dir) if accelerator.is_main_process else nullcontext():
-        return _train(task, config, RunFolder(run_dir, resolved, accelerator.is_main_process), accelerator)
+        folder = RunFolder(run_dir, resolved, accelerator.is_main_process)
+        return _Training(task, config, folder, accelerator).run()
 
 
-def _train(task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accelerator) -> dict[str, float]:
-    losses, optimizer = accelerator.prepare(_Losses(task), _optimizer(task.model, config))
-    average = _average(task.model, config)
-    evaluated = task.model if average is None else average.module
-    state = TrainingState(task.model, optimizer, average, accelerator.scaler)
-    start, record = folder.restore(state)
-    writer = _event_file(folder.path, start) if accelerator.is_main_process else None
-    rank, processes = accelerator.process_index, accelerator.num_processes
+class _Training:
+    """A training in one of its processes."""
 
-    def batch_of(step: int) -> Any:
-        examples = task.draw(config.batch_size * processes, np.random.default_rng((config.seed, step)))
-        return task.collate(examples[rank::processes])
+    def __init__(self, task: Task, config: LoopConfig, folder: RunFolder, accelerator: Accelerator) -> None:
+        self.task, self.config, self.folder, self.accelerator = task, config, folder, accelerator
+        parameters, rate, decay = task.model.parameters(), config.learning_rate, config.weight_decay
+        optimizer: torch.optim.Optimizer = (
+            torch.optim.AdamW(parameters, rate, weight_decay=decay)
+            if config.optimizer == "adam"
+            else torch.optim.SGD(parameters, rate, momentum=SGD_MOMENTUM, weight_decay=decay)
+        )
+        self.losses, self.optimizer = accelerator.prepare(_Losses(task), optimizer)
+        self.average = _average(task.model, config.ema) if config.ema else None
 
-    def finish(step: int, record: dict[str, float]) -> None:
+    def run(self) -> dict[str, float]:
+        """All steps that are left; returns the last metrics."""
+        config, folder = self.config, self.folder
+        state = TrainingState(self.task.model, self.optimizer, self.average)
+        start, record = folder.restore(state)
+        if start and folder.metrics(start) is None:  # killed after the checkpoint, before its line was written
+            self._finish(start, record)
+        is_shown = self.accelerator.is_main_process
+        with ThreadPoolExecutor(1) as pool:
+            upcoming = pool.submit(self._batch, start) if start < config.steps else None
+            bar = tqdm(range(start, config.steps), initial=start, total=config.steps, disable=not is_shown)
+            for step in bar:
+                assert upcoming is not None
+                batch, done = send_to_device(upcoming.result(), self.accelerator.device), step + 1
+                upcoming = pool.submit(self._batch, done) if done < config.steps else None
+                means = self._step(step, batch)
+                record, last = {}, done == config.steps
+                if done % config.log_every == 0 or last:
+                    record = {"loss": sum(means.values()), "learning_rate": learning_rate_at(step, config)}
+                    record |= {f"loss/{name}": mean for name, mean in means.items()}
+                    bar.set_postfix(loss=f"{record['loss']:.4g}")
+                if last or done % config.save_every == 0:
+                    folder.save(state, done, record)
+                self._finish(done, record)
+        if self.average is not None:
+            self.task.model.load_state_dict(self.average.module.state_dict())
+        return folder.metrics(config.steps) or {}
+
+    def _batch(self, step: int) -> Any:
+        """This process's part of a step's batch."""
+        rank, processes = self.accelerator.process_index, self.accelerator.num_processes
+        rng = np.random.default_rng((self.config.seed, step))
+        return self.task.collate(self.task.draw(self.config.batch_size * processes, rng)[rank::processes])
+
+    def _step(self, step: int, batch: Any) -> dict[str, float]:
+        """Take a step; returns the means of the loss terms over the batches of all processes."""
+        accelerator, model = self.accelerator, self.task.model
+        seed = np.random.SeedSequence((self.config.seed, step, accelerator.process_index))
+        torch.manual_seed(int(seed.generate_state(1)[0]))
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate_at(step, self.config)
+        model.train()
+        terms = self.losses(batch)
+        totals, counts = (torch.stack([term[k].float() for term in terms.values()]) for k in (0, 1))
+        all_totals, all_counts = accelerator.reduce(torch.stack([totals.detach(), counts]), "sum")
+        all_counts = all_counts.clamp(min=1)
+        # Gradients are averaged over processes, while the means are over the items of all of them.
+        accelerator.backward((totals / all_counts).sum() * accelerator.num_processes)
+        accelerator.clip_grad_norm_(model.parameters(), self.config.clip_norm)
+        # Waits for the device, so not before all its work is launched.
+        means = dict(zip(terms, (all_totals / all_counts).tolist(), strict=True))
+        bad = [name for name, mean in means.items() if not math.isfinite(mean)]
+        if bad:
+            raise FloatingPointError(f"step {step}: loss is not finite ({', '.join(bad)})")
+        self.optimizer.step()
+        self.optimizer.zero_grad()
+        if self.average is not None:
+            self.average.update_parameters(model)
+        return means
+
+    def _finish(self, step: int, record: dict[str, float]) -> None:
         """Evaluate after a step where it is time to, and write what there is to write."""
-        if step == config.steps or (config.evaluate_every and step % config.evaluate_every == 0):
-            metrics = task.evaluate(evaluated)
+        every = self.config.evaluate_every
+        if step == self.config.steps or (every and step % every == 0):
+            metrics = self.task.evaluate(self.task.model if self.average is None else self.average.module)
             record = record | metrics
             log.info("step %d: %s", step, metrics)
-            if writer is not None:
-                for name, image in task.images(evaluated).items():
-                    writer.add_image(name, image, step)
         if record:
-            folder.write_line(step, record)
-            if writer is not None:
-                for name, value in record.items():
-                    writer.add_scalar(name, value, step)
+            self.folder.write(step, record)
 
-    if start and folder.metrics(start) is None:  # killed after the checkpoint, before its line was written
-        finish(start, record)
-    with ThreadPoolExecutor(1) as pool:
-        upcoming: Future[Any] | None = pool.submit(batch_of, start) if start < config.steps else None
-        bar = tqdm(
-            range(start, config.steps), initial=start, total=config.steps, disable=not accelerator.is_main_process
-        )
-        for step in bar:
-            assert upcoming is not None
-            batch = send_to_device(upcoming.result(), accelerator.device)
-            done = step + 1
-            upcoming = pool.submit(batch_of, done) if done < config.steps else None
-            torch.manual_seed(int(np.random.SeedSequence((config.seed, step, rank)).generate_state(1)[0]))
-            rate = learning_rate_at(step, config)
-            for group in optimizer.param_groups:
-                group["lr"] = rate
-            task.model.train()
-            terms = losses(batch)
-            totals, counts = (torch.stack([term[k].float() for term in terms.values()]) for k in (0, 1))
-            all_totals, all_counts = accelerator.reduce(torch.stack([totals.detach(), counts]), "sum")
-            all_counts = all_counts.clamp(min=1)
-            # Gradients are averaged over processes, while the means are over the items of all of them.
-            accelerator.backward((totals / all_counts).sum() * processes)
-            accelerator.clip_grad_norm_(task.model.parameters(), config.clip_norm)
-            # Waits for the device, so not before all its work is launched.
-            means = dict(zip(terms, (all_totals / all_counts).tolist(), strict=True))
-            if not all(map(math.isfinite, means.values())):
-                bad = [name for name, mean in means.items() if not math.isfinite(mean)]
-                raise FloatingPointError(f"step {step}: loss is not finite ({', '.join(bad)})")
-            optimizer.step()
-            optimizer.zero_grad()
-            if average is not None:
-                average.update_parameters(task.model)
 
-            last = done == config.steps
-            record = {}
-            if done % config.log_every == 0 or last:
-                record = {"loss": sum(means.values()), "learning_rate": rate}
-                record |= {f"loss/{name}": mean for name, mean in means.items()}
-                bar.set_postfix(loss=f"{record['loss']:.4g}")
-            if last or done % config.save_every == 0:
-                folder.save(state, done, record)
-            finish(done, record)
-    if average is not None:
-        task.model.load_state_dict(average.module.state_dict())
-    return folder.metrics(config.steps) or {}
+def _average(model: nn.Module, decay: float) -> AveragedModel:
+    """An exponential moving average of the weights."""
+    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(decay), use_buffers=True)
+    for module in average.modules():
+        if isinstance(module, nn.RNNBase):
+            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
+    return average
+
+
+def _accelerator(config: LoopConfig) -> Accelerator:
+    """Moves models to the device, casts and synchronises gradients."""
+    several = int(os.environ.get("WORLD_SIZE", "1")) > 1
+    if several:
+        if config.device not in ("auto", "cpu"):
+            raise DataError(f"device is {config.device!r}; expected auto or cpu with several processes")
+        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
+        if config.device == "auto" and 0 < devices < here:
+            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
+    else:  # another training in this process may have another device
+        AcceleratorState._reset_state(reset_partial_state=True)
+    device = resolve_device(config.device)
+    if not several and device.type == "cuda" and device.index is not None:
+        torch.cuda.set_device(device)
+    precision = resolve_precision(config.precision, device)
+    if precision == torch.bfloat16 and device.type == "cpu" and not has_bfloat16():
+        raise DataError("precision is 'bfloat16', which this processor lacks (no AVX-512); expected float32 or auto")
+    unused = DistributedDataParallelKwargs(find_unused_parameters=True)
+    # Unless it is told so, Accelerate takes each of several processes without a GPU for the only one.
+    on_cpu = config.device == "cpu" or (several and not torch.cuda.is_available())
+    mixed = "bf16" if precision == torch.bfloat16 else "no"
+    return Accelerator(mixed_precision=mixed, cpu=on_cpu, kwargs_handlers=[unused])
 
 
 def train_part(
@@ -300,61 +328,14 @@ def train_part(
     return output
 
 
-def _accelerator(config: LoopConfig) -> Accelerator:
-    """Moves models to the device, casts and synchronises gradients."""
-    several = int(os.environ.get("WORLD_SIZE", "1")) > 1
-    if several:
-        if config.device not in ("auto", "cpu"):
-            raise DataError(f"device is {config.device!r}; expected auto or cpu with several processes")
-        here, devices = int(os.environ.get("LOCAL_WORLD_SIZE", "1")), torch.cuda.device_count()
-        if config.device == "auto" and 0 < devices < here:
-            raise DataError(f"{here} processes on this machine share {devices} CUDA devices; start one for each device")
-    else:
-        AcceleratorState._reset_state(
-            reset_partial_state=True
-        )  # another training in this process may have another device
-        device = resolve_device(config.device)
-        if device.type == "cuda" and device.index is not None:
-            torch.cuda.set_device(device)
-        if config.precision == "fp16" and device.type == "cpu":
-            raise DataError("precision is 'fp16', which needs an accelerator; expected no or bf16 on the CPU")
-        if config.precision == "bf16" and device.type == "cpu" and not has_bfloat16():
-            raise DataError("precision is 'bf16', which this processor lacks (no AVX-512); expected no or auto")
-    unused = DistributedDataParallelKwargs(find_unused_parameters=True)
-    # Unless it is told so, Accelerate takes each of several processes without a GPU for the only one.
-    on_cpu = config.device == "cpu" or (several and not torch.cuda.is_available())
-    return Accelerator(mixed_precision=_mixed_precision(config), cpu=on_cpu, kwargs_handlers=[unused])
+def held_out(indices: NDArray[np.integer[Any]], every: int, where: str) -> NDArray[np.bool_]:
+    """Which of the scenes are for evaluation: those whose index `every` divides, and the others are trained on.
 
-
-def _mixed_precision(config: LoopConfig) -> str:
-    """The precision as Accelerate names it."""
-    if config.precision != "auto":
-        return config.precision
-    return "bf16" if resolve_precision("auto", resolve_device(config.device)) == torch.bfloat16 else "no"
-
-
-def _average(model: nn.Module, config: LoopConfig) -> AveragedModel | None:
-    if not config.ema:
-        return None
-    average = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
-    for module in average.modules():
-        if isinstance(module, nn.RNNBase):
-            module.flatten_parameters()  # cuDNN wants them in one piece, which copying undoes
-    return average
-
-
-def _optimizer(model: nn.Module, config: LoopConfig) -> torch.optim.Optimizer:
-    if config.optimizer == "adam":
-        return torch.optim.AdamW(model.parameters(), config.learning_rate, weight_decay=config.weight_decay)
-    return torch.optim.SGD(
-        model.parameters(), config.learning_rate, momentum=SGD_MOMENTUM, weight_decay=config.weight_decay
-    )
-
-
-def _event_file(folder: Path, start: int) -> EventFile | None:
-    """For TensorBoard, where that is installed."""
-    try:
-        return EventFile(folder, start)
-    except ImportError:
-        log.warning("TensorBoard is not installed (pip install 'nsdr[train]'); metrics.jsonl has the same numbers")
-        return None
+    Raises:
+        DataError: there are none of either; names `where` they are from.
+    """
+    found = np.asarray(indices) % every == 0
+    if found.all() or not found.any():
+        expected = f"scenes whose index {every} divides, to evaluate on, and others to train on"
+        raise DataError(f"{where}: expected {expected}; got {found.sum()} and {(~found).sum()}")
+    return found

@@ -1,23 +1,34 @@
-"""Training task of the paper's dynamics network on patches (`network: paper`)."""
+"""Training tasks of the paper's dynamics networks on patches: of masks (`network: paper`), and of images (`paper_images`)."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, cast
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, PatchModel
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor, patch_boxes
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.propnet.data import MotionDataset, read_image_dataset
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, ImageModel, PatchModel
+from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
+from nsdr.dynamics.propnet.patches import MAX_VALUE, patch_boxes
 from nsdr.training.loop import LossTerm
 from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
+from nsdr.types import Event
 
-__all__ = ["PatchModelTask"]
+__all__ = ["ImageModelTask", "PatchModelTask"]
 
 NOISE_PX_PER_WORLD = 50.0
 """Noise of boxes for a noise of one world unit in `DynamicsTraining.noise_world` (px per world unit)."""
 STEPS_AROUND_COLLISION = 2
 """Near a collision, the present is at most this many steps of `stride_frames` before or after it."""
+DRAWN_FROM_FRAME = 60
+"""Frame after which the patches of held-out scenes are drawn and compared."""
+DRAWN_STEPS = (1, 5)
+"""Steps after which drawn patches are compared."""
 
 
 class _Window(NamedTuple):
@@ -32,8 +43,16 @@ class _Window(NamedTuple):
 class PatchModelTask(TrackTask):
     """Squared error of the boxes one step later, and cross-entropy of the collisions within each step.
 
-    A batch holds scenes with the same number of objects, mirrored at random: the camera looks along the world's x axis.
+    Each step goes on from the last one; gradients do not pass from step to step. A batch holds scenes with the same number of
+    objects, mirrored at random: the camera looks along the world's x axis.
+
+    Attributes:
+        predicted: what the network reads and predicts, and the name of its loss.
+        box_weights: weights of the squared errors of column, row, width and height.
     """
+
+    predicted: ClassVar[Mapping[str, str]] = {"boxes": "motion"}
+    box_weights: ClassVar[Sequence[float]] = (1.0, 1.0, 1.0, 1.0)
 
     def __init__(self, config: DynamicsTraining) -> None:
         torch.manual_seed(config.loop.seed)
@@ -68,10 +87,9 @@ class PatchModelTask(TrackTask):
             exists: (B, N) bool, objects that are present.
             until: (B, N, N) int64, frames from the present to the pair's collision, negative after it.
         """
-        c, steps = self.config.patches, self.config.rollout_steps
         scenes, frames, noise, mirror = map(np.stack, zip(*examples, strict=True))
         n = noise.shape[1]
-        index = frames[:, None] + np.arange(-c.window + 1, steps + 1) * c.stride_frames
+        index = frames[:, None] + self._offsets()
         boxes = self.boxes[scenes[:, None], :n, index + self.margin].transpose(0, 2, 1, 3) + noise.astype(np.float32)
         boxes[..., 0] *= mirror[:, None, None]
         reliable = self.data.reliable[scenes[:, None], :n, np.maximum(index, 0)].transpose(0, 2, 1)
@@ -85,22 +103,106 @@ class PatchModelTask(TrackTask):
             "until": torch.from_numpy(until[:, :n, :n]),
         }
 
-    def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, LossTerm]:
-        """`motion`, the squared error of boxes (B, N, 4), and `collision`, the cross-entropy of pairs (B, N, N)."""
-        exists = batch["exists"]
+    def _offsets(self) -> NDArray[np.int_]:
+        """(K,) frames of a window's samples, from its present."""
         c = self.config.patches
-        window, motion, collision = batch["boxes"][:, :, : c.window], [], []
+        return np.arange(-c.window + 1, self.config.rollout_steps + 1) * c.stride_frames
+
+    def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, LossTerm]:
+        """Squared errors of what is predicted, as `predicted` names them, and `collision`, the cross-entropy of pairs."""
+        exists, c = batch["exists"], self.config.patches
+        windows = {name: batch[name][:, :, : c.window] for name in self.predicted}
+        terms: dict[str, list[LossTerm]] = defaultdict(list)
         for step in range(self.config.rollout_steps):
-            following, logits = model(window, batch["static"], exists)
+            *following, logits = model(*windows.values(), batch["static"], exists)
             weight = (batch["reliable"][:, :, c.window + step] & exists).float()
-            error = ((following - batch["boxes"][:, :, c.window + step]) / STEP_SCALE).square().sum(-1)
-            motion.append(LossTerm((error * weight).sum(), weight.sum()))
+            for (name, window), values in zip(windows.items(), following, strict=True):
+                error = self._error(name, values, batch[name][:, :, c.window + step])
+                terms[self.predicted[name]].append(LossTerm((error * weight).sum(), weight.sum()))
+                windows[name] = torch.cat([window[:, :, 1:], values[:, :, None].detach()], 2)
             for k in range(c.window):
                 until = batch["until"] + c.stride_frames * (k - step)
-                collision.append(pair_loss(logits[..., k], (until >= 1) & (until <= c.stride_frames), exists))
-            window = torch.cat([window[:, :, 1:], following[:, :, None].detach()], 2)
-        return {"motion": joined(motion), "collision": joined(collision)}
+                hits = (until >= 1) & (until <= c.stride_frames)
+                terms["collision"].append(pair_loss(logits[..., k], hits, exists))
+        return {name: joined(of_steps) for name, of_steps in terms.items()}
+
+    def _error(self, name: str, found: Tensor, true: Tensor) -> Tensor:
+        """Squared error (B, N) of boxes (B, N, 4), or of patches (B, N, 4, cells, cells)."""
+        if name == "patches":
+            return (found - true).square().sum(2).mean((-1, -2))
+        return (((found - true) / STEP_SCALE).square() * torch.tensor(self.box_weights, device=found.device)).sum(-1)
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
         return self.measure(PatchPredictor(cast(PatchModel, model), LAST_FRAME))
+
+
+class ImageModelTask(PatchModelTask):
+    """As `PatchModelTask`, with the squared error of drawn patches.
+
+    Patches lie in `run_dir/patches` and are read from there, not held in memory. The boxes' weights are uneven because whole
+    pixels of the masks' bounds and turning cubes would make up most of the loss, and nothing but the next boxes depends on
+    sizes.
+    """
+
+    predicted = {"boxes": "motion", "patches": "image"}  # noqa: RUF012
+    box_weights = (5.0, 5.0, 0.25, 0.25)
+
+    def network(self, config: DynamicsTraining) -> nn.Module:
+        """The network, with random weights."""
+        return ImageModel(config.patches)
+
+    def read(self) -> MotionDataset:
+        """The scenes of the data set; their patches are kept beside them."""
+        c = self.config
+        data, files = read_image_dataset(c.data, f"{c.run_dir}/patches", c.patches, c.limit or None)
+        self._files = dict(zip(data.scene.tolist(), files, strict=True))
+        return data
+
+    def states(self, index: int) -> tuple[MotionStates, list[Event]]:
+        """A held-out scene with patches, and its true collisions."""
+        states, events = super().states(index)
+        return replace(states, patches=np.array(self._patches(self.held_out.scene[index]))), events
+
+    def _patches(self, scene: int) -> NDArray[np.uint8]:
+        """(n, F, 4, cells, cells) of a scene, mapped from its file."""
+        return cast(NDArray[np.uint8], np.load(self._files[int(scene)], mmap_mode="r"))
+
+    def collate(self, examples: Sequence[_Window]) -> dict[str, Tensor]:
+        """As of `PatchModelTask`, and `patches` (B, N, K, 4, cells, cells) float32 in 0-1."""
+        patches = []
+        for example in examples:
+            frames = np.maximum(example.frame + self._offsets(), 0)
+            cut = self._patches(self.data.scene[example.scene])[:, frames]
+            patches.append(cut[..., ::-1] if example.mirror < 0 else cut)
+        return {**super().collate(examples), "patches": torch.from_numpy(np.stack(patches)).float() / MAX_VALUE}
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Scores of observed collisions, and errors of rollouts and of drawn patches, on the held-out scenes."""
+        network = cast(ImageModel, model)
+        return self.measure(ImagePredictor(network, LAST_FRAME)) | self._drawing_errors(network)
+
+    @torch.no_grad()
+    def _drawing_errors(self, model: ImageModel) -> dict[str, float]:
+        """Mean absolute errors (0-1) of patches `DRAWN_STEPS` later: of those drawn, and of the last one seen (`_kept`)."""
+        c, h, found = self.config.patches, self.held_out, defaultdict[str, list[float]](list)
+        device = next(model.parameters()).device
+        every = DRAWN_FROM_FRAME + np.arange(1 - c.window, 1 + max(DRAWN_STEPS)) * c.stride_frames
+        all_boxes = patch_boxes(h.location_world, h.box_px, h.reliable, 0).astype(np.float32)
+        for i in range(len(h)):
+            here = np.flatnonzero(h.exists[i] & h.present[i, :, DRAWN_FROM_FRAME] & h.reliable[i][:, every].all(1))
+            if not len(here):
+                continue
+            true = torch.from_numpy(self._patches(h.scene[i])[here][:, every]).to(device).float()[None] / MAX_VALUE
+            boxes = torch.from_numpy(all_boxes[i, here][:, every[: c.window]]).to(device)[None]
+            static = torch.from_numpy(h.static[i, here]).to(device)[None]
+            patches, exists = true[:, :, : c.window], torch.ones(1, len(here), dtype=torch.bool, device=device)
+            for step in range(1, 1 + max(DRAWN_STEPS)):
+                following, drawn, _ = model(boxes, patches, static, exists)
+                boxes = torch.cat([boxes[:, :, 1:], following[:, :, None]], 2)
+                patches = torch.cat([patches[:, :, 1:], drawn[:, :, None]], 2)
+                if step in DRAWN_STEPS:
+                    target = true[:, :, c.window - 1 + step]
+                    found[f"image_error_{step}"].append(float((drawn - target).abs().mean()))
+                    found[f"image_error_{step}_kept"].append(float((true[:, :, c.window - 1] - target).abs().mean()))
+        return {name: float(np.mean(values)) for name, values in found.items()}

@@ -11,18 +11,25 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.clevrer.questions import iterate_questions
+from nsdr.clevrer.files.questions import read_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint, load_description
-from nsdr.io.validation import COUNT, MANY, SHARE, check_paths, check_ranges
-from nsdr.language.english import ENGLISH, START_SYMBOLS
-from nsdr.language.paraphrase import VOCABULARY, draw_wording, read_paraphrases
-from nsdr.language.templates import TEXT_KINDS, Pair, sample
+from nsdr.language.normal import normal_form
+from nsdr.language.rules import Pair
+from nsdr.language.texts import (
+    START_SYMBOLS,
+    TEXT_KINDS,
+    draw_wording,
+    english,
+    read_paraphrases,
+    sample,
+    vocabulary,
+)
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.question_parser.normal import normal_form
-from nsdr.question_parser.parser import QuestionParser, build_networks, pad
+from nsdr.question_parser.network import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
+from nsdr.validation import Count, PathName, PositiveCount, Settings, Share
 
 __all__ = ["QuestionParserTask", "QuestionParserTraining", "exact_share", "read_pairs", "train_question_parser"]
 
@@ -36,7 +43,7 @@ _TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
 @dataclass(frozen=True)
-class QuestionParserTraining:
+class QuestionParserTraining(Settings):
     """Training of the question parser on pairs drawn from the grammar, or on a question file.
 
     Attributes:
@@ -45,34 +52,30 @@ class QuestionParserTraining:
         questions: question file in CLEVRER's format to train on; "" draws texts from the grammar.
         samples: n, to train on n descriptive, n multiple-choice and 4n choice programs only (paper); 0 for all.
         initial: folder of a checkpoint to start from, whose words must be the same; "" starts from random weights.
-        paraphrase: probability that a training text is drawn from the rules of other wordings (`grammar.english`).
+        paraphrase: probability that a training text is drawn from the rules of other wordings (english.rules).
         other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
             another kind, half have their words shuffled, or one left out or put in.
         evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.
-        ablation: numbers of programs such as "10,100,all": one run for each, and a table and a figure of their accuracy.
+        ablation: numbers of programs such as "10,100,all": one run for each, and a table of their accuracy.
         evaluation_questions: question file with programs and answers; for the ablation.
         evaluation_scenes: folder with `truth_N.json` of the scenes of `evaluation_questions`; for the ablation.
         model: the networks.
         loop: the optimisation.
     """
 
-    run_dir: str
+    run_dir: PathName
     output: str = ""
     questions: str = ""
-    samples: int = 0
+    samples: Count = 0
     initial: str = ""
-    paraphrase: float = 0.0
-    other: float = 0.08
-    evaluation_texts: int = 1000
+    paraphrase: Share = 0.0
+    other: Share = 0.08
+    evaluation_texts: PositiveCount = 1000
     ablation: str = ""
     evaluation_questions: str = ""
     evaluation_scenes: str = ""
     model: QuestionParserConfig = field(default_factory=QuestionParserConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
-
-    def __post_init__(self) -> None:
-        check_paths(self, "run_dir")
-        check_ranges(self, samples=COUNT, paraphrase=SHARE, other=SHARE, evaluation_texts=MANY)
 
 
 class QuestionParserTask(Task):
@@ -82,8 +85,10 @@ class QuestionParserTask(Task):
         torch.manual_seed(config.loop.seed)
         self.config = config
         self.pool = self._pool()
-        pool_texts = [normal_form(text, "keep").text for pairs in (self.pool or {}).values() for text, _ in pairs]
-        self.tokenizer = Tokenizer.from_texts([*VOCABULARY, *pool_texts])
+        pool_texts = [
+            normal_form(text, keep_unknown=True).text for pairs in (self.pool or {}).values() for text, _ in pairs
+        ]
+        self.tokenizer = Tokenizer.from_texts([*vocabulary(), *pool_texts])
         self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
         if config.initial:
             if load_description(config.initial, "question_parser")["words"] != list(self.tokenizer.words):
@@ -117,8 +122,8 @@ class QuestionParserTask(Task):
             text, _ = self._draw_text(rng.choice([k for k in TEXT_KINDS if k != kind]), rng)
         else:
             text = self._spoilt(self._draw_text(kind, rng)[0], rng)
-        normal = normal_form(text, "keep")
-        if ENGLISH.readings(START_SYMBOLS[kind], normal.forms):  # it is a text of this kind, too
+        normal = normal_form(text, keep_unknown=True)
+        if english().readings(START_SYMBOLS[kind], normal.forms):  # it is a text of this kind, too
             return self._draw_text(kind, rng)
         return text, [OTHER]
 
@@ -126,7 +131,7 @@ class QuestionParserTask(Task):
         if rng.random() < self.config.paraphrase:
             return draw_wording(kind, rng)
         text, program = sample(kind, rng) if self.pool is None else rng.choice(self.pool[kind])
-        return normal_form(text, "keep").text, program
+        return normal_form(text, keep_unknown=True).text, program
 
     def _spoilt(self, text: str, rng: random.Random) -> str:
         """A text with its words shuffled, or with one word left out or put in."""
@@ -137,7 +142,7 @@ class QuestionParserTask(Task):
         elif how == 1:
             del words[rng.randrange(len(words))]
         else:
-            words.insert(rng.randrange(len(words) + 1), rng.choice(VOCABULARY))
+            words.insert(rng.randrange(len(words) + 1), rng.choice(vocabulary()))
         return " ".join(words) or text
 
     def draw(self, count: int, rng: np.random.Generator) -> list[int]:
@@ -168,7 +173,7 @@ class QuestionParserTask(Task):
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """For each kind, the share of exact programs on texts of the grammar and on the paraphrases that ship with it."""
         rng = random.Random("evaluation")
-        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model), constrained=True, unknown="ignore")
+        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model))
         scores = {}
         for kind in TEXT_KINDS:
             pairs = [sample(kind, rng) for _ in range(self.config.evaluation_texts)]
@@ -193,7 +198,7 @@ def read_pairs(path: str) -> dict[str, list[Pair]]:
         DataError: a missing or unreadable file.
     """
     programs: dict[str, dict[str, list[str]]] = {kind: {} for kind in TEXT_KINDS}
-    for scene in iterate_questions(path):
+    for scene in read_questions(path):
         for q in scene.questions:
             question_kind = "multiple_choice" if q.choices else "descriptive"
             rows = [(question_kind, q.text, q.program), *(("choice", c.text, c.program) for c in q.choices)]

@@ -1,33 +1,34 @@
-"""What the training tasks of both dynamics networks share: the configuration, the tracks and the collision loss."""
+"""What the training tasks of the dynamics networks share: the configuration, the tracks and the collision loss."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
+from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.dynamics.propnet.data import SIMULATED_SCENE, MotionDataset, read_motion_dataset
+from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.dynamics.propnet.state_predictor import StatePredictor
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_checkpoint
-from nsdr.io.validation import COUNT, MANY, NOT_NEGATIVE, check_choices, check_paths, check_ranges
-from nsdr.training.loop import LoopConfig, LossTerm, Task
+from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
 from nsdr.types import Event
+from nsdr.validation import Count, NotNegative, PositiveCount, Settings, expect
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
 
 HELD_OUT_EVERY = 40
-"""Real scenes whose index this number divides are kept out of training, for evaluation: the index alone decides, so that no
+"""Scenes whose index this number divides are kept out of training, for evaluation: the index alone decides, so that no
 training sees what another one, with other scenes or another `limit`, holds out."""
 NEAR_COLLISION_SHARE = 0.5
 """Share of each batch whose present is drawn close to a collision; the others are drawn uniformly."""
@@ -40,7 +41,7 @@ ROLLOUT_SCENES = 30
 
 
 @dataclass(frozen=True)
-class DynamicsTraining:
+class DynamicsTraining(Settings):
     """Training of the dynamics predictor on tracks of real proposals, or on videos for the network on images.
 
     Attributes:
@@ -49,14 +50,13 @@ class DynamicsTraining:
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
-        limit: maximum number of real scenes; 0 for all.
+        limit: maximum number of scenes; 0 for all.
         data: for "paper_images", the folder of a data set with `videos/`, `derender_proposals/` and `annotations/` of `train`,
             such as `nsdr generate dataset` makes.
-        simulated: folder of simulated scenes (`nsdr generate dataset --renderer none`) to train on as well; "" for none.
         rollout_steps: number of consecutive predictions, each from the last ones, that a loss covers.
         noise_world: standard deviation of the noise added to observed positions (world units); for the network on patches,
             50 times this value is the noise added to boxes (px).
-        evaluation_scenes: maximum number of held-out scenes (real scenes whose index 40 divides) to evaluate on.
+        evaluation_scenes: maximum number of held-out scenes (scenes whose index 40 divides) to evaluate on.
         network: "state" (network on states), "paper" (the paper's network on patches of masks) or "paper_images" (on patches
             of images and masks).
         model: the network on states.
@@ -69,34 +69,29 @@ class DynamicsTraining:
     run_dir: str = ""
     output: str = ""
     initial: str = ""
-    limit: int = 0
+    limit: Count = 0
     data: str = ""
-    simulated: str = ""
-    rollout_steps: int = 5
-    noise_world: float = 0.003
-    evaluation_scenes: int = 100
-    network: str = "state"
+    rollout_steps: Annotated[int, Meta(ge=1, le=VIDEO_FRAMES)] = 5
+    noise_world: NotNegative = 0.003
+    evaluation_scenes: PositiveCount = 100
+    network: Literal["state", "paper", "paper_images"] = "state"
     model: StateModelConfig = field(default_factory=StateModelConfig)
     patches: PatchModelConfig = field(default_factory=PatchModelConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
-        check_choices(self, network=("state", "paper", "paper_images"))
+        super().__post_init__()
         on_images = self.network == "paper_images"
-        check_paths(self, *(("data",) if on_images else ("proposals", "truth")), "run_dir")
-        useless = ("proposals", "truth", "simulated") if on_images else ("data",)
+        for name in ("data", "run_dir") if on_images else ("proposals", "truth", "run_dir"):
+            expect(bool(getattr(self, name).strip()), name, "a path", repr(getattr(self, name)))
+        useless = ("proposals", "truth") if on_images else ("data",)
         given = [name for name in useless if getattr(self, name)]
         if given:
             raise DataError(f"{', '.join(given)}: does nothing with network {self.network!r}; leave it out")
-        check_ranges(
-            self, limit=COUNT, rollout_steps=(1, VIDEO_FRAMES), noise_world=NOT_NEGATIVE, evaluation_scenes=MANY
-        )
 
 
 class TrackTask(Task):
     """Base of the dynamics tasks: a network, the tracks to train it on, and held-out scenes.
-
-    The tracks are kept in the run's folder, so that a resumed run on the same files need not make them again.
 
     Args:
         config: the training.
@@ -109,14 +104,9 @@ class TrackTask(Task):
             network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
         self.model: nn.Module = network
         data = self.read()
-        held_out = (data.scene % HELD_OUT_EVERY == 0) & (data.scene != SIMULATED_SCENE)
-        if held_out.all() or not held_out.any():
-            message = f"expected scenes whose index {HELD_OUT_EVERY} divides, to evaluate on, and others to train on"
-            raise DataError(
-                f"{config.data or config.proposals}: {message}; got {held_out.sum()} and {(~held_out).sum()}"
-            )
-        self.data: MotionDataset = data.subset(~held_out)
-        self.held_out: MotionDataset = data.subset(np.flatnonzero(held_out)[: config.evaluation_scenes])
+        is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.data or config.proposals)
+        self.data: MotionDataset = data.subset(~is_held_out)
+        self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
         self.object_count = self.data.exists.sum(1)
         n = self.data.collision_frame.shape[1]
         collisions = np.argwhere(self.data.collision_frame * np.triu(np.ones((n, n), int), 1) > 0)
@@ -126,12 +116,10 @@ class TrackTask(Task):
             self._pools[count] = np.flatnonzero(alike), collisions[alike[collisions[:, 0]]]
 
     def read(self) -> MotionDataset:
-        """The scenes to train and evaluate on."""
-        config = self.config
-        cache = f"{config.run_dir}/motion.npz"
-        return read_motion_dataset(
-            config.proposals, config.truth, cache, config.limit or None, config.simulated or None
-        )
+        """The scenes to train and evaluate on; kept in the run's folder, so that a resumed run need not make them again."""
+        c = self.config
+        cache = f"{c.run_dir}/motion.npz"
+        return read_motion_dataset(c.proposals, c.truth, cache, c.limit or None)
 
     def states(self, index: int) -> tuple[MotionStates, list[Event]]:
         """A held-out scene and its true collisions."""
@@ -172,9 +160,7 @@ def pair_loss(logits: Tensor, target: Tensor, exists: Tensor) -> LossTerm:
         target: (B, N, N) bool.
         exists: (B, N) bool; pairs with an object that does not exist are left out.
     """
-    n = logits.shape[1]
-    upper = torch.triu(torch.ones(n, n, dtype=torch.bool, device=logits.device), 1)
-    valid = exists[:, :, None] & exists[:, None] & upper
+    valid = (exists[:, :, None] & exists[:, None]).triu(1)
     loss = F.binary_cross_entropy_with_logits(logits, target.float(), reduction="none")
     return LossTerm((loss * valid).sum(), len(logits))
 

@@ -11,16 +11,15 @@ Arrays are stored as read-only views of the arrays passed in.
 
 from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
 from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelocity
-from nsdr.types.object_physics import ObjectPhysics
-from nsdr.types.scenes import Doubt, DynamicsPrediction, Event, Rollout, Scene
+from nsdr.types.scenes import DynamicsPrediction, Event, ObjectPhysics, Rollout, Scene, UncertainCollision
 from nsdr.types.simulations import EventChange, Simulation
-from nsdr.types.tracks import SceneObject, Track, VideoProposals, VideoTracks
+from nsdr.types.tracks import Camera, SceneObject, Track, VideoProposals, VideoTracks
 
 __all__ = [
     "Add",
     "Answer",
+    "Camera",
     "ChoiceAnswer",
-    "Doubt",
     "DynamicsPrediction",
     "Event",
     "EventChange",
@@ -36,6 +35,7 @@ __all__ = [
     "Simulation",
     "TraceStep",
     "Track",
+    "UncertainCollision",
     "VideoProposals",
     "VideoTracks",
 ]

@@ -6,10 +6,12 @@ simulated time: a frame is 0.028 s.
 
 import math
 from dataclasses import dataclass, fields
-from numbers import Real
+from typing import Annotated
 
-from nsdr.types.checks import check
+from msgspec import Meta
+
 from nsdr.types.tracks import SceneObject
+from nsdr.validation import Checked, Finite, expect
 from nsdr.world.physics_constants import GROUND_HALF_WIDTH_WORLD, OBJECT_RADIUS_WORLD
 
 __all__ = ["Add", "Freeze", "Intervention", "Move", "Remove", "SetMass", "SetVelocity", "intervention_text"]
@@ -17,14 +19,14 @@ __all__ = ["Add", "Freeze", "Intervention", "Move", "Remove", "SetMass", "SetVel
 MAX_SPEED_WORLD_PER_S = 5.0
 """Fastest speed that can be set (world units/s): CLEVRER's objects start with up to 3, and at 5 one crosses a tenth of another
 one within two steps of the simulation."""
-MASS_FACTORS = (0.001, 1000.0)
-"""Smallest and largest factor of a mass."""
+Mass = Annotated[float, Meta(ge=0.001, le=1000)]
+"""A mass, or the factor of one."""
 MAX_POSITION_WORLD = GROUND_HALF_WIDTH_WORLD - OBJECT_RADIUS_WORLD
 """Largest coordinate of an object on the ground (world units)."""
 
 
 @dataclass(frozen=True)
-class Remove:
+class Remove(Checked):
     """The object is not there from the frame on.
 
     Attributes:
@@ -35,7 +37,7 @@ class Remove:
 
 
 @dataclass(frozen=True)
-class SetMass:
+class SetMass(Checked):
     """The object weighs `factor` times as much. It moves as before until its next collision.
 
     Attributes:
@@ -44,16 +46,11 @@ class SetMass:
     """
 
     object: str | int
-    factor: float
-
-    def __post_init__(self) -> None:
-        _numbers(self, "factor")
-        low, high = MASS_FACTORS
-        check(low <= self.factor <= high, f"SetMass.factor: expected {low:g} to {high:g}, got {self.factor:g}")
+    factor: Mass
 
 
 @dataclass(frozen=True)
-class SetVelocity:
+class SetVelocity(Checked):
     """The object has another velocity: `vx` and `vy`; or `speed`, `direction` or both; or `factor`.
 
     An object at rest has no direction to keep: `speed` alone and `factor` need one that moves. Speed 0 stops an object, which
@@ -70,26 +67,24 @@ class SetVelocity:
     """
 
     object: str | int
-    vx: float | None = None
-    vy: float | None = None
-    speed: float | None = None
-    direction: float | None = None
-    factor: float | None = None
+    vx: Finite | None = None
+    vy: Finite | None = None
+    speed: Annotated[float, Meta(ge=0, le=MAX_SPEED_WORLD_PER_S)] | None = None
+    direction: Finite | None = None
+    factor: Finite | None = None
 
     def __post_init__(self) -> None:
-        _numbers(self, "vx", "vy", "speed", "direction", "factor", optional=True)
+        super().__post_init__()
         by_axes, by_angle = self.vx is not None and self.vy is not None, (self.speed, self.direction) != (None, None)
         halves = (self.vx is None) != (self.vy is None)
         ways = by_axes + by_angle + (self.factor is not None)
         expected = "vx and vy, or speed and/or direction, or factor"
-        check(ways == 1 and not halves, f"SetVelocity: expected {expected}, got {_given(self)}")
-        check(self.speed is None or self.speed >= 0, f"SetVelocity.speed: expected 0 or more, got {self.speed}")
-        fastest = max(self.speed or 0.0, math.hypot(self.vx or 0.0, self.vy or 0.0))
-        check_speed("SetVelocity", fastest)
+        expect(ways == 1 and not halves, "SetVelocity", expected, _given(self))
+        check_speed("SetVelocity", math.hypot(self.vx or 0.0, self.vy or 0.0))
 
 
 @dataclass(frozen=True)
-class Move:
+class Move(Checked):
     """The object is at another position, with its velocity: `x` and `y`, or by `dx` and `dy` from where it is.
 
     Attributes:
@@ -99,27 +94,24 @@ class Move:
     """
 
     object: str | int
-    x: float | None = None
-    y: float | None = None
-    dx: float | None = None
-    dy: float | None = None
+    x: Finite | None = None
+    y: Finite | None = None
+    dx: Finite | None = None
+    dy: Finite | None = None
 
     def __post_init__(self) -> None:
-        _numbers(self, "x", "y", "dx", "dy", optional=True)
+        super().__post_init__()
         given = [getattr(self, name) is not None for name in ("x", "y", "dx", "dy")]
         fits = given in ([True, True, False, False], [False, False, True, True])
-        check(fits, f"Move: expected x and y, or dx and dy, got {_given(self)}")
+        expect(fits, "Move", "x and y, or dx and dy", _given(self))
         if self.x is not None and self.y is not None:
             check_position("Move", self.x, self.y)
-        farthest = max(abs(self.dx or 0.0), abs(self.dy or 0.0))
-        check(
-            farthest <= 2 * MAX_POSITION_WORLD,
-            f"Move: expected dx and dy of up to {2 * MAX_POSITION_WORLD:g}, the width of the ground, got {farthest:.3g}",
-        )
+        farthest, width = max(abs(self.dx or 0.0), abs(self.dy or 0.0)), 2 * MAX_POSITION_WORLD
+        expect(farthest <= width, "Move", f"dx and dy of up to {width:g}, the width of the ground", farthest)
 
 
 @dataclass(frozen=True)
-class Freeze:
+class Freeze(Checked):
     """The object stops and is fixed to the ground: nothing that hits it moves it. `SetVelocity(…, speed=0)` only stops it.
 
     Attributes:
@@ -130,7 +122,7 @@ class Freeze:
 
 
 @dataclass(frozen=True)
-class Add:
+class Add(Checked):
     """A new object.
 
     Attributes:
@@ -144,20 +136,18 @@ class Add:
     color: str
     material: str
     shape: str
-    x: float
-    y: float
-    vx: float = 0.0
-    vy: float = 0.0
-    yaw: float = 0.0
-    mass: float = 1.0
+    x: Finite
+    y: Finite
+    vx: Finite = 0.0
+    vy: Finite = 0.0
+    yaw: Finite = 0.0
+    mass: Mass = 1.0
 
     def __post_init__(self) -> None:
-        _numbers(self, "x", "y", "vx", "vy", "yaw", "mass")
+        super().__post_init__()
         SceneObject(0, self.color, self.material, self.shape)  # checks the words
         check_position("Add", self.x, self.y)
         check_speed("Add", math.hypot(self.vx, self.vy))
-        low, high = MASS_FACTORS
-        check(low <= self.mass <= high, f"Add.mass: expected {low:g} to {high:g}, got {self.mass:g}")
 
     @property
     def name(self) -> str:
@@ -196,27 +186,15 @@ def intervention_text(change: Intervention) -> str:
 def check_speed(owner: str, speed: float) -> None:
     """Raise `DataError` for a speed (world units/s) beyond `MAX_SPEED_WORLD_PER_S`."""
     most = MAX_SPEED_WORLD_PER_S
-    check(speed <= most, f"{owner}: expected a speed of up to {most:g} world units per second, got {speed:.3g}")
+    expect(speed <= most, owner, f"a speed of up to {most:g} world units per second", speed)
 
 
 def check_position(owner: str, x: float, y: float) -> None:
     """Raise `DataError` for a position (world units) that is not on the ground."""
     most = MAX_POSITION_WORLD
-    on_ground = max(abs(x), abs(y)) <= most
-    check(on_ground, f"{owner}: expected a position on the ground, from {-most:g} to {most:g}, got ({x:.3g}, {y:.3g})")
+    expect(max(abs(x), abs(y)) <= most, owner, f"a position on the ground, from {-most:g} to {most:g}", (x, y))
 
 
-def _numbers(owner: object, *names: str, optional: bool = False) -> None:
-    """Make the named attributes floats; an `optional` None stays. Raises `DataError` where one is no finite number."""
-    for name in names:
-        value = getattr(owner, name)
-        if value is None and optional:
-            continue
-        is_number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-        check(is_number, f"{type(owner).__name__}.{name}: expected a finite number, got {value!r:.60}")
-        object.__setattr__(owner, name, float(value))
-
-
-def _given(owner: object) -> str:
-    names = [f.name for f in fields(owner) if f.name != "object"]  # type: ignore[arg-type]
+def _given(owner: Checked) -> str:
+    names = [f.name for f in fields(owner) if f.name != "object"]
     return ", ".join(name for name in names if getattr(owner, name) is not None) or "none"

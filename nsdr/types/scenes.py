@@ -3,15 +3,27 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
-from nsdr.errors import DataError
-from nsdr.types.checks import ArrayHolder, BoolArray, FloatArray, check, check_values, check_whole, store_array
-from nsdr.types.object_physics import ObjectPhysics
+from nsdr.types.arrays import ArrayHolder
 from nsdr.types.tracks import SceneObject, check_objects
+from nsdr.validation import (
+    Array,
+    BoolArray,
+    Checked,
+    Count,
+    FloatArray,
+    NotNegative,
+    PositiveCount,
+    Share,
+    expect,
+    one_of,
+)
 
-__all__ = ["Doubt", "DynamicsPrediction", "Event", "Rollout", "Scene"]
+__all__ = ["DynamicsPrediction", "Event", "ObjectPhysics", "Rollout", "Scene", "UncertainCollision"]
 
 PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
 """Number of objects of each kind of event."""
@@ -20,7 +32,7 @@ NO_FRAME = -1
 
 
 @dataclass(frozen=True)
-class Event:
+class Event(Checked):
     """Something that happens at one frame.
 
     Attributes:
@@ -29,22 +41,19 @@ class Event:
         objects: object ids: one for "in" and "out", two in ascending order for "collision".
     """
 
-    kind: str
-    frame: int
-    objects: tuple[int, ...]
+    kind: Annotated[str, one_of(PARTICIPANTS)]
+    frame: Annotated[int, Meta(ge=NO_FRAME)]
+    objects: tuple[Count, ...]
 
     def __post_init__(self) -> None:
-        expected = PARTICIPANTS.get(self.kind)
-        check(expected is not None, f"event kind {self.kind!r}: expected in, out or collision")
-        check_whole("event", "frame", self.frame, NO_FRAME)
-        for number in self.objects:
-            check_whole("event", "objects", number, 0)
-        if len(self.objects) != expected or (expected == 2 and self.objects[0] >= self.objects[1]):
-            raise DataError(f"event {self.kind}: expected {expected} ascending object ids, got {self.objects}")
+        super().__post_init__()
+        n = PARTICIPANTS[self.kind]
+        fits = len(self.objects) == n and self.objects[0] < self.objects[-1] + (n == 1)
+        expect(fits, f"Event.objects of {self.kind}", f"{n} ascending object ids", self.objects)
 
 
 @dataclass(frozen=True)
-class Doubt:
+class UncertainCollision(Checked):
     """A collision that is neither certain nor ruled out.
 
     Attributes:
@@ -54,15 +63,13 @@ class Doubt:
     """
 
     event: Event
-    probability: float
-    removed: int | None = None
+    probability: Share
+    removed: Count | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         fits = self.event.kind == "collision" and self.event.frame >= 0
-        check(fits, f"Doubt.event: expected a collision at a frame, got {self.event}")
-        check(0 <= self.probability <= 1, f"Doubt.probability: expected 0 to 1, got {self.probability}")
-        if self.removed is not None:
-            check_whole("Doubt", "removed", self.removed, 0)
+        expect(fits, "UncertainCollision.event", "a collision at a frame", self.event)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,30 +82,53 @@ class Rollout(ArrayHolder):
         collisions: collision events in order of time.
         unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
         speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
-        doubts: collisions of this rollout that are uncertain; None where nothing is known about that.
+        uncertain: collisions of this rollout that are uncertain; None where nothing is known about that.
     """
 
-    location_world: FloatArray
-    visible: BoolArray
+    location_world: Annotated[FloatArray, Array("n", "F", 2, nan=True)]
+    visible: Annotated[BoolArray, Array("n", "F")]
     collisions: tuple[Event, ...]
-    unseen_scores: FloatArray | None = None
-    speed_world_per_s: FloatArray | None = None
-    doubts: tuple[Doubt, ...] | None = None
+    unseen_scores: Annotated[FloatArray, Array("n", "n", low=0, high=1)] | None = None
+    speed_world_per_s: Annotated[FloatArray, Array("n", "F", low=0, nan=True)] | None = None
+    uncertain: tuple[UncertainCollision, ...] | None = None
 
     def __post_init__(self) -> None:
-        store_array(self, "location_world", (None, None, 2), "f")
-        store_array(self, "visible", self.location_world.shape[:2], "b")
-        if self.speed_world_per_s is not None:
-            store_array(self, "speed_world_per_s", self.location_world.shape[:2], "f")
-            check_values("Rollout", "speed_world_per_s", self.speed_world_per_s, 0, np.inf, nan=True)
-        check_values("Rollout", "location_world", self.location_world, -np.inf, np.inf, nan=True)
+        super().__post_init__()
         n = len(self.visible)
-        if self.unseen_scores is not None:
-            store_array(self, "unseen_scores", (n, n), "f")
-            check_values("Rollout", "unseen_scores", self.unseen_scores, 0, 1)
-        for event in (*self.collisions, *(d.event for d in self.doubts or ())):
+        for event in (*self.collisions, *(d.event for d in self.uncertain or ())):
             fits = event.kind == "collision" and event.objects[1] < n and event.frame >= 0
-            check(fits, f"Rollout: {event} is not a collision of two of the {n} objects at a frame")
+            expect(fits, "Rollout.collisions", f"collisions of two of the {n} objects at a frame", event)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ObjectPhysics(ArrayHolder):
+    """Velocities and relative masses of n objects, with their errors. Seconds are of simulated time: a frame is 0.028 s.
+
+    Attributes:
+        velocity_world_per_s: (n, n_frames, 2) float, on the ground: towards the camera, and to the right of the image (world
+            units/s); NaN where it is not known.
+        velocity_error_world_per_s: standard deviation of each component (world units/s); 0 for true velocities.
+        log_mass: (n,) float, natural logarithms of the masses, of which only ratios matter; None where they are not known.
+        log_mass_covariance: (n, n) float, of the errors of `log_mass`; zeros for true masses; None without `log_mass`.
+    """
+
+    velocity_world_per_s: Annotated[FloatArray, Array("n", "F", 2, nan=True)]
+    velocity_error_world_per_s: NotNegative
+    log_mass: Annotated[FloatArray, Array("n")] | None = None
+    log_mass_covariance: Annotated[FloatArray, Array("n", "n")] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        both = (self.log_mass is None) == (self.log_mass_covariance is None)
+        expect(both, "ObjectPhysics", "log_mass and log_mass_covariance, or neither", "one of them")
+        if self.log_mass_covariance is not None:
+            lowest = float(np.diagonal(self.log_mass_covariance).min(initial=0.0))
+            expect(lowest >= 0, "ObjectPhysics.log_mass_covariance", "variances from 0 on", lowest)
+
+    @property
+    def n_frames(self) -> int:
+        """Frames of the velocities."""
+        return int(self.velocity_world_per_s.shape[1])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,19 +144,17 @@ class DynamicsPrediction(ArrayHolder):
     """
 
     objects: tuple[SceneObject, ...]
-    n_frames: int
+    n_frames: PositiveCount
     observed: Rollout
-    counterfactual: Mapping[int, Rollout] = field(default_factory=dict)
+    counterfactual: Mapping[Count, Rollout] = field(default_factory=dict)
     physics: ObjectPhysics | None = None
 
     def __post_init__(self) -> None:
-        check_objects("DynamicsPrediction", self.objects)
-        check_whole("DynamicsPrediction", "n_frames", self.n_frames, 1)
-        _check_removed("DynamicsPrediction", self.counterfactual, len(self.objects))
+        super().__post_init__()
+        _check_world("DynamicsPrediction", self)
         for rollout in (self.observed, *self.counterfactual.values()):
-            expected, got = len(self.objects), len(rollout.visible)
-            check(got == expected, f"DynamicsPrediction: expected rollouts of {expected} objects, got {got}")
-        _check_physics("DynamicsPrediction", self.physics, len(self.objects), self.n_frames)
+            n, found = len(self.objects), len(rollout.visible)
+            expect(found == n, "DynamicsPrediction", f"rollouts of {n} objects", found)
         object.__setattr__(self, "counterfactual", MappingProxyType(dict(self.counterfactual)))
 
 
@@ -144,77 +172,65 @@ class Scene(ArrayHolder):
         counterfactual: collisions with one object removed, by that object's id; None where they are not known.
         unseen_scores: (n_objects, n_objects) float, as in `Rollout`; None for ground-truth scenes.
         dynamics: the trajectories that the scene was made from, which pictures show; None where they were not kept.
-        doubts: collisions that are uncertain: observed, unseen (those after the video) and counterfactual ones; None where
+        uncertain: collisions that are uncertain: observed, unseen (those after the video) and counterfactual ones; None where
             nothing is known about that.
         physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
     """
 
     objects: tuple[SceneObject, ...]
-    n_frames: int
-    visible: BoolArray
-    moving: BoolArray | None
+    n_frames: PositiveCount
+    visible: Annotated[BoolArray, Array("objects", "n_frames")]
+    moving: Annotated[BoolArray, Array("objects", "n_frames")] | None
     events: tuple[Event, ...]
     unseen: tuple[Event, ...] | None = None
-    counterfactual: Mapping[int, tuple[Event, ...]] | None = None
-    unseen_scores: FloatArray | None = None
+    counterfactual: Mapping[Count, tuple[Event, ...]] | None = None
+    unseen_scores: Annotated[FloatArray, Array("objects", "objects", low=0, high=1)] | None = None
     dynamics: DynamicsPrediction | None = None
-    doubts: tuple[Doubt, ...] | None = None
+    uncertain: tuple[UncertainCollision, ...] | None = None
     physics: ObjectPhysics | None = None
 
     def __post_init__(self) -> None:
-        check_objects("Scene", self.objects)
-        triples = [o.name for o in self.objects]
-        repeated = sorted({name for name in triples if triples.count(name) > 1})
-        check(not repeated, f"Scene: more than one {', '.join(repeated)}; attribute triples must be unique")
-        n = len(self.objects)
-        check_whole("Scene", "n_frames", self.n_frames, 1)
+        super().__post_init__()
+        _check_world("Scene", self)
+        n, names = len(self.objects), [o.name for o in self.objects]
+        expect(len(set(names)) == n, "Scene.objects", "unique attribute triples", ", ".join(sorted(names)))
+        counterfactual, uncertain = self.counterfactual or {}, self.uncertain or ()
+        later = [*(self.unseen or ()), *(e for events in counterfactual.values() for e in events)]
+        for event in self.events:
+            expect(event.frame < self.n_frames, "Scene.events", f"frames from 0 to {self.n_frames - 1}", event)
+        for event in [*self.events, *later, *(d.event for d in uncertain)]:
+            fits = event.objects[-1] < n and event.frame >= 0
+            expect(fits, "Scene: event", f"objects from 0 to {n - 1} at a frame", event)
+        for one in uncertain:
+            fits = one.removed is None or one.removed < n
+            expect(fits, "Scene.uncertain", f"removed objects from 0 to {n - 1}", one.removed)
         if self.dynamics is not None:
             _check_dynamics(self, self.dynamics)
-        store_array(self, "visible", (n, self.n_frames), "b")
-        if self.moving is not None:
-            store_array(self, "moving", (n, self.n_frames), "b")
-        if self.unseen_scores is not None:
-            store_array(self, "unseen_scores", (n, n), "f")
-            check_values("Scene", "unseen_scores", self.unseen_scores, 0, 1)
-        _check_removed("Scene", self.counterfactual or {}, n)
-        _check_physics("Scene", self.physics, n, self.n_frames)
-        for event in self.events:
-            if event.frame >= self.n_frames:
-                raise DataError(f"Scene.events: {event} is after the video's {self.n_frames} frames")
-        counterfactual, doubts = self.counterfactual or {}, self.doubts or ()
-        later = [*(self.unseen or ()), *(e for events in counterfactual.values() for e in events)]
-        for event in [*self.events, *later, *(d.event for d in doubts)]:
-            if event.objects[-1] >= n or event.frame < 0:
-                raise DataError(f"Scene: {event} names an object outside 0-{n - 1} or no frame")
-        for doubt in doubts:
-            fits = doubt.removed is None or doubt.removed < n
-            check(fits, f"Scene.doubts: expected removed objects from 0 to {n - 1}, got {doubt.removed}")
         object.__setattr__(self, "events", _in_order(self.events))
         if self.unseen is not None:
             object.__setattr__(self, "unseen", _in_order(self.unseen))
         if self.counterfactual is not None:
-            object.__setattr__(self, "counterfactual", MappingProxyType(dict(self.counterfactual)))
+            object.__setattr__(self, "counterfactual", MappingProxyType(dict(counterfactual)))
 
 
-def _check_removed(owner: str, counterfactual: Mapping[int, object], n: int) -> None:
-    for removed in counterfactual:
-        check_whole(f"{owner}.counterfactual", "keys", removed, 0)
-        check(removed < n, f"{owner}.counterfactual: expected object ids from 0 to {n - 1} as keys, got {removed}")
-
-
-def _check_physics(owner: str, physics: ObjectPhysics | None, n: int, n_frames: int) -> None:
-    if physics is not None:
-        got = physics.velocity_world_per_s.shape[:2]
-        check(got == (n, n_frames), f"{owner}.physics: expected {n} objects and {n_frames} frames, got {got}")
+def _check_world(owner: str, world: DynamicsPrediction | Scene) -> None:
+    """What both have in common: ids, removed objects, and the size of the physics."""
+    check_objects(owner, world.objects)
+    n = len(world.objects)
+    for removed in world.counterfactual or {}:
+        expect(removed < n, f"{owner}.counterfactual", f"object ids from 0 to {n - 1} as keys", removed)
+    if world.physics is not None:
+        found, expected = world.physics.velocity_world_per_s.shape[:2], (n, world.n_frames)
+        expect(found == expected, f"{owner}.physics", f"{n} objects and {world.n_frames} frames", found)
 
 
 def _check_dynamics(scene: Scene, dynamics: DynamicsPrediction) -> None:
     same = dynamics.objects == scene.objects and dynamics.n_frames == scene.n_frames
-    check(same, "Scene.dynamics: expected the same objects and number of frames as the scene's")
+    expect(same, "Scene.dynamics", "the same objects and number of frames as the scene's", dynamics.n_frames)
     for rollout in (dynamics.observed, *dynamics.counterfactual.values()):
         last = max([scene.n_frames - 1, *(e.frame for e in rollout.collisions)])
         n = rollout.location_world.shape[1]
-        check(last < n, f"Scene.dynamics: expected positions until frame {last}, got {n} frames")
+        expect(last < n, "Scene.dynamics", f"positions until frame {last}", f"{n} frames")
 
 
 def _in_order(events: Sequence[Event]) -> tuple[Event, ...]:

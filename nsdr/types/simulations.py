@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
-from nsdr.types.checks import ArrayHolder, FloatArray, check, check_whole, store_array
+from nsdr.types.arrays import ArrayHolder
 from nsdr.types.interventions import Intervention
 from nsdr.types.scenes import Event, Rollout, Scene
 from nsdr.types.tracks import SceneObject, check_objects
+from nsdr.validation import Array, Checked, Count, FloatArray, PositiveCount, Share, expect
 
 __all__ = ["EventChange", "Simulation"]
 
@@ -15,7 +17,7 @@ SAME_FRAMES = 3
 
 
 @dataclass(frozen=True)
-class EventChange:
+class EventChange(Checked):
     """How an event differs in the changed world.
 
     Attributes:
@@ -28,7 +30,7 @@ class EventChange:
     kind: str
     event: Event
     before: int | None
-    probability: float | None
+    probability: Share | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,26 +54,25 @@ class Simulation(ArrayHolder):
     """
 
     objects: tuple[SceneObject, ...]
-    n_frames: int
-    from_frame: int
+    n_frames: PositiveCount
+    from_frame: Count
     interventions: tuple[Intervention, ...]
     original: Rollout
     changed: Rollout
-    original_yaw: FloatArray
-    changed_yaw: FloatArray
+    original_yaw: Annotated[FloatArray, Array("objects", "F", nan=True)]
+    changed_yaw: Annotated[FloatArray, Array("objects", "F", nan=True)]
     original_events: tuple[Event, ...]
     events: tuple[Event, ...]
     scene: Scene
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_objects("Simulation", self.objects)
-        check_whole("Simulation", "n_frames", self.n_frames, 1)
-        check_whole("Simulation", "from_frame", self.from_frame, 0)
-        shape = self.changed.visible.shape
-        same = len(self.objects) == shape[0] and self.original.visible.shape == shape
-        check(same, f"Simulation: expected rollouts of {len(self.objects)} objects and the same number of frames")
-        store_array(self, "original_yaw", shape, "f")
-        store_array(self, "changed_yaw", shape, "f")
+        for change in self.interventions:
+            expect(isinstance(change, Intervention), "Simulation.interventions", "interventions", change)
+        for rollout in (self.original, self.changed):
+            found, shape = rollout.visible.shape, self.changed_yaw.shape
+            expect(found == shape, "Simulation", f"rollouts of {shape[0]} objects and {shape[1]} frames", found)
 
     @property
     def probabilities(self) -> Mapping[Event, float] | None:
@@ -79,11 +80,11 @@ class Simulation(ArrayHolder):
 
         Collisions that happen for sure have 1. None where the backend knows no probabilities.
         """
-        doubts = self.changed.doubts
-        if doubts is None:
+        uncertain = self.changed.uncertain
+        if uncertain is None:
             return None
         sure = dict.fromkeys(self.changed.collisions, 1.0)
-        return sure | {doubt.event: doubt.probability for doubt in doubts}
+        return sure | {u.event: u.probability for u in uncertain}
 
     def differences(self) -> tuple[EventChange, ...]:
         """Events that happen in one of the worlds only, or in both more than 3 frames apart, in order of time.

@@ -2,17 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from nsdr.types.checks import ArrayHolder, FloatArray, IntArray, check, check_values, check_whole, store_array
-from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
+from nsdr.types.arrays import ArrayHolder
+from nsdr.validation import Array, Checked, Count, FloatArray, IntArray, PositiveCount, expect, one_of
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.vocabulary import COLORS, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES
 
-__all__ = ["SceneObject", "Track", "VideoProposals", "VideoTracks"]
+__all__ = ["Camera", "SceneObject", "Track", "VideoProposals", "VideoTracks"]
 
 
 @dataclass(frozen=True)
-class SceneObject:
+class SceneObject(Checked):
     """The identity of an object.
 
     Attributes:
@@ -22,16 +25,10 @@ class SceneObject:
         shape: one of `nsdr.world.vocabulary.SHAPES`.
     """
 
-    id: int
-    color: str
-    material: str
-    shape: str
-
-    def __post_init__(self) -> None:
-        check_whole("SceneObject", "id", self.id, 0)
-        for name, words in ATTRIBUTES.items():
-            value = getattr(self, name)
-            check(value in words, f"object {self.id}: unknown {name} {value!r}; expected one of {', '.join(words)}")
+    id: Count
+    color: Annotated[str, one_of(COLORS)]
+    material: Annotated[str, one_of(MATERIALS)]
+    shape: Annotated[str, one_of(SHAPES)]
 
     @property
     def name(self) -> str:
@@ -42,7 +39,7 @@ class SceneObject:
 def check_objects(owner: str, objects: Sequence[SceneObject]) -> None:
     """Raise `DataError` unless the objects have the ids 0, 1, ... in order."""
     ids = [o.id for o in objects]
-    check(ids == list(range(len(ids))), f"{owner}: object ids must be 0..{len(ids) - 1} in order, got {ids}")
+    expect(ids == list(range(len(ids))), f"{owner}: object ids", f"0 to {len(ids) - 1} in order", ids)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,38 +58,23 @@ class VideoProposals(ArrayHolder):
         processed: (P,) int, ascending frames that the detector processed; None for all.
     """
 
-    n_frames: int
-    frame_index: IntArray
-    attribute: IntArray
-    score: FloatArray
-    centroid_px: FloatArray
-    area_px: IntArray
-    box_xyxy_px: IntArray
+    n_frames: PositiveCount
+    frame_index: Annotated[IntArray, Array("n")]
+    attribute: Annotated[IntArray, Array("n", low=0, high=N_ATTRIBUTE_TRIPLES - 1)]
+    score: Annotated[FloatArray, Array("n", low=0, high=1)]
+    centroid_px: Annotated[FloatArray, Array("n", 2)]
+    area_px: Annotated[IntArray, Array("n")]
+    box_xyxy_px: Annotated[IntArray, Array("n", 4)]
     masks: tuple[str, ...] | None = None
-    processed: IntArray | None = None
+    processed: Annotated[IntArray, Array("processed frames")] | None = None
 
     def __post_init__(self) -> None:
-        n = len(self.frame_index)
-        store_array(self, "frame_index", (n,), "i")
-        store_array(self, "attribute", (n,), "i")
-        store_array(self, "score", (n,), "f")
-        store_array(self, "centroid_px", (n, 2), "f")
-        store_array(self, "area_px", (n,), "i")
-        store_array(self, "box_xyxy_px", (n, 4), "i")
-        check(self.masks is None or len(self.masks) == n, f"VideoProposals.masks: expected {n} masks")
-        check_whole("VideoProposals", "n_frames", self.n_frames, 1)
-        check_values("VideoProposals", "score", self.score, 0, 1)
-        check_values("VideoProposals", "centroid_px", self.centroid_px, -np.inf, np.inf)
-        if n:
-            check(bool((np.diff(self.frame_index) >= 0).all()), "VideoProposals: rows must be sorted by frame")
-            low, high, end = int(self.frame_index[0]), int(self.frame_index[-1]), self.n_frames - 1
-            check(0 <= low <= high <= end, f"VideoProposals: frames {low}-{high} outside 0-{end}")
-            known = (self.attribute >= 0) & (self.attribute < N_ATTRIBUTE_TRIPLES)
-            check(bool(known.all()), f"VideoProposals.attribute: expected 0-{N_ATTRIBUTE_TRIPLES - 1}")
+        super().__post_init__()
+        if self.masks is not None:
+            expect(len(self.masks) == len(self), "VideoProposals.masks", f"{len(self)} masks", len(self.masks))
+        _check_frames("VideoProposals.frame_index", self.frame_index, self.n_frames)
         if self.processed is not None:
-            store_array(self, "processed", (None,), "i")
-            check(bool((np.diff(self.processed) > 0).all()), "VideoProposals.processed: frames must ascend")
-            check_values("VideoProposals", "processed", self.processed, 0, self.n_frames - 1)
+            _check_frames("VideoProposals.processed", self.processed, self.n_frames, repeated=False)
 
     def __len__(self) -> int:
         return len(self.frame_index)
@@ -112,42 +94,43 @@ class Track(ArrayHolder):
     """
 
     object: SceneObject
-    frame_index: IntArray
-    location_world: FloatArray
-    centroid_px: FloatArray
-    box_xyxy_px: IntArray
-    score: FloatArray
+    frame_index: Annotated[IntArray, Array("n", low=0)]
+    location_world: Annotated[FloatArray, Array("n", 2)]
+    centroid_px: Annotated[FloatArray, Array("n", 2)]
+    box_xyxy_px: Annotated[IntArray, Array("n", 4)]
+    score: Annotated[FloatArray, Array("n", low=0, high=1)]
 
     def __post_init__(self) -> None:
-        n = len(self.frame_index)
-        store_array(self, "frame_index", (n,), "i")
-        store_array(self, "location_world", (n, 2), "f")
-        store_array(self, "centroid_px", (n, 2), "f")
-        store_array(self, "box_xyxy_px", (n, 4), "i")
-        store_array(self, "score", (n,), "f")
-        check(bool((np.diff(self.frame_index) > 0).all()), f"Track {self.object.id}: frames must ascend")
-        owner = f"Track {self.object.id}"
-        check_values(owner, "frame_index", self.frame_index[:1], 0, np.inf)
-        check_values(owner, "location_world", self.location_world, -np.inf, np.inf)
-        check_values(owner, "centroid_px", self.centroid_px, -np.inf, np.inf)
-        check_values(owner, "score", self.score, 0, 1)
+        super().__post_init__()
+        _check_frames(f"Track {self.object.id}.frame_index", self.frame_index, repeated=False)
 
 
 @dataclass(frozen=True)
-class VideoTracks:
+class VideoTracks(Checked):
     """The tracks of one video.
 
     Attributes:
         n_frames: number of frames of the video.
         tracks: one per object, in the order of object ids.
+        camera: that took the video; the positions follow from it.
     """
 
-    n_frames: int
+    n_frames: PositiveCount
     tracks: tuple[Track, ...]
+    camera: Camera = CLEVRER_CAMERA
 
     def __post_init__(self) -> None:
-        check_whole("VideoTracks", "n_frames", self.n_frames, 1)
+        super().__post_init__()
         check_objects("VideoTracks", [t.object for t in self.tracks])
         for t in self.tracks:
-            last = int(t.frame_index[-1]) if len(t.frame_index) else -1
-            check(last < self.n_frames, f"Track {t.object.id}: frame {last} outside 0-{self.n_frames - 1}")
+            _check_frames(f"Track {t.object.id}.frame_index", t.frame_index, self.n_frames)
+
+
+def _check_frames(place: str, frames: IntArray, n_frames: int | None = None, repeated: bool = True) -> None:
+    """Frames ascend, and are those of a video of `n_frames`."""
+    if len(frames):
+        ascending = bool((np.diff(frames) >= (0 if repeated else 1)).all())
+        expect(ascending, place, "ascending frames", frames.tolist())
+        low, high = int(frames[0]), int(frames[-1])
+        if n_frames is not None:
+            expect(low >= 0 and high < n_frames, place, f"frames from 0 to {n_frames - 1}", f"{low} to {high}")

@@ -1,5 +1,8 @@
-from .annotate import annotated_image as annotated_image, write_annotated_image as write_annotated_image
-from .comparison import comparison_frames as comparison_frames
+from .annotate import (
+    annotated_image as annotated_image,
+    write_annotated_image as write_annotated_image,
+    write_annotated_video as write_annotated_video,
+)
 from .distributions import (
     program_curve as program_curve,
     question_figure as question_figure,
@@ -9,4 +12,3 @@ from .figures import causal_figure as causal_figure, figure_png as figure_png, p
 from .report import write_report as write_report
 from .samples import sample_image as sample_image
 from .strobe import stroboscopic_image as stroboscopic_image
-from .video import write_annotated_video as write_annotated_video

@@ -1,7 +1,8 @@
-"""Single frames annotated with masks, object names, trails and collisions."""
+"""Frames and videos annotated with masks, object names, trails and collisions."""
 
 import colorsys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,15 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.errors import DataError
-from nsdr.frame_parser.video_check import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.files import atomic_path
+from nsdr.io.video import write_video
 from nsdr.pipeline import Perception
-from nsdr.types import Scene, VideoProposals, VideoTracks
+from nsdr.types import Event, Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS_RGB, attributes_of
 
-__all__ = ["annotated_image", "write_annotated_image", "write_image"]
+__all__ = ["annotated_image", "write_annotated_image", "write_annotated_video", "write_image"]
 
 IMAGE_SUFFIXES = (".png", ".jpg")
 """Endings of image files."""
@@ -43,6 +45,19 @@ RIM_COLOR = (20, 20, 20)
 """Colour of the rim that keeps text readable on any background."""
 TEXT_MARGIN_PX = 2
 """Minimum distance of a text from the image border, and step by which overlapping texts are moved up."""
+
+FLASH_FRAMES = 8
+"""Frames over which a collision's flash fades."""
+FLASH_RADIUS_PX = 14
+"""Radius of the flash in the collision's frame (pixels of the annotated image)."""
+FLASH_GROWTH_PX = 5
+"""Growth of the flash's radius per frame (pixels of the annotated image)."""
+FLASH_LINE_WIDTH_PX = 5
+"""Line width of the flash (pixels of the annotated image)."""
+FLASH_COLOR = (255, 240, 160)
+"""Colour of the flash, RGB."""
+FLASH_OPACITY = 0.9
+"""Opacity of the flash in the collision's frame."""
 
 Box = tuple[int, int, int, int]
 """x0, y0, x1, y1 in pixels of the annotated image."""
@@ -85,7 +100,7 @@ def annotated_image(
             _draw_text(image, text, position, _annotation_color(t.object.color))
     for number, event in enumerate((e for e in scene.events if e.kind == "collision"), 1):
         if event.frame <= frame_index:
-            _draw_collision(image, event.frame, [tracks.tracks[i] for i in event.objects], number, occupied)
+            _draw_collision(image, event, tracks, number, occupied)
     _draw_text(image, f"frame {frame_index}", (8, HEIGHT_PX * SCALE - 10), WHITE)
     return image  # type: ignore[return-value]
 
@@ -113,6 +128,39 @@ def write_annotated_image(
             last_index, last_frame = index, frame
     image = annotated_image(last_frame, last_index, perception.proposals, perception.tracks, perception.scene)
     write_image(path, image)
+
+
+def write_annotated_video(
+    path: str | Path,
+    frames: NDArray[np.uint8],
+    proposals: VideoProposals | None,
+    tracks: VideoTracks,
+    scene: Scene,
+    preset: str = "slow",
+) -> None:
+    """Write an mp4 of twice the video's width and height.
+
+    Args:
+        path: file to write.
+        frames: (T, 320, 480, 3) uint8 RGB.
+        proposals: masks whose outlines are drawn; None draws no outlines.
+        tracks: objects whose names and trails are drawn.
+        scene: source of the collisions.
+        preset: as of `nsdr.io.video.write_video`.
+
+    Raises:
+        DataError: PyAV is missing.
+    """
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        for index, frame in enumerate(frames):
+            image = annotated_image(frame, index, proposals, tracks, scene)
+            for event in scene.events:
+                if event.kind == "collision" and 0 <= index - event.frame < FLASH_FRAMES:
+                    _draw_flash(image, event, tracks, index - event.frame)
+            yield image
+
+    write_video(path, images(), preset=preset)
 
 
 def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
@@ -163,11 +211,26 @@ def _draw_trail(image: NDArray[Any], centroids_px: NDArray[Any], color: Color) -
         cv2.circle(image, point.tolist(), TRAIL_DOT_RADIUS_PX, color, -1, cv2.LINE_AA)
 
 
-def _draw_collision(image: NDArray[Any], frame_index: int, pair: list[Any], number: int, occupied: list[Box]) -> None:
-    positions = [t.centroid_px[int(np.abs(t.frame_index - frame_index).argmin())] for t in pair]
-    center = _scaled(np.mean(positions, 0)).tolist()
+def _place(event: Event, tracks: VideoTracks) -> list[int]:
+    """Where a collision is in the annotated image (pixels)."""
+    pair = [tracks.tracks[i] for i in event.objects]
+    positions = [t.centroid_px[int(np.abs(t.frame_index - event.frame).argmin())] for t in pair]
+    return list(_scaled(np.mean(positions, 0)).tolist())
+
+
+def _draw_flash(image: NDArray[Any], event: Event, tracks: VideoTracks, age: int) -> None:
+    """Draw the flash of a collision, `age` frames after it."""
+    layer = image.copy()
+    radius = FLASH_RADIUS_PX + FLASH_GROWTH_PX * age
+    cv2.circle(layer, _place(event, tracks), radius, FLASH_COLOR, FLASH_LINE_WIDTH_PX, cv2.LINE_AA)
+    opacity = FLASH_OPACITY * (1 - age / FLASH_FRAMES)
+    image[:] = np.round(layer * opacity + image * (1 - opacity)).astype(np.uint8)
+
+
+def _draw_collision(image: NDArray[Any], event: Event, tracks: VideoTracks, number: int, occupied: list[Box]) -> None:
+    center = _place(event, tracks)
     cv2.drawMarker(image, center, WHITE, cv2.MARKER_STAR, STAR_SIZE_PX, LINE_WIDTH_PX, cv2.LINE_AA)
-    text = f"{number}: hit at {frame_index}"
+    text = f"{number}: hit at {event.frame}"
     _draw_text(image, text, _free_position(image, text, (center[0] + 12, center[1] + 4), occupied), WHITE)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from nsdr.clevrer.questions import QUESTION_TYPES, by_type
+from nsdr.clevrer.files.questions import QUESTION_TYPES, by_type
 from nsdr.visualize.figures import pyplot
 
 __all__ = ["program_curve", "question_figure", "training_curves"]
@@ -29,7 +29,7 @@ MARKERS = dict(zip(QUESTION_TYPES, "os^D", strict=True))
 SUBTYPES = ("count", "exist", "query_color", "query_shape", "query_material")
 """Sub-types of descriptive questions."""
 Counts = Mapping[str, Mapping[str, float]]
-"""Number of questions, choices or answers of each kind, by statistic, as `nsdr.generate.questions.statistics` counts them."""
+"""Number of questions, choices or answers of each kind, by statistic, as `nsdr.generate.statistics` counts them."""
 
 
 def question_figure(series: Mapping[str, Counts]) -> Any:

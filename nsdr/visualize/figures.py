@@ -1,6 +1,7 @@
 """Matplotlib figures: the ground seen from above with its rollouts, and the causal graph over time."""
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,7 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
-from nsdr.visualize.labels import place_labels
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -38,11 +38,22 @@ FAR_EDGE_PX = 60
 SAME_POSITION_WORLD = 0.05
 """A counterfactual trajectory is drawn dashed from the frame in which it is farther than this from the observed one
 (world units)."""
+LABEL_DISTANCES_PT = (12, 22, 34, 50, 70, 95)
+"""Distances between a label and its point that are tried (points)."""
+LABEL_DIRECTIONS = 16
+"""Number of directions that are tried at each distance."""
+LEADER_FROM_PT = 30
+"""Labels that are farther than this from their point get a line to it (points)."""
+LABEL_PADDING_PX = 2.0
+"""Space around a label (pixels of the figure)."""
+LABEL_COSTS = {"label": 100.0, "outside": 100.0, "mark": 20.0, "line": 3.0}
+"""What it costs a label to cover another label, to lie outside of the axes, to cover a mark, and to cover a point of a line;
+a unit of distance costs 0.1."""
 MISSING_DIFFERENCE_WORLD = 9.0
 """Distance assumed where one of two compared trajectories is missing (world units), so that it counts as different."""
 
 
-def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> Any:
+def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, camera: Camera = CLEVRER_CAMERA) -> Any:
     """The ground from above: observed trajectories solid, predicted ones dashed, collisions as stars.
 
     Stars of observed collisions are filled; the number beside a star is the collision's frame.
@@ -50,6 +61,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
     Args:
         prediction: from a dynamics backend.
         removed: id of the object whose removal is drawn; None draws the observed rollout.
+        camera: that sees the shaded part of the ground.
 
     Returns:
         A matplotlib figure.
@@ -63,7 +75,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
     height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
     figure, axes = plt.subplots(figsize=(PLAN_WIDTH_IN, height_in), constrained_layout=True)
     corners_px = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
-    corners = _on_plan(ground_from_pixels(np.array(corners_px), 0.0))
+    corners = _on_plan(camera.ground(np.array(corners_px), 0.0))
     axes.fill(corners[:, 0], corners[:, 1], color="0.96", zorder=0)
     labels = []
     for o in prediction.objects:
@@ -90,7 +102,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
     )
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set(xlabel="y (right of the image)", ylabel="-x", title=title)
-    place_labels(axes, labels, [_on_plan(path) for path in rollout.location_world])
+    _place_labels(axes, labels, [_on_plan(path) for path in rollout.location_world])
     return figure
 
 
@@ -178,6 +190,52 @@ def _between(first: int, second: int) -> float:
     """A place between two rows, on none, as near to their middle as there is."""
     low, high = sorted((first, second))
     return low + (high - low - 1) // 2 + 0.5
+
+
+def _place_labels(
+    axes: Any,
+    labels: Sequence[tuple[str, tuple[float, float], dict[str, Any]]],
+    lines: Sequence[NDArray[np.floating[Any]]],
+) -> None:
+    """Write labels beside their points, each in the free place that is nearest, the first ones first.
+
+    Args:
+        axes: Matplotlib axes whose limits are final.
+        labels: (text, point in data coordinates, keyword arguments of the text); the points are marks, not to be covered.
+        lines: (N, 2) points in data coordinates of what is better not covered.
+    """
+    figure = axes.figure
+    figure.draw_without_rendering()
+    pixels, window = figure.dpi / 72, axes.get_window_extent()
+    marks = np.array([axes.transData.transform(point) for _, point, _ in labels])
+    covered = np.concatenate([*(axes.transData.transform(line) for line in lines), np.zeros((0, 2))])
+    angles = np.tile(np.arange(LABEL_DIRECTIONS) * 2 * np.pi / LABEL_DIRECTIONS - np.pi / 4, len(LABEL_DISTANCES_PT))
+    distances = np.repeat(LABEL_DISTANCES_PT, LABEL_DIRECTIONS)
+    directions = np.stack([np.cos(angles), np.sin(angles)], 1)
+    taken = np.zeros((0, 4))
+    for (text, point, style), at in zip(labels, marks, strict=True):
+        note = axes.annotate(text, point, (0, 0), textcoords="offset points", ha="center", va="center", **style)
+        note.set_in_layout(False)
+        size = np.array(note.get_window_extent().size) + 2 * LABEL_PADDING_PX
+        moved = directions * distances[:, None] * pixels
+        moved += np.sign(directions.round(6)) * size / 2 * abs(directions).round(1)
+        boxes = np.concatenate([at + moved - size / 2, at + moved + size / 2], 1)
+        low, high = boxes[:, None, :2], boxes[:, None, 2:]
+        cost = 0.1 * distances
+        cost += LABEL_COSTS["label"] * ((low < taken[:, 2:]) & (taken[:, :2] < high)).all(2).sum(1)
+        cost += LABEL_COSTS["outside"] * ((boxes[:, :2] < window.min) | (boxes[:, 2:] > window.max)).any(1)
+        near = 8 * pixels
+        cost += LABEL_COSTS["mark"] * ((marks > low - near) & (marks < high + near)).all(2).sum(1)
+        cost += LABEL_COSTS["line"] * ((covered > low) & (covered < high)).all(2).sum(1)
+        best = int(cost.argmin())
+        taken = np.vstack([taken, boxes[best]])
+        note.set_position(tuple(moved[best] / pixels))
+        nearest = np.clip(np.zeros(2), moved[best] - size / 2, moved[best] + size / 2)
+        if np.hypot(*nearest) / pixels > LEADER_FROM_PT:
+            axes.annotate(
+                "", point, tuple(nearest / pixels), textcoords="offset points", zorder=3,
+                arrowprops={"arrowstyle": "-", "color": "0.5", "lw": 0.7, "shrinkA": 0, "shrinkB": 6},
+            ).set_in_layout(False)  # fmt: skip
 
 
 def figure_png(figure: Any) -> bytes:

@@ -1,12 +1,13 @@
-"""Who hits whom: which object of a collision came towards the other one."""
+"""Events in words: who hits whom, and what differs in a simulation."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.types import DynamicsPrediction, Event, Rollout, Scene
+from nsdr.types import DynamicsPrediction, Event, EventChange, Rollout, Scene, Simulation
+from nsdr.types.interventions import intervention_text
 from nsdr.world.physics_constants import FRAME_SECONDS
 
-__all__ = ["approach_speeds", "event_text", "hitter"]
+__all__ = ["approach_speeds", "change_text", "event_text", "hitter", "interventions_text", "percent"]
 
 WINDOW_FRAMES = 6
 """Frames before a collision whose displacement gives the velocities."""
@@ -51,14 +52,9 @@ def hitter(rollout: Rollout, event: Event) -> int | None:
     faster, slower = max(speeds), min(speeds)
     if faster >= MIN_APPROACH_WORLD_PER_S:
         return event.objects[speeds.index(faster)] if slower <= CLEAR_RATIO * faster else None
-    entered = [i for i in event.objects if _enters_before(rollout, i, event.frame)]
+    first = {i: int(rollout.visible[i].argmax()) for i in event.objects}
+    entered = [i for i in event.objects if 0 < first[i] <= event.frame < first[i] + WINDOW_FRAMES]
     return entered[0] if len(entered) == 1 and np.isfinite(faster) else None
-
-
-def _enters_before(rollout: Rollout, i: int, frame: int) -> bool:
-    """Whether the object comes into the image in the frames before a frame."""
-    first = int(rollout.visible[i].argmax())
-    return 0 < first <= frame and frame - first < WINDOW_FRAMES
 
 
 def event_text(event: Event, scene: Scene, dynamics: DynamicsPrediction | None = None) -> str:
@@ -70,3 +66,25 @@ def event_text(event: Event, scene: Scene, dynamics: DynamicsPrediction | None =
     if first is None:
         return f"{names[0]} and {names[1]} collide"
     return f"the {scene.objects[first].name} hits {names[1 - event.objects.index(first)]}"
+
+
+def interventions_text(simulation: Simulation) -> str:
+    """For example "from frame 20: without the red metal cube"."""
+    what = "; ".join(intervention_text(change) for change in simulation.interventions)
+    return f"from frame {simulation.from_frame}: {what}"
+
+
+def change_text(simulation: Simulation, change: EventChange) -> str:
+    """For example "no longer: the red metal cube and the blue rubber sphere collide (frame 48, <1 %)"."""
+    probable = "" if change.probability is None else f", {percent(change.probability)}"
+    before = "" if change.kind != "other frame" else f" instead of {change.before}"
+    event = change.event
+    names = [f"the {simulation.objects[i].name}" for i in event.objects]
+    happens = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}[event.kind].format(*names)
+    return f"{change.kind}: {happens} (frame {event.frame}{before}{probable})"
+
+
+def percent(probability: float) -> str:
+    """A probability (0-1) as "77 %", never as certainty."""
+    rounded = round(100 * probability)
+    return f"{'>99' if rounded == 100 else '<1' if rounded == 0 else rounded} %"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.types import Event, Rollout, SceneObject
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -36,6 +36,7 @@ def draw_plan(
     yaw: FloatArray,
     frame: int,
     ghost: tuple[Rollout, FloatArray] | None = None,
+    camera: Camera = CLEVRER_CAMERA,
 ) -> NDArray[np.uint8]:
     """One frame of a rollout from above: objects with their trails, and a star where two have just collided.
 
@@ -48,13 +49,14 @@ def draw_plan(
         yaw: (n, F) rotations about the vertical axis (radians).
         frame: which one.
         ghost: another rollout and its yaws, whose outlines are drawn in grey.
+        camera: that sees the bright part.
 
     Returns:
         (320, 480, 3) uint8 RGB.
     """
     image = np.full((HEIGHT_PX, WIDTH_PX, 3), OUTSIDE, np.uint8)
     corners = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
-    cv2.fillPoly(image, [_pixels(ground_from_pixels(np.array(corners), 0.0))], GROUND, cv2.LINE_AA, SUBPIXEL_BITS)
+    cv2.fillPoly(image, [_pixels(camera.ground(np.array(corners), 0.0))], GROUND, cv2.LINE_AA, SUBPIXEL_BITS)
     if ghost is not None:
         for o in objects:
             _draw_object(image, o, ghost[0].location_world[o.id, frame], ghost[1][o.id, frame], None)

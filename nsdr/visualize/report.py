@@ -14,15 +14,13 @@ from nsdr.dynamics.interventions import simulate_removal
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.types import Answer, DynamicsPrediction, Event, Remove, Scene, Simulation
-from nsdr.visualize.annotate import annotated_image
-from nsdr.visualize.differences import change_text
+from nsdr.visualize.annotate import annotated_image, write_annotated_video
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
-from nsdr.visualize.impacts import event_text
+from nsdr.visualize.impacts import change_text, event_text
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.visualize.strobe import EVERY, stroboscopic_image
 from nsdr.visualize.timeline import TIMELINE_STYLE, spans, timeline_html
-from nsdr.visualize.video import write_annotated_video
 from nsdr.world.vocabulary import COLORS_RGB
 
 __all__ = ["write_report"]
@@ -85,7 +83,7 @@ def write_report(
         body += _pictures(frames, perception)
     if dynamics is not None:
         caption = "From above: observed trajectories solid, predicted ones dashed."
-        body.append(figure_html(figure_png(plan_figure(dynamics)), caption))
+        body.append(figure_html(figure_png(plan_figure(dynamics, camera=perception.camera)), caption))
     body += [figure_html(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
     if dynamics is not None:
         body += ["<h2>Without each object</h2>", *_removals(perception, frames, answers)]
@@ -165,7 +163,7 @@ def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers:
     for i in chosen:
         name = dynamics.objects[i].name
         simulation = simulate_removal(dynamics, [Remove(i)], 0, "report")
-        plan = figure_html(figure_png(plan_figure(dynamics, i)), "From above; gray: with it.")
+        plan = figure_html(figure_png(plan_figure(dynamics, i, perception.camera)), "From above; gray: with it.")
         changes = _changes(simulation, perception, frames) or "<p>Nothing else changes.</p>"
         parts.append(f"<h3>Without the {name}</h3><div class=row>{plan}<div>{changes}</div></div>")
     return parts
@@ -180,7 +178,8 @@ def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.
             picture = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects)
         else:
             rollout = simulation.original if gone else simulation.changed
-            picture = data_uri(jpeg(draw_plan(simulation.objects, rollout, simulation.changed_yaw, event.frame)))
+            plan = draw_plan(simulation.objects, rollout, simulation.changed_yaw, event.frame, camera=perception.camera)
+            picture = data_uri(jpeg(plan))
         image = f"<img alt='frame {event.frame}' src='{picture}'>"
         cards.append(f"<div>{image}{html.escape(change_text(simulation, change))}</div>")
     return f"<div class=cards>{''.join(cards)}</div>" if cards else ""

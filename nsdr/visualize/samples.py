@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.questions import Question
+from nsdr.clevrer.files.questions import Question
 from nsdr.types import Answer
 from nsdr.visualize.figures import figure_png, pyplot
 

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from nsdr.pipeline import Perception
 from nsdr.types import Event, Scene
-from nsdr.visualize.differences import percent
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
-from nsdr.visualize.impacts import event_text
+from nsdr.visualize.impacts import event_text, percent
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.timeline import FPS, horizon_frame
 from nsdr.world.vocabulary import COLORS_RGB
@@ -146,7 +145,7 @@ def _seek(frame: int, video: str) -> str:
 
 def _probability(event: Event, scene: Scene) -> str:
     """How probable an uncertain event is, as " (77 %)"; "" where nothing is known against it."""
-    known = [d.probability for d in scene.doubts or () if d.removed is None and d.event == event]
+    known = [d.probability for d in scene.uncertain or () if d.removed is None and d.event == event]
     return f" ({percent(known[0])})" if known else ""
 
 
@@ -157,7 +156,8 @@ def _picture(event: Event, perception: Perception, frames: NDArray[np.uint8] | N
         source = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects, CARD_WIDTH_PX)
     elif perception.dynamics is not None:
         rollout = perception.dynamics.observed
-        image = draw_plan(perception.dynamics.objects, rollout, np.zeros(rollout.visible.shape), event.frame)
+        yaw = np.zeros(rollout.visible.shape)
+        image = draw_plan(perception.dynamics.objects, rollout, yaw, event.frame, camera=perception.camera)
         source = data_uri(jpeg(image))
     else:
         return ""

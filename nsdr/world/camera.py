@@ -1,11 +1,10 @@
-"""CLEVRER's camera, and conversions between world, pixels and the 100x150 grid of the released prediction files.
+"""Cameras, and conversions between world, pixels and the 100x150 grid of the released prediction files.
 
 World: z up, x towards the camera, y to the right of the image; object centres are at z = 0.2. Pixels: (column, row) of the
 480x320 image, pixel centres at +0.5. Grid: (row, column); one grid unit is 3.2 pixels.
 """
 
 import math
-import os
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,79 +16,71 @@ from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = [
     "CLEVRER_CAMERA",
-    "EYE_VARIABLE",
-    "EYE_WORLD",
     "HEIGHT_PX",
-    "LENS_MM",
     "SENSOR_MM",
     "WIDTH_PX",
     "Camera",
-    "eye_of",
+    "check_release_size",
     "grid_from_pixels",
-    "ground_from_pixels",
     "on_ground",
     "pixels_from_grid",
-    "pixels_from_world",
 ]
 
 WIDTH_PX, HEIGHT_PX = 480, 320
 """Size of the released videos (pixels)."""
-EYE_VARIABLE = "NSDR_CAMERA_EYE"
-"""Environment variable with another position of the camera, such as "5.0,0.5,3.0" (docs/other_cameras.md)."""
+SENSOR_MM = 32.0
+"""Width of the sensor of CLEVR's camera (mm)."""
 MIN_HEIGHT_WORLD, MIN_ASIDE_WORLD = 0.5, 0.1
-"""The camera's least height, and least distance from the vertical through the origin, where images have no upward direction
+"""The camera's least height, and its least distance from the vertical through its target, where images have no upward direction
 (world units)."""
-
-
-def eye_of(text: str) -> tuple[float, float, float]:
-    """The position (x, y, z) that `EYE_VARIABLE` has, in world units; CLEVRER's for "".
-
-    Raises:
-        ValueError: not three numbers, or no place from which a camera sees the ground.
-    """
-    if not text:
-        return 4.330127, 0.0, 2.5
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        x, y, z = math.nan, math.nan, math.nan
-    if not (z >= MIN_HEIGHT_WORLD and math.inf > math.hypot(x, y) >= MIN_ASIDE_WORLD and z < math.inf):
-        raise ValueError(
-            f"{EYE_VARIABLE}={text}: expected the camera's place as X,Y,Z with Z of at least {MIN_HEIGHT_WORLD} and not right "
-            "above the origin, such as 5.0,0.5,3.0"
-        )
-    return x, y, z
-
-
-EYE_WORLD = eye_of(os.environ.get(EYE_VARIABLE, ""))
-"""Position (x, y, z) of the camera, which looks at the origin (world units). With CLEVRER's, a render of CLEVR's base scene
-differs from a released background by 1.8 of 255 on average."""
-LENS_MM, SENSOR_MM = 35.0, 32.0
-"""Focal length and sensor width of CLEVR's camera (mm); the focal length is 525 px for a width of 480 px."""
 _GRID_PER_PIXEL = 1 / 3.2
 """Grid units per pixel: 320x480 pixels are 100x150 grid units."""
 
 FloatArray = NDArray[np.floating[Any]]
+Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera that looks at the origin.
+    """A pinhole camera at rest, upright; the defaults are CLEVRER's.
+
+    With these, a render of CLEVR's base scene differs from a released background by 1.8 of 255 on average.
 
     Attributes:
         eye_world: position (x, y, z) (world units).
+        target_world: the point that it looks at, in the middle of the image (world units).
+        lens_mm: focal length for a sensor `SENSOR_MM` wide; CLEVR's is 525 px long for a width of 480 px.
         width: image width (pixels).
         height: image height (pixels).
+
+    Raises:
+        ValueError: no place from which a camera sees the ground, or no size.
     """
 
-    eye_world: tuple[float, float, float] = EYE_WORLD
+    eye_world: Point = (4.330127, 0.0, 2.5)
+    target_world: Point = (0.0, 0.0, 0.0)
+    lens_mm: float = 35.0
     width: int = WIDTH_PX
     height: int = HEIGHT_PX
+
+    def __post_init__(self) -> None:
+        (x, y, z), target = self.eye_world, self.target_world
+        aside = math.hypot(x - target[0], y - target[1])
+        if not (MIN_HEIGHT_WORLD <= z < math.inf and MIN_ASIDE_WORLD <= aside < math.inf and math.isfinite(target[2])):
+            raise ValueError(
+                f"camera: eye_world {self.eye_world}, target_world {target}: expected the camera's place and the point that it "
+                f"looks at as x, y, z, the place at least {MIN_HEIGHT_WORLD} high and not right above the point"
+            )
+        if not (0 < self.lens_mm < math.inf and self.width > 0 and self.height > 0):
+            raise ValueError(
+                f"camera: expected lens_mm, width and height above 0, got {self.lens_mm}, {self.width} and {self.height}"
+            )
 
     @cached_property
     def axes(self) -> FloatArray:
         """(3, 3): rows are the camera's right, down and forward directions in the world."""
-        forward = -np.array(self.eye_world) / np.linalg.norm(self.eye_world)
+        forward = np.array(self.target_world) - np.array(self.eye_world)
+        forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(forward, right), forward])
@@ -97,7 +88,7 @@ class Camera:
     @property
     def focal_px(self) -> float:
         """Focal length (pixels)."""
-        return self.width * LENS_MM / SENSOR_MM
+        return self.width * self.lens_mm / SENSOR_MM
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -134,17 +125,13 @@ class Camera:
 
 
 CLEVRER_CAMERA = Camera()
-"""The camera of every released video, unless `EYE_VARIABLE` says otherwise."""
+"""The camera of every released video."""
 
 
-def pixels_from_world(location_world: ArrayLike) -> FloatArray:
-    """`CLEVRER_CAMERA.pixels`: world (..., 3) -> pixels (..., 2) as (column, row)."""
-    return CLEVRER_CAMERA.pixels(location_world)
-
-
-def ground_from_pixels(pixels: ArrayLike, z_world: float = OBJECT_RADIUS_WORLD) -> FloatArray:
-    """`CLEVRER_CAMERA.ground`: pixels (..., 2) as (column, row) -> world (..., 2) as (x, y) at height `z_world`."""
-    return CLEVRER_CAMERA.ground(pixels, z_world)
+def check_release_size(camera: Camera) -> None:
+    """Raise `ValueError` unless a camera's images have the size of the released ones, to which all videos are scaled."""
+    if (camera.width, camera.height) != (WIDTH_PX, HEIGHT_PX):
+        raise ValueError(f"camera: expected images of {WIDTH_PX}x{HEIGHT_PX}, got {camera.width}x{camera.height}")
 
 
 def on_ground(location_world: ArrayLike) -> FloatArray:

@@ -19,7 +19,6 @@ __all__ = [
     "CONTROLS",
     "COUNT",
     "DOCUMENTS",
-    "DUMMY",
     "EVALUATE",
     "EVALUATE_TRUTH",
     "EXPORT",
@@ -290,7 +289,6 @@ MOTION = ("data", "motion", "{good}/release", "--split", "validation", "-o", "ou
 GENERATE = ("generate", "dataset", "-o", "out", "--videos", "1", "--renderer", "none", "--workers", "1")
 TRAIN = ("train", "question-parser", "--run_dir", "run", "--loop.steps", "1", "--loop.device", "cpu")
 SCORE = ("score", "{good}/answers.jsonl", *QUESTIONS_OF, "-o", "report.json")
-DUMMY = ("dummy", "keep-recording", *QUESTIONS_OF, "--source", "truth", "--data", "{good}/truth", "-o", "dummy.jsonl")
 CONTROLS = ("controls", "{good}/dataset", "--kinds", "blind", "-o", "out", "--workers", "1")
 TAG = ("tag", "{good}/questions/questions.json", "--truth", "{good}/truth", "--no-blind", "-o", "tagged.json")
 EXPORT = ("export", "{good}/dataset", "--format", "grpo", "-o", "out")

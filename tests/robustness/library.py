@@ -8,7 +8,7 @@ import numpy as np
 
 import nsdr
 from nsdr.clevrer.example import TRUTH
-from nsdr.cli.status import outcome_of
+from nsdr.cli.main import outcome_of
 from nsdr.dynamics.interventions import resolve
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from tests.robustness.case import Case, raw, removed, replaced, text_writer

@@ -10,15 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from nsdr import Scene, load
-from nsdr.clevrer.annotations import read_annotation
 from nsdr.clevrer.dataset import read_manifest
-from nsdr.clevrer.parsed_programs import with_parsed_programs
-from nsdr.clevrer.predictions import read_predictions, scene_from_predictions
-from nsdr.clevrer.proposals import read_compact_proposals, read_ground_truth, read_proposals
-from nsdr.clevrer.questions import read_questions
-from nsdr.clevrer.scenes import scene_from_annotation, scene_from_ground_truth
-from nsdr.clevrer.submissions import read_submission
-from nsdr.clevrer.truth_blocks import read_truth
+from nsdr.clevrer.files.annotations import read_annotation, read_truth
+from nsdr.clevrer.files.parsed_programs import with_parsed_programs
+from nsdr.clevrer.files.predictions import read_predictions, scene_from_predictions
+from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
+from nsdr.clevrer.files.questions import read_questions
+from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
+from nsdr.clevrer.files.submissions import read_submission
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json, read_npz, read_yaml
 from tests.robustness.case import Change, text_writer

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nsdr.dynamics.motion_states import MotionStates, object_features
 from nsdr.tracking.localization import expected_size
-from nsdr.tracking.visibility import VisibilityConfig, hidden_sides
+from nsdr.tracking.visibility import hidden_sides
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 __all__ = [
@@ -76,15 +76,14 @@ class NetworkInputs(NamedTuple):
     edges: Tensor
 
 
-def arrays_from_states(states: MotionStates, visibility: VisibilityConfig | None = None) -> MotionArrays:
+def arrays_from_states(states: MotionStates) -> MotionArrays:
     """What the network sees of a video's tracks: arrays (n, F, ...) of its n objects and F frames."""
     box, location = states.box_px, states.location_world
-    corners = np.concatenate([box[..., :2] - box[..., 2:] / 2, box[..., :2] + box[..., 2:] / 2], -1)
-    corners = np.where(states.detected[..., None], corners, np.nan)
-    hidden = hidden_sides(corners.transpose(1, 0, 2), visibility).transpose(1, 0, 2)
+    corners = np.where(states.detected[..., None], states.box_xyxy_px, np.nan)
+    hidden = hidden_sides(corners.transpose(1, 0, 2)).transpose(1, 0, 2)
     expected = np.ones_like(location)
     for i, o in enumerate(states.objects):
-        expected[i] = expected_size(o.shape, location[i])
+        expected[i] = expected_size(o.shape, location[i], states.camera)
     with np.errstate(invalid="ignore"):
         size = np.nan_to_num(np.log(np.maximum(box[..., 2:], 1.0) / np.maximum(expected, 1.0)))
     static = object_features(states.objects)

@@ -1,26 +1,40 @@
-"""The collision network: convolutions over time, for objects and for pairs, that exchange messages."""
+"""The collision network: convolutions over time, for objects and for pairs, that exchange messages; and what it finds."""
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.dynamics.collisions.features import OBJECT_CHANNELS, PAIR_CHANNELS, NetworkInputs
-from nsdr.io.validation import SIZE, check_ranges
+from nsdr.dynamics.collisions.features import (
+    OBJECT_CHANNELS,
+    PAIR_CHANNELS,
+    NetworkInputs,
+    arrays_from_states,
+    near_pairs,
+    network_inputs,
+)
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.io.checkpoint import PretrainedPart
+from nsdr.io.device import limit_threads
+from nsdr.types import Event
+from nsdr.validation import Settings, Size
 
-__all__ = ["STEP_FRAMES", "CollisionNetwork", "CollisionNetworkConfig"]
+__all__ = ["STEP_FRAMES", "CollisionNetwork", "CollisionNetworkConfig", "TrackCollisionDetector"]
 
 STEP_FRAMES = 2
 """Frames between two steps of the output."""
 KERNEL = 5
 """Width of the convolutions (frames, then steps)."""
+PEAK_STEPS = 2
+"""Steps on each side of the most probable one that decide the frame of a collision."""
 FIRST_LOGIT = -6.0
 """Initial bias: before training, collisions are rare."""
 
 
 @dataclass(frozen=True)
-class CollisionNetworkConfig:
+class CollisionNetworkConfig(Settings):
     """Sizes; a `DataError` names a value that is too small.
 
     Attributes:
@@ -30,13 +44,10 @@ class CollisionNetworkConfig:
         last_dilations: of those after it.
     """
 
-    width: int = 64
+    width: Size = 64
     object_dilations: tuple[int, ...] = (1, 2)
     pair_dilations: tuple[int, ...] = (1, 2, 4)
     last_dilations: tuple[int, ...] = (1, 4, 8)
-
-    def __post_init__(self) -> None:
-        check_ranges(self, width=SIZE)
 
 
 class CollisionNetwork(nn.Module):
@@ -87,3 +98,40 @@ class _Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         return x + self.mix(F.relu(self.wide(F.relu(x))))
+
+
+class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
+    """Collisions in observed motion, by a temporal network over whole tracks.
+
+    Differs from the paper: the paper's network sees image patches of few frames.
+
+    Args:
+        model: trained network.
+    """
+
+    part = "collisions"
+    built_from = (CollisionNetworkConfig, CollisionNetwork)
+
+    def __init__(self, model: CollisionNetwork) -> None:
+        self.model = model.eval()
+        self.config = model.config
+
+    @limit_threads(1)
+    @torch.no_grad()
+    def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
+        """For every pair that comes near each other, its most probable collision, and how probable that is; by frame."""
+        pairs = near_pairs(states.location_world)
+        if not len(pairs):
+            return []
+        frames, device = states.present.shape[1], self.device
+        inputs = NetworkInputs(*(x.to(device) for x in network_inputs(arrays_from_states(states), pairs)))
+        logits = self.model(inputs).double().cpu()
+        log_total = logits.logsumexp(1)
+        share = logits.softmax(1).numpy()
+        candidates = []
+        for pair, of_pair, probability in zip(pairs.tolist(), share, log_total.sigmoid().tolist(), strict=True):
+            peak = int(of_pair.argmax())
+            near = np.arange(max(peak - PEAK_STEPS, 0), min(peak + PEAK_STEPS + 1, len(of_pair)))
+            frame = int(np.floor(STEP_FRAMES * np.average(near, weights=of_pair[near]) + 0.5))
+            candidates.append((Event("collision", min(frame, frames - 1), (pair[0], pair[1])), probability))
+        return sorted(candidates, key=lambda c: c[0].frame)

@@ -1,7 +1,7 @@
-from .collision_search import CollisionSearchConfig as CollisionSearchConfig, search_collisions as search_collisions
+from .collision_search import search_collisions as search_collisions
+from .config import PhysicsConfig as PhysicsConfig
 from .predictor import (
     CollisionDetector as CollisionDetector,
-    PhysicsConfig as PhysicsConfig,
     PhysicsPredictor as PhysicsPredictor,
 )
 from .simulator import (
@@ -12,6 +12,7 @@ from .simulator import (
 )
 from .trajectory_fit import (
     TrajectoryFit as TrajectoryFit,
-    TrajectoryFitConfig as TrajectoryFitConfig,
     fit_trajectories as fit_trajectories,
 )
+
+VERSION: int

@@ -53,54 +53,54 @@ def change_bodies(bodies: BodyStates, changes: Changes) -> ChangedBodies:
     Raises:
         DataError: an object would overlap another one, leave the ground or be too fast, or has no direction to keep.
     """
-    old, n = len(bodies.shape), len(changes.objects)
-    extra = n - old
-    bodies = BodyStates(
-        np.array([SHAPES.index(o.shape) for o in changes.objects], np.int64),
-        np.concatenate([bodies.position, np.zeros((extra, 2))]),
-        np.concatenate([bodies.velocity, np.zeros((extra, 2))]),
-        np.concatenate([bodies.yaw, np.zeros(extra)]),
-        np.concatenate([bodies.spin, np.zeros(extra)]),
-        np.concatenate([bodies.mass, np.ones(extra)]),
+    n = len(changes.objects)
+    none = np.zeros((n - len(bodies.shape), 2))
+    changed = ChangedBodies(
+        BodyStates(
+            np.array([SHAPES.index(o.shape) for o in changes.objects], np.int64),
+            np.concatenate([bodies.position, none]),
+            np.concatenate([bodies.velocity, none]),
+            np.concatenate([bodies.yaw, none[:, 0]]),
+            np.concatenate([bodies.spin, none[:, 0]]),
+            np.concatenate([bodies.mass, none[:, 0] + 1]),
+        ),
+        np.ones(n, bool),
+        *(np.zeros(n, bool) for _ in range(5)),
     )
-    flags = {name: np.zeros(n, bool) for name in ("simulated", "reweighed", "position", "velocity", "mass")}
     for i, change in changes.of:
-        _apply(bodies, i, change, changes.objects[i].name, flags)
-    exists = np.ones(n, bool)
-    exists[changes.removed] = False
-    placed = [i for i, change in changes.of if isinstance(change, Move | Add)]
-    for i in placed:
-        _check_free(bodies, i, exists, changes)
-    exact = (flags["position"], flags["velocity"], flags["mass"])
-    return ChangedBodies(bodies, exists, flags["simulated"], flags["reweighed"], *exact)
+        _apply(changed, i, change, changes.objects[i].name)
+    changed.exists[changes.removed] = False
+    for i, change in changes.of:
+        if isinstance(change, Move | Add):
+            _check_free(changed, i, changes)
+    return changed
 
 
-def _apply(bodies: BodyStates, i: int, change: Intervention, name: str, flags: dict[str, NDArray[np.bool_]]) -> None:
+def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str) -> None:
     """Change body i in place. Several changes of one object concern different parts of its state, so any order will do."""
-    flags["simulated"][i] |= isinstance(change, SetVelocity | Move | Freeze | Add)
+    bodies = changed.bodies
+    changed.simulated[i] |= isinstance(change, SetVelocity | Move | Freeze | Add)
     if isinstance(change, SetMass):
         bodies.mass[i] *= change.factor
-        flags["reweighed"][i] = change.factor != 1
+        changed.reweighed[i] = change.factor != 1
     elif isinstance(change, SetVelocity):
         bodies.velocity[i] = _velocity(change, bodies.velocity[i], name)
-        flags["velocity"][i] = (
-            change.vx is not None or None not in (change.speed, change.direction) or not bodies.velocity[i].any()
-        )
+        is_given = change.vx is not None or None not in (change.speed, change.direction)
+        changed.exact_velocity[i] = is_given or not bodies.velocity[i].any()
     elif isinstance(change, Move):
         if change.x is not None and change.y is not None:
             bodies.position[i] = change.x, change.y
-            flags["position"][i] = True
+            changed.exact_position[i] = True
         else:
             bodies.position[i] += change.dx or 0.0, change.dy or 0.0
             check_position(f"Move {name}", *bodies.position[i].tolist())
     elif isinstance(change, Freeze):
         bodies.velocity[i], bodies.spin[i], bodies.mass[i] = 0.0, 0.0, FROZEN_MASS
-        flags["mass"][i] = True
+        changed.exact_mass[i] = True
     elif isinstance(change, Add):
         bodies.position[i], bodies.velocity[i] = (change.x, change.y), (change.vx, change.vy)
         bodies.yaw[i], bodies.mass[i] = change.yaw, change.mass
-        for part in ("position", "velocity", "mass"):
-            flags[part][i] = True
+        changed.exact_position[i] = changed.exact_velocity[i] = changed.exact_mass[i] = True
 
 
 def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]:
@@ -123,16 +123,15 @@ def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]
     return new_speed * np.array([math.cos(angle), math.sin(angle)])
 
 
-def _check_free(bodies: BodyStates, i: int, exists: NDArray[np.bool_], changes: Changes) -> None:
+def _check_free(changed: ChangedBodies, i: int, changes: Changes) -> None:
     """Raise `DataError` where a placed object would overlap another one."""
+    bodies, names = changed.bodies, [o.name for o in changes.objects]
     state = np.concatenate([bodies.position, bodies.velocity, bodies.yaw[:, None], bodies.spin[:, None]], 1)
-    for j in np.flatnonzero(exists).tolist():
-        if j == i:
-            continue
-        gap = float(outline_gap(bodies.shape, state, i, j)[0])
+    for j in np.flatnonzero(changed.exists).tolist():
+        gap = float(outline_gap(bodies.shape, state, i, j)[0]) if j != i else 0.0
         if gap < 0:
-            x, y = bodies.position[j]
+            (x, y), (other_x, other_y) = bodies.position[[i, j]].tolist()
             raise DataError(
-                f"{changes.objects[i].name} at ({bodies.position[i, 0]:.2f}, {bodies.position[i, 1]:.2f}): would overlap the "
-                f"{changes.objects[j].name} at ({x:.2f}, {y:.2f}) by {-gap:.2f} world units; expected a free place"
+                f"{names[i]} at ({x:.2f}, {y:.2f}): would overlap the {names[j]} at ({other_x:.2f}, {other_y:.2f}) by "
+                f"{-gap:.2f} world units; expected a free place"
             )

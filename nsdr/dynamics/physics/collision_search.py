@@ -1,54 +1,96 @@
 """Which collisions explain a video best: the detector's evidence and that of fitted simulations are added up."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates
-from nsdr.dynamics.physics.collision_evidence import Evidence, EvidenceWeights
+import numpy as np
+
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.contact_geometry import outline_gap
 from nsdr.dynamics.physics.simulator import NO_CONTACT
-from nsdr.dynamics.physics.trajectory_fit import TrajectoryFit, TrajectoryFitConfig, fit_trajectories
-from nsdr.io.validation import COUNT, check_ranges
+from nsdr.dynamics.physics.trajectory_fit import GOOD_COST, TrajectoryFit, fit_trajectories
 from nsdr.types import Event
 
-__all__ = ["CollisionSearch", "CollisionSearchConfig", "FoundCollisions", "search_collisions"]
+__all__ = ["CollisionSearch", "Evidence", "FoundCollisions", "closest_gap", "log_odds", "search_collisions"]
 
 Pair = tuple[int, ...]
+TRIED_FROM = 0.01
+"""Candidates with a probability between this and 1 minus this are tried both ways; the others are taken as they are."""
+BIAS, NETWORK_WEIGHT, GAP_WEIGHT, FIT_WEIGHT = 0.396, 0.719, -31.1, 1.968
+"""Weights of a logistic regression on `Evidence`, fitted on held-out scenes of `train`: `python benchmarks/collisions.py
+--proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
+MAX_LOG_ODDS = 12.0
+"""The network's log-odds are clamped to this: beyond, a probability of 0 or 1 says no more."""
+MAX_LOG_RATIO = 3.0
+"""Logarithms of ratios of costs are clamped to this."""
+_MIN_COST = 1e-9
+FAR_GAP_WORLD = 0.1
+"""Bodies that stay this far apart do not nearly touch (world units)."""
+MAX_GAP_WORLD = 0.3
+"""Gaps are clamped to this (world units)."""
+NEAREST_FRAMES = 3
+"""Frames with the nearest centres in which the gap of outlines is measured."""
 
 
 @dataclass(frozen=True)
-class CollisionSearchConfig:
-    """How collisions are found by fitting.
+class Evidence:
+    """What speaks for a collision, given the other collisions of its video.
+
+    What the fits say is weighted by the share 0-1 to which the fit with the collision explains the video (1 / (1 + (cost /
+    `GOOD_COST`)²)): one that did not converge is no evidence.
 
     Attributes:
-        doubt: candidates with a probability in (doubt, 1 - doubt) are tried both ways; the others are taken as they are.
-        trials: maximum number of fits beside the first.
-        weights: of the evidence.
-        fit: of the simulator.
+        network: log-odds of the detector.
+        gap: how close the bodies come in the run fitted with the collision (world units), weighted; 0 where they touch.
+        fit: logarithm of the fit's cost without the collision, divided by that with it, weighted; down to 0 where the bodies
+            stay `FAR_GAP_WORLD` apart in the run with it: such a run explains nothing by the collision.
     """
 
-    doubt: float = 0.01
-    trials: int = 8
-    weights: EvidenceWeights = field(default_factory=EvidenceWeights)
-    fit: TrajectoryFitConfig = field(default_factory=TrajectoryFitConfig)
+    network: float
+    gap: float
+    fit: float
 
-    def __post_init__(self) -> None:
-        check_ranges(self, doubt=(0.0, 0.5), trials=COUNT)
+    @classmethod
+    def of(cls, pair: Pair, probability: float, given: TrajectoryFit, without: TrajectoryFit) -> "Evidence":
+        """Of a pair's collision with a probability by the detector, and the fits with it and without it."""
+        trust, gap = 1 / (1 + (given.cost / GOOD_COST) ** 2), closest_gap(given, pair)
+        ratio = math.log(max(without.cost, _MIN_COST) / max(given.cost, _MIN_COST))
+        ratio = min(max(ratio, -MAX_LOG_RATIO), MAX_LOG_RATIO)
+        return cls(log_odds(probability), trust * gap, trust * max(1 - gap / FAR_GAP_WORLD, 0.0) * ratio)
+
+    @property
+    def probability(self) -> float:
+        """Of the collision, by all evidence."""
+        odds = BIAS + NETWORK_WEIGHT * self.network + GAP_WEIGHT * self.gap + FIT_WEIGHT * self.fit
+        return (1 + math.tanh(odds / 2)) / 2
 
 
-class FoundCollisions(NamedTuple):
-    """Result of `search_collisions`.
+def log_odds(probability: float) -> float:
+    """Of a probability, within `MAX_LOG_ODDS`."""
+    p = min(max(probability, 1e-12), 1 - 1e-12)
+    return min(max(math.log(p / (1 - p)), -MAX_LOG_ODDS), MAX_LOG_ODDS)
 
-    Attributes:
-        collisions: those of the video, in order of time.
-        fit: the simulation fitted with them.
-        candidates: all candidates with their probabilities: by all evidence for those that were tried both ways, given the
-            others; the detector's for the rest.
-    """
 
-    collisions: list[Event]
-    fit: TrajectoryFit
-    candidates: list[tuple[Event, float]]
+def closest_gap(fit: TrajectoryFit, pair: Pair) -> float:
+    """Smallest gap of two bodies' outlines during a fitted run (world units), up to `MAX_GAP_WORLD`; 0 where they touch."""
+    if _meet(fit, pair):
+        return 0.0
+    i, j = pair
+    motion = fit.motion
+    apart = np.linalg.norm(motion.position[i] - motion.position[j], axis=-1)
+    state = np.zeros((2, 6))
+    gaps = [MAX_GAP_WORLD]
+    for frame in np.argsort(apart)[:NEAREST_FRAMES].tolist():
+        state[:, :2], state[:, 4] = motion.position[[i, j], frame], motion.yaw[[i, j], frame]
+        gaps.append(float(outline_gap(fit.bodies.shape[[i, j]], state, 0, 1)[0]))
+    return max(min(gaps), 0.0)
+
+
+def _meet(fit: TrajectoryFit, pair: Pair) -> bool:
+    return bool(fit.motion.contact[pair] != NO_CONTACT)
 
 
 class CollisionSearch:
@@ -57,11 +99,10 @@ class CollisionSearch:
     Args:
         states: of at least one object.
         candidates: collisions with their probabilities, in order of time.
-        config: how to search.
-        measurement: how far measured positions are trusted.
+        config: number of trials and restarts.
 
     Attributes:
-        doubtful: pairs that are tried both ways, the most doubtful first.
+        uncertain: pairs that are tried both ways, the most uncertain first.
         probable: pairs that collide more probably than not.
     """
 
@@ -69,17 +110,14 @@ class CollisionSearch:
         self,
         states: MotionStates,
         candidates: Sequence[tuple[Event, float]],
-        config: CollisionSearchConfig | None = None,
-        measurement: MeasurementConfig | None = None,
+        config: PhysicsConfig | None = None,
     ) -> None:
-        self.config = config or CollisionSearchConfig()
-        self.states, self.measurement = states, measurement
+        self.states, self.config = states, config or PhysicsConfig()
         self.events = {event.objects: event for event, _ in candidates}
         self.probability = {event.objects: p for event, p in candidates}
         self.probable: frozenset[Pair] = frozenset(pair for pair, p in self.probability.items() if p > 0.5)
-        low, high = self.config.doubt, 1 - self.config.doubt
-        doubtful = sorted((abs(p - 0.5), pair) for pair, p in self.probability.items() if low < p < high)
-        self.doubtful = [pair for _, pair in doubtful]
+        tried = [(abs(p - 0.5), pair) for pair, p in self.probability.items() if TRIED_FROM < p < 1 - TRIED_FROM]
+        self.uncertain = [pair for _, pair in sorted(tried)]
         self._fits: dict[frozenset[Pair], TrajectoryFit] = {}
         self._repeated: set[frozenset[Pair]] = set()
 
@@ -99,7 +137,7 @@ class CollisionSearch:
         return self._fits[pairs]
 
     def _fit(self, pairs: frozenset[Pair], near: TrajectoryFit | None) -> TrajectoryFit:
-        return fit_trajectories(self.states, self.collisions(pairs), self.config.fit, self.measurement, near)
+        return fit_trajectories(self.states, self.collisions(pairs), self.config.restarts, near)
 
     def collisions(self, pairs: frozenset[Pair]) -> list[Event]:
         """The events of pairs, in order of time."""
@@ -121,40 +159,44 @@ class CollisionSearch:
         return Evidence.of(pair, self.probability[pair], self.fitted(given), self.fitted(without))
 
 
-def _meet(fit: TrajectoryFit, pair: Pair) -> bool:
-    return bool(fit.motion.contact[pair] != NO_CONTACT)
+class FoundCollisions(NamedTuple):
+    """Result of `search_collisions`.
+
+    Attributes:
+        collisions: those of the video, in order of time.
+        fit: the simulation fitted with them.
+        candidates: all candidates with their probabilities: by all evidence for those that were tried both ways, given the
+            others; the detector's for the rest.
+    """
+
+    collisions: list[Event]
+    fit: TrajectoryFit
+    candidates: list[tuple[Event, float]]
 
 
 def search_collisions(
-    states: MotionStates,
-    candidates: Sequence[tuple[Event, float]],
-    config: CollisionSearchConfig | None = None,
-    measurement: MeasurementConfig | None = None,
+    states: MotionStates, candidates: Sequence[tuple[Event, float]], config: PhysicsConfig | None = None
 ) -> FoundCollisions:
     """Collisions during the video, and the simulation fitted with them.
 
-    Starting from those that are more probable than not, doubtful collisions are added and dropped one by one as long as the
-    evidence (`EvidenceWeights`), given the others, is for it.
+    Starting from those that are more probable than not, uncertain collisions are added and dropped one by one as long as the
+    evidence, given the others, is for it.
 
     Args:
-        states: of at least one object.
-        candidates: collisions with their probabilities, in order of time.
-        config: how to search.
-        measurement: how far measured positions are trusted.
+        states, candidates, config: as of `CollisionSearch`.
     """
-    search = CollisionSearch(states, candidates, config, measurement)
+    search = CollisionSearch(states, candidates, config)
     probability = dict(search.probability)
     chosen, seen, changed = search.probable, {search.probable}, True
     while changed:
         changed = False
-        for pair in search.doubtful:
+        for pair in search.uncertain:
             other = chosen ^ {pair}
             if other in seen or not search.can_try(other):
                 continue
-            probability[pair] = search.config.weights.probability(search.evidence(pair, chosen))
-            collides = probability[pair] > 0.5
-            if collides != (pair in chosen):
+            probability[pair] = search.evidence(pair, chosen).probability
+            if (probability[pair] > 0.5) != (pair in chosen):
                 chosen, changed = other, True
                 seen.add(chosen)
-    candidates = [(event, probability[event.objects]) for event, _ in candidates]
-    return FoundCollisions(search.collisions(chosen), search.fitted(chosen), candidates)
+    judged = [(event, probability[event.objects]) for event, _ in candidates]
+    return FoundCollisions(search.collisions(chosen), search.fitted(chosen), judged)

@@ -23,20 +23,32 @@ from nsdr.dynamics.physics.sensitive_run import (
     state_at,
 )
 from nsdr.dynamics.physics.simulator import NO_CONTACT
-from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
-__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "FitProblem", "cube_edges_px", "evaluate"]
+__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "REBOUND", "FitProblem", "cube_edges_px", "evaluate", "rows_of"]
 
 MAX_FITTED_REBOUND = 0.8
 """Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
+REBOUND = 0.4
+"""Rebound of pairs that were not expected to collide, and prior mean of the others', as a share of the approach speed. Like
+the next three, set on left-out scenes of `train`."""
+POSITION_NOISE_WORLD = 0.01
+"""Standard deviation of reliable positions (world units)."""
+EDGE_NOISE_PX = 2.0
+"""Standard deviation of the left and right box edges of cubes, which show their yaw (pixels)."""
+ROBUST_SCALE = 2.0
+"""Residuals beyond this many standard deviations are weighted down (soft L1)."""
 EDGES_PX = (-0.3, -0.6)
 """Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
-_COLUMN_ROW, _DEPTH_ROW = CLEVRER_CAMERA.matrix[0].copy(), CLEVRER_CAMERA.matrix[2].copy()
-"""Rows of the projection as contiguous arrays, which Numba compiles in."""
 _OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
 _MIN_DEPTH_WORLD = 0.1
 """Nearest depth that is projected (world units)."""
+
+
+def rows_of(camera: Camera) -> tuple[float, ...]:
+    """(8,) rows of the projection that give an image's columns and depths, as numbers, which Numba reads fastest."""
+    return tuple(camera.matrix[[0, 2]].ravel().tolist())
 
 
 class FitProblem(NamedTuple):
@@ -46,17 +58,13 @@ class FitProblem(NamedTuple):
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
         reference_s: (n,) seconds, when positions and velocities are those of the parameters.
         first: (n + 1,) int, first datum of each object.
-        frame: (D,) int, in order within an object.
-        position: (D, 2) world units.
-        root_weight: (D,) square roots of the weights.
-        edges_px: (D, 2) left and right edges of cubes' boxes.
+        frame, position, root_weight, edges_px: (D,), (D, 2), (D,) and (D, 2), in order within an object: measured positions,
+            square roots of their weights, and left and right edges of cubes' boxes.
         unit: (P,) of the parameters.
         position_at, velocity_at, log_mass_at, yaw_at: (n,) int, each object's (first) parameter of that kind; -1 for none.
         rebound_at: (n, n) int, parameter of the pair's rebound; -1 for none.
         prior: (P, 2) mean and standard deviation; infinite without a prior.
-        rebound: of pairs without a parameter.
-        position_noise_world, edge_noise_px: standard deviations of the data.
-        robust_scale: residuals beyond this many standard deviations are weighted down (soft L1).
+        projection: see `rows_of`.
     """
 
     shape: NDArray[np.int64]
@@ -73,23 +81,15 @@ class FitProblem(NamedTuple):
     yaw_at: NDArray[np.int64]
     rebound_at: NDArray[np.int64]
     prior: NDArray[np.float64]
-    rebound: float
-    position_noise_world: float
-    edge_noise_px: float
-    robust_scale: float
+    projection: tuple[float, ...]
 
 
 class Sums(NamedTuple):
     """What is gathered along a run; arrays that the functions below change.
 
-    Attributes:
-        loss: (2,) sum of the robust losses, and number of residuals.
-        gradient: (P,) of the sum.
-        curvature: (P, P) of the sum.
-        motion: (n, F, 6) states at every frame.
-        next_frame: (n,) int, first frame that was not gathered yet.
-        next_datum: (n,) int, the same for data.
-        outermost: (n, 2, 2) int, outermost points of each cube's image at its last datum, see `cube_edges_px`.
+    The sum of the robust losses and the number of residuals (2,), its gradient (P,) and curvature (P, P); states at every frame
+    (n, F, 6); the first frame and datum of each object that are not gathered yet (n,); and the outermost points of each cube's
+    image at its last datum (n, 2, 2), see `cube_edges_px`.
     """
 
     loss: NDArray[np.float64]
@@ -102,21 +102,24 @@ class Sums(NamedTuple):
 
 
 @cached_njit
-def _column(x, y, c, s, k, z):  # type: ignore[no-untyped-def]
+def _column(projection, x, y, c, s, k, z):  # type: ignore[no-untyped-def]
     """Image column and depth of point k of a cube's outline at a height."""
     kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
     px, py = x + c * kx - s * ky, y + s * kx + c * ky
-    depth = max(_DEPTH_ROW[0] * px + _DEPTH_ROW[2] * z + _DEPTH_ROW[3], _MIN_DEPTH_WORLD)
-    return (_COLUMN_ROW[0] * px + _COLUMN_ROW[1] * py + _COLUMN_ROW[2] * z + _COLUMN_ROW[3]) / depth, depth
+    depth = projection[4] * px + projection[5] * py + projection[6] * z + projection[7]
+    depth = max(depth, _MIN_DEPTH_WORLD)
+    column = projection[0] * px + projection[1] * py + projection[2] * z + projection[3]
+    return column / depth, depth
 
 
 @cached_njit
-def cube_edges_px(x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
+def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
     """Left and right edges of a cube's image.
 
     The outline is convex, so its outermost points are found by climbing along it.
 
     Args:
+        projection: see `rows_of`.
         x, y, yaw: of the cube (world units, radians).
         start: (2, 2) int, points of the left and right edges, below and above, where the climb begins; changed to the result.
         derivatives: (2, 3), filled with those of the edges by x, y and yaw.
@@ -127,18 +130,19 @@ def cube_edges_px(x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def
         sign, best = (1.0 if side else -1.0), -np.inf
         for top in range(2):
             k, z = start[side, top], 2 * OBJECT_RADIUS_WORLD * top
-            column, depth = _column(x, y, c, s, k, z)
+            column, depth = _column(projection, x, y, c, s, k, z)
             for turn in (1, n - 1):
                 while True:
                     following = (k + turn) % n
-                    other, other_depth = _column(x, y, c, s, following, z)
+                    other, other_depth = _column(projection, x, y, c, s, following, z)
                     if sign * other <= sign * column:
                         break
                     k, column, depth = following, other, other_depth
             start[side, top] = k
             if sign * column > best:
                 best = sign * column
-                by_x, by_y = (_COLUMN_ROW[0] - column * _DEPTH_ROW[0]) / depth, _COLUMN_ROW[1] / depth
+                by_x = (projection[0] - column * projection[4]) / depth
+                by_y = (projection[1] - column * projection[5]) / depth
                 kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
                 derivatives[side, 0], derivatives[side, 1] = by_x, by_y
                 derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
@@ -147,44 +151,47 @@ def cube_edges_px(x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def
 
 
 @cached_njit
-def _soft_l1(residual, scale):  # type: ignore[no-untyped-def]
+def _soft_l1(residual):  # type: ignore[no-untyped-def]
     """Robust loss of a residual, and its first and second derivative."""
-    root = np.sqrt(1 + (residual / scale) ** 2)
-    return scale * scale * (root - 1), residual / root, 1 / (root * root * root)
+    root = np.sqrt(1 + (residual / ROBUST_SCALE) ** 2)
+    return ROBUST_SCALE * ROBUST_SCALE * (root - 1), residual / root, 1 / (root * root * root)
 
 
 @cached_njit
 def _add_datum(  # type: ignore[no-untyped-def]
-    is_cube, position, edges_px, root_weight, noise, state, derivatives, scratch, outermost, loss, force, curvature
+    is_cube,
+    projection,
+    position,
+    edges_px,
+    root_weight,
+    state,
+    derivatives,
+    scratch,
+    outermost,
+    loss,
+    force,
+    curvature,
 ):
-    """Add the residuals of a datum to a segment's sums. They depend on place and yaw, so they are summed over these first.
+    """Add the residuals of a datum, measured (2,) and (2,), to a segment's sums of losses, their number, and derivatives.
 
-    Args:
-        is_cube: whether edges count.
-        position, edges_px: (2,) measured.
-        root_weight: of the datum.
-        noise: standard deviations of positions and edges, and the robust scale.
-        state: (6,) of the run.
-        derivatives: (6, 6) of the state by that at the segment's start.
-        scratch: (6, 3), overwritten.
-        outermost: see `cube_edges_px`.
-        loss, force, curvature: (2,), (6,), (6, 6) sums of losses and their number, and of derivatives.
+    They depend on place and yaw, so they are summed over these first, in `scratch` (6, 3). `derivatives` (6, 6) are of the
+    run's state by that at the segment's start.
     """
     pull, bend, by_place = scratch[0], scratch[1:4], scratch[4:6]
     for a in range(3):
         pull[a] = bend[a, 0] = bend[a, 1] = bend[a, 2] = 0.0
-    scale = root_weight / noise[0]
+    scale = root_weight / POSITION_NOISE_WORLD
     for k in range(2):
-        value, first, second = _soft_l1((state[k] - position[k]) * scale, noise[2])
+        value, first, second = _soft_l1((state[k] - position[k]) * scale)
         loss[0] += value
         pull[k] += first * scale
         bend[k, k] += second * scale * scale
     loss[1] += 2
     if is_cube:
-        scale = root_weight / noise[1]
-        edges = cube_edges_px(state[0], state[1], state[4], outermost, by_place)
+        scale = root_weight / EDGE_NOISE_PX
+        edges = cube_edges_px(projection, state[0], state[1], state[4], outermost, by_place)
         for side in range(2):
-            value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale, noise[2])
+            value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale)
             loss[0] += value
             for a in range(3):
                 pull[a] += first * scale * by_place[side, a]
@@ -222,9 +229,7 @@ def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ign
 @cached_njit
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
     """Gather the data of body i's segment before a time, and move its start there."""
-    # Fields are read once: each reading of a tuple's array is a counted reference.
-    frames, positions, edges_px, root_weight = p.frame, p.position, p.edges_px, p.root_weight
-    noise = (p.position_noise_world, p.edge_noise_px, p.robust_scale)
+    frames, positions, edges_px, root_weight, projection = p.frame, p.position, p.edges_px, p.root_weight, p.projection
     motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
     shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
     begin, d, last_datum = sums.next_frame[i], sums.next_datum[i], p.first[i + 1]
@@ -249,7 +254,7 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
         copy_state(after, motion[k])
         if d < last_datum and frames[d] == k:
             measured = (positions[d], edges_px[d], root_weight[d])
-            _add_datum(shape == CUBE, *measured, noise, after, here, scratch, outermost, loss, force, curvature)
+            _add_datum(shape == CUBE, projection, *measured, after, here, scratch, outermost, loss, force, curvature)
             d += 1
     sums.next_frame[i], sums.next_datum[i] = end, d
 
@@ -279,7 +284,7 @@ def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
     for k, body in ((0, i), (1, j)):
         if parameters[k] >= 0:
             d_mass[k] = bodies.mass[body] * p.unit[parameters[k]]
-    rebound, d_rebound, at = p.rebound, 0.0, parameters[2]
+    rebound, d_rebound, at = REBOUND, 0.0, parameters[2]
     if at >= 0:
         given = x[at] * p.unit[at]
         rebound = min(max(given, 0.0), MAX_FITTED_REBOUND)
@@ -308,7 +313,7 @@ def _add_priors(p, x, sums):  # type: ignore[no-untyped-def]
     for k in range(len(x)):
         mean, deviation = p.prior[k, 0], p.prior[k, 1]
         if deviation < np.inf:
-            value, first, second = _soft_l1((x[k] * p.unit[k] - mean) / deviation, p.robust_scale)
+            value, first, second = _soft_l1((x[k] * p.unit[k] - mean) / deviation)
             sums.loss[0] += value
             sums.loss[1] += 1
             sums.gradient[k] += first * p.unit[k] / deviation

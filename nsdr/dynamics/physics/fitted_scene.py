@@ -1,4 +1,8 @@
-"""A fitted video that can be simulated on, with and without each object."""
+"""A fitted video that can be simulated on, as it is and with interventions.
+
+What an intervention cannot influence keeps its observed motion, the rest is simulated: once as it was fitted, and again with
+perturbed states and masses, which gives probabilities.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -6,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics.interventions import Changes
 from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.changed_bodies import ChangedBodies, change_bodies
 from nsdr.dynamics.physics.collision_search import FoundCollisions
-from nsdr.dynamics.physics.physics_config import PhysicsConfig
+from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.simulator import (
     NO_CONTACT,
     BodyStates,
@@ -17,20 +23,32 @@ from nsdr.dynamics.physics.simulator import (
     SimulatedMotion,
     simulate_perturbed,
 )
-from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image
-from nsdr.types import Doubt, Event, Rollout
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image, with_smoothed_tracks
+from nsdr.types import Event, Remove, Rollout, UncertainCollision
+from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, OBJECT_RADIUS_WORLD, STEPS_PER_FRAME
 
-__all__ = ["DOUBT", "FittedScene"]
+__all__ = ["FittedScene"]
 
 FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
-DOUBT = 0.005
+MIN_PROBABILITY = 0.005
 """Collisions that are less probable count as ruled out, and those that are more probable than 1 minus this as certain."""
+CLOSENESS_WORLD = 0.4
+"""Scale on which the closest approach tells pairs apart that collide in equally many runs (world units)."""
 
 
 class FittedScene:
-    """A fitted video that can be simulated on, with and without each object."""
+    """A fitted video that can be simulated on.
+
+    Args:
+        states: the tracks.
+        smoothed: the same, smoothed between the collisions.
+        found: collisions of the video, and the fit with them.
+        config: noise, and number of runs.
+        shortcut: what an intervention cannot influence keeps its observed motion; otherwise all is simulated.
+        total_frames: length of the rollouts.
+    """
 
     def __init__(
         self,
@@ -50,128 +68,237 @@ class FittedScene:
         self.position = np.where(known, smoothed.location_world, fitted.motion.position)
         self.velocity = np.where(known, smoothed.velocity_world_per_s, fitted.motion.velocity)
         met = {i for e in observed for i in e.objects}
-        self.mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
-        self.perturbations = self._perturbations(np.random.default_rng(config.seed))
-        self.doubts = [Doubt(event, p) for event, p in found.candidates if DOUBT <= p <= 1 - DOUBT]
-        self.collisions = np.array([(*e.objects, e.frame) for e in observed], np.int64).reshape(-1, 3)
+        # Each run draws its masses, positions, velocities and yaws in this order.
+        noise = np.random.default_rng(config.seed).normal(size=(config.runs - 1, 6 * n))
+        state = np.zeros((config.runs - 1, n, 6))
+        state[..., :2] = config.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2)
+        state[..., 2:4] = config.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2)
+        state[..., 4] = config.yaw_noise * noise[:, 5 * n :]
+        mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
+        self.perturbations = Perturbations(state, np.exp(mass_noise * noise[:, :n]))
+        self.uncertain = [
+            UncertainCollision(event, p) for event, p in found.candidates if MIN_PROBABILITY <= p <= 1 - MIN_PROBABILITY
+        ]
 
-    def rollout(self, removed: int | None) -> Rollout:
-        """The scene as it is (None), or without an object."""
-        return self.rollout_and_yaw(removed)[0]
+    def rollout(self, removed: int | None = None) -> Rollout:
+        """The scene as it is (None), or without an object from the first frame on."""
+        if removed is None:
+            return self._unchanged()[0]
+        changes = Changes([(removed, Remove(removed))], self.states.objects)
+        rollout, _ = self.what_if(changes, 0)
+        uncertain = tuple(replace(one, removed=removed) for one in rollout.uncertain or ())
+        return replace(rollout, speed_world_per_s=None, uncertain=uncertain)
 
-    def rollout_and_yaw(self, removed: int | None) -> tuple[Rollout, FloatArray]:
-        """The scene as it is (None), or without an object; and (n, F) rotations about the vertical axis (radians)."""
-        exists = np.ones(len(self.states.objects), bool)
-        if removed is not None:
-            exists[removed] = False
-        first, frames = self._runs(exists)
-        pairs = {e.objects for e in self.observed}
-        scores = (frames != NO_CONTACT).mean(0)
-        collisions = list(self.observed) if removed is None else []
-        doubts = list(self.doubts) if removed is None else []
-        probability = scores if removed is None else self.with_observed_doubts(scores, exists)
-        for event, p in self.probable_collisions(frames, probability):
-            if removed is None and event.objects in pairs:
-                continue
-            if removed is None:
-                event = replace(event, frame=max(event.frame, self.frames))
-            if p > self.config.collision_threshold:
-                collisions.append(event)
-            if p <= 1 - DOUBT:
-                doubts.append(Doubt(event, p, removed))
-        scores = (len(frames) * scores + self._closeness(first)) / (len(frames) + 1)
+    def _unchanged(self) -> tuple[Rollout, FloatArray]:
+        """The scene as it is, and (n, F) rotations about the vertical axis (radians)."""
+        n = len(self.states.objects)
+        motion = self._prescribed(np.full(n, self.frames - 1))
+        bodies = replace(self.fitted.bodies, position=self.position[:, 0], velocity=self.velocity[:, 0])
+        every = np.ones(n, bool)
+        first, frames = simulate_perturbed(bodies, every, self.total, self.perturbations, None, motion)
+        pairs, share = {e.objects for e in self.observed}, (frames != NO_CONTACT).mean(0)
+        later = [
+            (replace(event, frame=max(event.frame, self.frames)), p)
+            for event, p in self._probable_collisions(frames, share)
+            if event.objects not in pairs
+        ]
+        collisions, uncertain = self._judged(later)
+        gap = first.position[:, self.frames - 1 :]
+        gap = np.linalg.norm(gap[:, None] - gap[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
+        scores = (len(frames) * share + np.exp(-np.maximum(gap, 0) / CLOSENESS_WORLD)) / (len(frames) + 1)
         for pair in pairs:  # a pair collides once
             scores[pair] = scores[pair[::-1]] = 0.0
         rollout = Rollout(
-            np.where(exists[:, None, None], first.position, np.nan),
-            self._visible(first, exists),
-            tuple(sorted(collisions, key=lambda e: e.frame)),
-            scores if removed is None else None,
-            doubts=tuple(doubts),
+            first.position,
+            self._visible(first, every, np.zeros(n, bool), 0),
+            tuple(sorted([*self.observed, *collisions], key=lambda e: e.frame)),
+            scores,
+            uncertain=(*self.uncertain, *uncertain),
         )
         return rollout, first.yaw
 
-    def probable_collisions(
-        self, frames: NDArray[np.integer[Any]], probability: FloatArray
-    ) -> list[tuple[Event, float]]:
+    def original(self, extra: int, from_frame: int) -> tuple[Rollout, FloatArray]:
+        """The rollout without interventions, and its yaws (radians), with a number of further objects that are absent.
+
+        Like the rollout with interventions, it has the first collision of each pair after their frame, too.
+        """
+        rollout, yaw = self._unchanged()
+        rollout = with_smoothed_tracks(rollout, self.smoothed)
+        earlier, repeated = {e.objects for e in self._earlier(from_frame)}, []
+        if earlier:
+            unchanged = change_bodies(self._bodies_at(from_frame), Changes((), self.states.objects))
+            later = self._later_collisions(unchanged, from_frame)[1]
+            repeated = [(event, p) for event, p in later if event.objects in earlier]
+        collisions, uncertain = self._judged(repeated)
+        speed = rollout.speed_world_per_s
+        assert speed is not None
+        padded = Rollout(
+            _padded(rollout.location_world, extra, np.nan),
+            _padded(rollout.visible, extra, False),
+            tuple(sorted([*rollout.collisions, *collisions], key=lambda e: e.frame)),
+            None,
+            _padded(speed, extra, np.nan),
+            (*(rollout.uncertain or ()), *uncertain),
+        )
+        return padded, _padded(yaw, extra, 0.0)
+
+    def what_if(self, changes: Changes, from_frame: int) -> tuple[Rollout, FloatArray]:
+        """The rollout with interventions at a frame of the video, and its yaws (radians).
+
+        Raises:
+            DataError: an intervention is impossible (see `change_bodies`).
+        """
+        changed = change_bodies(self._bodies_at(from_frame), changes)
+        first, later = self._later_collisions(changed, from_frame)
+        collisions, uncertain = self._judged(later)
+        extra = len(changed.exists) - len(self.states.objects)
+        location, speed = first.position.copy(), np.linalg.norm(first.velocity, axis=-1)
+        location[~changed.exists] = np.nan
+        location[:, :from_frame] = _padded(self.position[:, :from_frame], extra, np.nan)
+        observed_speed = _padded(np.linalg.norm(self.smoothed.velocity_world_per_s, axis=-1), extra, np.nan)
+        as_observed = self._as_observed(first, changed.simulated, from_frame)[:, : self.frames]
+        speed[:, : self.frames] = np.where(as_observed, observed_speed, speed[:, : self.frames])
+        yaw = first.yaw.copy()
+        yaw[:, :from_frame] = _padded(self.fitted.motion.yaw[:, :from_frame], extra, 0.0)
+        shapes = [o.shape for o in changes.objects]
+        rollout = Rollout(
+            location,
+            self._visible(first, changed.exists, changed.simulated, from_frame, shapes),
+            tuple(sorted([*self._earlier(from_frame), *collisions], key=lambda e: e.frame)),
+            None,
+            speed,
+            (*(one for one in self.uncertain if 0 < one.event.frame <= from_frame), *uncertain),
+        )
+        return rollout, yaw
+
+    def _judged(self, found: list[tuple[Event, float]]) -> tuple[list[Event], list[UncertainCollision]]:
+        """Those of possible collisions that count, and those that are not certain."""
+        collisions = [event for event, p in found if p > self.config.collision_threshold]
+        return collisions, [UncertainCollision(event, p) for event, p in found if p <= 1 - MIN_PROBABILITY]
+
+    def _earlier(self, from_frame: int) -> list[Event]:
+        """Collisions that interventions at a frame cannot change."""
+        return [e for e in self.observed if 0 < e.frame <= from_frame]
+
+    def _later_collisions(
+        self, changed: ChangedBodies, from_frame: int
+    ) -> tuple[SimulatedMotion, list[tuple[Event, float]]]:
+        """The first run from a frame on, and the collisions after it that are not ruled out, with their probabilities."""
+        first, frames = self._runs(changed, from_frame)
+        for event in self._earlier(from_frame):  # while they touch or soon after, it is the same collision
+            i, j = event.objects
+            continued = frames[:, i, j] <= max(event.frame + CONTACT_PAUSE_STEPS // STEPS_PER_FRAME, from_frame + 1)
+            frames[continued, i, j] = frames[continued, j, i] = NO_CONTACT
+        untouched = (changed.exists & ~changed.simulated)[: len(self.states.objects)]
+        share, found = (frames != NO_CONTACT).mean(0), {e.objects for e in self.observed}
+        # The runs take the collisions of the video as they were found. One that is uncertain is so in the changed scene, too;
+        # one that was probably none happens in the runs, or else as probably as in the video.
+        for one in self.uncertain:
+            (i, j), p = one.event.objects, one.probability
+            if untouched[[i, j]].all() and (from_frame == 0 or one.event.frame > from_frame):
+                share[i, j] = share[i, j] * p if (i, j) in found else 1 - (1 - share[i, j]) * (1 - p)
+        return first, self._probable_collisions(frames, share)
+
+    def _probable_collisions(self, frames: IntArray, probability: FloatArray) -> list[tuple[Event, float]]:
         """Collisions that are not ruled out, with their probabilities.
 
         Args:
-            frames: (runs, n, n) of first contacts. A collision is at their median, or else where it was doubtful in the video.
+            frames: (runs, n, n) of first contacts. A collision is at their median, or else where it was uncertain in the video.
             probability: (n, n) of each pair.
         """
-        doubtful = {d.event.objects: d.event.frame for d in self.doubts}
+        in_video = {one.event.objects: one.event.frame for one in self.uncertain}
         found = []
-        for i, j in np.argwhere(np.triu(probability >= DOUBT, 1)).tolist():
+        for i, j in np.argwhere(np.triu(probability >= MIN_PROBABILITY, 1)).tolist():
             at = frames[:, i, j][frames[:, i, j] != NO_CONTACT]
-            frame = int(np.median(at)) if len(at) else doubtful[i, j]
+            frame = int(np.median(at)) if len(at) else in_video[i, j]
             found.append((Event("collision", frame, (i, j)), float(probability[i, j])))
         return found
 
-    def with_observed_doubts(self, share: FloatArray, untouched: BoolArray, after_frame: int = 0) -> FloatArray:
-        """(n, n) probabilities of collisions in a changed scene, given the shares of runs with them.
-
-        The runs take the collisions of the video as they were found. One that is in doubt is as doubtful in the changed scene;
-        one that was probably none happens in the runs, or else as probably as in the video.
-
-        Args:
-            share: (n, n).
-            untouched: (n,) bool, the objects that exist and whose motion is not set.
-            after_frame: doubts of the video up to this frame, unless it is 0, concern what was before the change.
-        """
-        result, chosen = share.copy(), {e.objects for e in self.observed}
-        for doubt in self.doubts:
-            (i, j), p = doubt.event.objects, doubt.probability
-            if untouched[[i, j]].all() and (after_frame == 0 or doubt.event.frame > after_frame):
-                result[i, j] = share[i, j] * p if (i, j) in chosen else 1 - (1 - share[i, j]) * (1 - p)
-        return result
-
-    def bodies_at(self, frame: int) -> BodyStates:
+    def _bodies_at(self, frame: int) -> BodyStates:
         """The objects at a frame of the video."""
         motion = self.fitted.motion
         position, velocity = (self.position, self.velocity) if self.shortcut else (motion.position, motion.velocity)
         bodies = replace(self.fitted.bodies, position=position[:, frame], velocity=velocity[:, frame])
         return replace(bodies, yaw=motion.yaw[:, frame], spin=motion.spin[:, frame])
 
-    def _runs(self, exists: NDArray[np.bool_]) -> tuple[SimulatedMotion, NDArray[np.integer[Any]]]:
-        """The first run, and the frames (runs, n, n) of first contacts of all."""
-        bodies, motion, rebound = self.fitted.bodies, self.fitted.motion, None
-        prescribed: PrescribedMotion | None = PrescribedMotion(
-            self.position,
-            self.velocity,
-            motion.yaw,
-            motion.spin,
-            np.full(len(exists), self.frames - 1),
-            self.collisions,
+    def _prescribed(self, until: IntArray) -> PrescribedMotion:
+        """The motion of the video, that each object, and further ones, keep until a frame (n,)."""
+        motion, extra = self.fitted.motion, len(until) - len(self.states.objects)
+        return PrescribedMotion(
+            _padded(self.position, extra, 0.0),
+            _padded(self.velocity, extra, 0.0),
+            _padded(motion.yaw, extra, 0.0),
+            _padded(motion.spin, extra, 0.0),
+            until,
+            np.array([(*e.objects, e.frame) for e in self.observed], np.int64).reshape(-1, 3),
         )
-        if self.shortcut or exists.all():
-            bodies = replace(bodies, position=self.position[:, 0], velocity=self.velocity[:, 0])
+
+    def _runs(self, changed: ChangedBodies, from_frame: int) -> tuple[SimulatedMotion, IntArray]:
+        """The first run from a frame on, and the frames (runs, n, n) of first contacts of all."""
+        n, old = len(changed.exists), len(self.states.objects)
+        rebound, prescribed = np.full((n, n), np.nan), None
+        if self.shortcut:
+            prescribed = self._prescribed(self._until(changed, from_frame))
+            for i, j in self._unchanged_collisions(changed, from_frame):
+                rebound[i, j] = rebound[j, i] = self.fitted.rebound[i, j]
         else:
-            prescribed, rebound = None, self.fitted.rebound
-        return simulate_perturbed(bodies, exists, self.total, self.perturbations, rebound, prescribed)
-
-    def _perturbations(self, rng: np.random.Generator) -> Perturbations:
-        """Those of all runs but the first: each draws its masses, positions, velocities and yaws in this order."""
-        c, n = self.config, len(self.states.objects)
-        noise = rng.normal(size=(c.runs - 1, 6 * n))
-        return Perturbations(
-            c.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2),
-            c.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2),
-            c.yaw_noise * noise[:, 5 * n :],
-            np.exp(self.mass_noise * noise[:, :n]),
+            rebound[:old, :old] = self.fitted.rebound
+        # Added objects and what interventions give exactly are not perturbed.
+        state, mass = np.zeros((self.config.runs - 1, n, 6)), np.ones((self.config.runs - 1, n))
+        state[:, :old], mass[:, :old] = self.perturbations.state, self.perturbations.mass
+        state[:, changed.exact_position, :2] = state[:, changed.exact_velocity, 2:4] = 0.0
+        mass[:, changed.exact_mass] = 1.0
+        perturbations = Perturbations(state, mass)
+        return simulate_perturbed(
+            changed.bodies, changed.exists, self.total, perturbations, rebound, prescribed, from_frame
         )
 
-    def _closeness(self, run: SimulatedMotion) -> FloatArray:
-        """(n, n) in 0-1: how close pairs come after the video."""
-        later = run.position[:, self.frames - 1 :]
-        gap = np.linalg.norm(later[:, None] - later[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
-        return np.asarray(np.exp(-np.maximum(gap, 0) / self.config.closeness_world))
+    def _unchanged_collisions(self, changed: ChangedBodies, from_frame: int) -> list[tuple[int, ...]]:
+        """Pairs whose next collision in the video is at unchanged velocities, one of them having another mass.
 
-    def _visible(self, run: SimulatedMotion, exists: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n, total) bool: as observed until an object is simulated, then as its simulated place is in the image."""
+        How strongly they rebound depends on the moment within a step of the simulation, which is as in the video.
+        """
+        first: dict[int, Event] = {}
+        for event in self.observed:
+            if event.frame > from_frame:
+                for i in event.objects:
+                    first.setdefault(i, event)
+        as_before = changed.exists & ~changed.simulated
+        events = {first[i] for i in np.flatnonzero(changed.reweighed).tolist() if i in first}
+        return [e.objects for e in events if as_before[list(e.objects)].all() and all(first[i] == e for i in e.objects)]
+
+    def _until(self, changed: ChangedBodies, from_frame: int) -> IntArray:
+        """(n,) frame from which each object is simulated: objects of another mass from their next collision in the video."""
+        until = np.full(len(changed.exists), self.frames - 1)
+        for i in np.flatnonzero(changed.reweighed):
+            hits = [e.frame for e in self.observed if i in e.objects and e.frame > from_frame]
+            until[i] = min([frame - 1 for frame in hits], default=self.frames - 1)
+        until[changed.simulated] = 0
+        return until
+
+    def _as_observed(self, run: SimulatedMotion, simulated: BoolArray, from_frame: int) -> BoolArray:
+        """(n, F) bool: where objects keep the motion of the video."""
+        frame = np.arange(self.total)
+        return (frame < from_frame) | ((frame <= run.free_from[:, None]) & ~simulated[:, None])
+
+    def _visible(
+        self,
+        run: SimulatedMotion,
+        exists: BoolArray,
+        simulated: BoolArray,
+        from_frame: int,
+        shapes: list[str] | None = None,
+    ) -> BoolArray:
+        """(n, F) bool: as observed until an object is simulated, then as its simulated position is in the image."""
+        shapes = shapes or [o.shape for o in self.states.objects]
         observed = np.zeros(run.yaw.shape, bool)
-        observed[:, : self.frames] = self.smoothed.visible
-        simulated = np.arange(self.total) > run.free_from[:, None]
-        position = np.where((simulated & exists[:, None])[..., None], run.position, np.nan)
-        shown = rollout_in_image([o.shape for o in self.states.objects], position)
-        return np.where(simulated, shown, observed) & exists[:, None]
+        observed[: len(self.states.objects), : self.frames] = self.smoothed.visible
+        as_observed = self._as_observed(run, simulated, from_frame)
+        there = exists[:, None] | (np.arange(self.total) < from_frame)
+        position = np.where((~as_observed & there)[..., None], run.position, np.nan)
+        return np.where(as_observed, observed, rollout_in_image(shapes, position, self.states.camera)) & there
+
+
+def _padded(values: NDArray[Any], extra: int, value: float | bool) -> NDArray[Any]:
+    """(n, …) values with a number of further rows that hold one value."""
+    return np.concatenate([values, np.full((extra, *values.shape[1:]), value, values.dtype)])

@@ -6,7 +6,7 @@ observed motion; the rest is simulated, many times with states perturbed by thei
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -14,19 +14,19 @@ from nsdr.dynamics.base import rollout_frames
 from nsdr.dynamics.interventions import make_simulation, resolve
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.physics.collision_search import search_collisions
+from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.fitted_scene import FittedScene
-from nsdr.dynamics.physics.physics_config import PhysicsConfig
-from nsdr.dynamics.physics.what_if import original, what_if
-from nsdr.dynamics.track_smoothing import SmoothingConfig, smooth_tracks, with_smoothed_tracks
+from nsdr.dynamics.track_smoothing import smooth_tracks, with_smoothed_tracks
 from nsdr.errors import DataError
-from nsdr.io.threads import limit_threads
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Rollout, Simulation, VideoTracks
 from nsdr.types.interventions import Intervention
 
-__all__ = ["CollisionDetector", "PhysicsConfig", "PhysicsPredictor"]
+__all__ = ["CollisionDetector", "PhysicsPredictor"]
 
-KEPT_FITS = 16
-"""Fits that a predictor keeps, as many as a pipeline keeps perceptions."""
+VELOCITY_ERROR_WORLD_PER_S = 0.02
+"""Standard deviation of each component of the observed velocities (world units/s): 95 % of errors of speeds are within 1.645
+of them, rounded (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`)."""
 
 
 class CollisionDetector(Protocol):
@@ -46,7 +46,6 @@ class PhysicsPredictor:
         config: of the simulation.
         shortcut: objects that a removal cannot influence keep their observed motion; otherwise all are simulated from frame 0.
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        smoothing: how observed tracks are smoothed.
     """
 
     def __init__(
@@ -55,38 +54,43 @@ class PhysicsPredictor:
         config: PhysicsConfig | None = None,
         shortcut: bool = True,
         horizon_frame: int | None = None,
-        smoothing: SmoothingConfig | None = None,
     ) -> None:
         self.detector = detector
         self.config = config or PhysicsConfig()
         self.shortcut = shortcut
         self.horizon_frame = horizon_frame
-        self.smoothing = smoothing or SmoothingConfig()
-        self._fits: list[tuple[VideoTracks, tuple[Any, ...], FittedScene]] = []
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
         if not tracks.tracks:
             return DynamicsPrediction((), tracks.n_frames, self._empty(tracks.n_frames), {})
-        scene = self._fit_of(tracks, observed)
-        rollout = with_smoothed_tracks(scene.rollout(None), scene.smoothed)
+        scene = self._fitted(states_from_tracks(tracks), observed)
+        rollout = with_smoothed_tracks(scene.rollout(), scene.smoothed)
         objects = scene.states.objects
         counterfactual = {o.id: scene.rollout(o.id) for o in objects}
-        return DynamicsPrediction(objects, tracks.n_frames, rollout, counterfactual, self._physics(scene))
+        velocity, fit = scene.smoothed.velocity_world_per_s.astype(np.float32), scene.fitted
+        physics = ObjectPhysics(velocity, VELOCITY_ERROR_WORLD_PER_S, np.log(fit.bodies.mass), fit.log_mass_covariance)
+        return DynamicsPrediction(objects, tracks.n_frames, rollout, counterfactual, physics)
 
     @limit_threads(1)
     def simulate(self, tracks: VideoTracks, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
-        """The video's motion with interventions, beside that without; see `nsdr.dynamics.interventions.Intervenes`.
+        """The video's motion with interventions, beside that without.
 
-        The fits of the most recent tracks are kept, so further simulations of a video cost little.
+        Args:
+            tracks: the video's objects.
+            interventions: changes of the scene, all at `from_frame`.
+            from_frame: a frame of the video.
+
+        Raises:
+            DataError: an object that is not there, or a change that is impossible; says why with the numbers.
         """
         if not tracks.tracks:
             raise DataError("interventions: the video has no objects")
-        scene = self._fit_of(tracks, None)
+        scene = self._fitted(states_from_tracks(tracks), None)
         changes = resolve(interventions, scene.states.objects, scene.smoothed.visible, from_frame)
-        changed, changed_yaw = what_if(scene, changes, from_frame)
-        before, yaw = original(scene, len(changes.added), from_frame)
+        changed, changed_yaw = scene.what_if(changes, from_frame)
+        before, yaw = scene.original(len(changes.added), from_frame)
         return make_simulation(changes, tracks.n_frames, from_frame, before, changed, (yaw, changed_yaw))
 
     def to(self, device: str) -> "PhysicsPredictor":
@@ -105,32 +109,15 @@ class PhysicsPredictor:
         """The rollout after the last frame of `states`, nothing removed."""
         if not states.objects:
             return self._empty(states.present.shape[1])
-        return self._fitted(states, None).rollout(None)
-
-    def _fit_of(self, tracks: VideoTracks, observed: Sequence[Event] | None) -> FittedScene:
-        """The fitted scene of tracks, which is kept for the most recent ones."""
-        parts = (self.detector, self.config, self.shortcut, self.horizon_frame, self.smoothing)
-        key = (*parts, None if observed is None else tuple(observed))
-        for kept, its_key, scene in self._fits:
-            if kept is tracks and all(a is b or a == b for a, b in zip(its_key, key, strict=True)):
-                return scene
-        scene = self._fitted(states_from_tracks(tracks, self.smoothing.measurement.visibility), observed)
-        self._fits = [(tracks, key, scene), *self._fits[: KEPT_FITS - 1]]
-        return scene
+        return self._fitted(states, None).rollout()
 
     def _fitted(self, states: MotionStates, observed: Sequence[Event] | None) -> FittedScene:
         given = None if observed is None else [(event, 1.0) for event in observed]
         candidates = self.detector.collision_candidates(states) if given is None else given
-        found = search_collisions(states, candidates, self.config.search, self.smoothing.measurement)
-        smoothed = smooth_tracks(states, found.collisions, self.smoothing)
+        found = search_collisions(states, candidates, self.config)
+        smoothed = smooth_tracks(states, found.collisions)
         frames = rollout_frames(states.present.shape[1], self.horizon_frame)
         return FittedScene(states, smoothed, found, self.config, self.shortcut, frames)
-
-    def _physics(self, scene: FittedScene) -> ObjectPhysics:
-        """Velocities during the video and masses, with their errors."""
-        velocity = scene.smoothed.velocity_world_per_s.astype(np.float32)
-        log_mass, error = np.log(scene.fitted.bodies.mass), self.config.velocity_error_world_per_s
-        return ObjectPhysics(velocity, error, log_mass, scene.fitted.log_mass_covariance)
 
     def _empty(self, n_frames: int) -> Rollout:
         frames = rollout_frames(n_frames, self.horizon_frame)

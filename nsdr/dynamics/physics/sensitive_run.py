@@ -1,6 +1,6 @@
 """One run of the fit, from event to event, with its sensitivity to the parameters: compiled by Numba.
 
-Between contacts bodies move by themselves (`flight`), so the run needs no steps: a body's motion is a chain of segments, each a
+Between contacts bodies move by themselves, so the run needs no steps: a body's motion is a chain of segments, each a
 function of the state at the segment's start. `sensitivity` carries the derivatives of that state by all parameters from segment
 to segment: through a segment by the derivatives of the free motion, through a contact by those of the exchange of momentum. A
 contact has a given rebound and happens at a given gap, so the motion is a smooth function of the parameters.
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push
-from nsdr.dynamics.physics.flight import MIN_SPIN_RAD_PER_S, slow_down
+from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, MIN_SPIN_RAD_PER_S, approach, drift, rebound_at, slow_down
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
@@ -39,8 +38,7 @@ class Bodies(NamedTuple):
     """The bodies' current segments; arrays that the functions below change.
 
     Attributes:
-        shape: (n,) int.
-        mass: (n,).
+        shape, mass: (n,).
         start: (n,) seconds, when the segment starts.
         end: (n,) seconds, when a spinning segment ends; infinite otherwise.
         state: (n, 6) at the segment's start.
@@ -247,21 +245,6 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _exchanged(shape, state, mass, rebound, timed):  # type: ignore[no-untyped-def]
-    """Change the states (2, 6) by a contact; `timed` ones happen when the gap is that of contacts, others at once."""
-    gap, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
-    before = 0.0
-    if timed:
-        before = (gap - GIVEN_GAP_WORLD) / -apart
-        drift(state, 0, before)
-        drift(state, 1, before)
-        _, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
-    push(shape, state, mass, 0, 1, -(1 + rebound) * apart, nx, ny, ci, cj)
-    drift(state, 0, -before)
-    drift(state, 1, -before)
-
-
-@cached_njit
 def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ignore[no-untyped-def]
     """Write the states (2, 6) after a contact to `after`, and to `out` (2, 6, 15) their derivatives.
 
@@ -278,7 +261,11 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
             masses[b] = mass[b] + (_CONTACT_DIFFERENCE if k == 12 + b else 0.0)
         if 0 <= k < 12:
             state[k // 6, k % 6] += _CONTACT_DIFFERENCE
-        _exchanged(shape, state, masses, rebound + (_CONTACT_DIFFERENCE if k == 14 else 0.0), timed)
+        seconds = 0.0
+        if timed:  # it happens when the gap is that of contacts
+            gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
+            seconds = (gap - GIVEN_GAP_WORLD) / -apart
+        rebound_at(shape, state, masses, 0, 1, seconds, rebound + (_CONTACT_DIFFERENCE if k == 14 else 0.0))
         for b in range(2):
             for r in range(6):
                 if k < 0:
@@ -291,13 +278,8 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
 def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ignore[no-untyped-def]
     """Apply the contact of bodies i and j, both at their segments' starts, to their states and sensitivities.
 
-    Args:
-        bodies: changed.
-        i, j: which two.
-        rebound: share of the approach speed that they part with.
-        parameters: (3,) int, those of the masses of i and j and of the rebound; -1 for none.
-        d_mass: (2,) derivatives of the masses by their parameters.
-        d_rebound: the same for the rebound.
+    `parameters` (3,) are those of the masses of i and j and of the rebound, -1 for none; `d_mass` (2,) and `d_rebound` the
+    derivatives by them.
     """
     shape = np.array([bodies.shape[i], bodies.shape[j]])
     mass = np.array([bodies.mass[i], bodies.mass[j]])

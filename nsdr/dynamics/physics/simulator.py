@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.contact_response import GIVEN_GAP_WORLD, approach, drift, push, speed_after
-from nsdr.dynamics.physics.flight import slow_down
+from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, rebound_at, slow_down, speed_after
 from nsdr.world.physics_constants import (
     CONTACT_THRESHOLD_WORLD,
     STEP_SECONDS,
@@ -111,14 +110,12 @@ class Perturbations:
     """Changes of the start of further runs.
 
     Attributes:
-        position, velocity: (R, n, 2) added, at all frames where motion is prescribed; bodies at rest get no velocity.
-        yaw: (R, n) added.
+        state: (R, n, 6) added to rows (x, y, vx, vy, yaw, spin), also at all frames where motion is prescribed; bodies at rest
+            get no velocity.
         mass: (R, n) factors.
     """
 
-    position: FloatArray
-    velocity: FloatArray
-    yaw: FloatArray
+    state: FloatArray
     mass: FloatArray
 
 
@@ -140,24 +137,9 @@ def simulate(
         prescribed: motion of objects until they are simulated.
         start: first frame.
     """
-    shape, state, mass = _rows(bodies)
-    rows, until, collisions = _prescribed_rows(prescribed, len(shape))
-    exists = np.asarray(exists, np.bool_)
-    return _motion(
-        *_run(
-            shape,
-            state,
-            np.zeros_like(state),
-            mass,
-            exists,
-            _rebounds(rebound, len(shape)),
-            rows,
-            until,
-            collisions,
-            start,
-            n_frames,
-        )
-    )
+    n = len(bodies.shape)
+    none = Perturbations(np.zeros((0, n, 6)), np.zeros((0, n)))
+    return simulate_perturbed(bodies, exists, n_frames, none, rebound, prescribed, start)[0]
 
 
 def simulate_perturbed(
@@ -178,42 +160,29 @@ def simulate_perturbed(
     Returns:
         The first run, and the frames (R + 1, n, n) of all runs' first contacts.
     """
-    shape, state, mass = _rows(bodies)
-    rows, until, collisions = _prescribed_rows(prescribed, len(shape))
-    exists, rebounds = np.asarray(exists, np.bool_), _rebounds(rebound, len(shape))
-    changes = np.zeros((len(perturbations.yaw) + 1, len(shape), 6))
-    changes[1:, :, :2], changes[1:, :, 2:4] = perturbations.position, perturbations.velocity
-    changes[1:, :, 4] = perturbations.yaw
-    masses = mass * np.concatenate([np.ones((1, len(mass))), perturbations.mass])
+    shape, mass, n = np.asarray(bodies.shape, np.int64), np.asarray(bodies.mass, float), len(bodies.shape)
+    state = _rows(bodies.position, bodies.velocity, bodies.yaw, bodies.spin)
+    exists = np.asarray(exists, np.bool_)
+    rebounds = np.full((n, n), np.nan) if rebound is None else np.ascontiguousarray(rebound, float)
+    until, collisions = np.zeros(n, np.int64), np.zeros((0, 3), np.int64)
+    rows: FloatArray = np.zeros((n, 1, 6))
+    if prescribed is not None:
+        rows = _rows(prescribed.position, prescribed.velocity, prescribed.yaw, prescribed.spin)
+        until, collisions = np.array(prescribed.until, np.int64), np.ascontiguousarray(prescribed.collisions, np.int64)
+    changes = np.concatenate([np.zeros((1, n, 6)), perturbations.state])
+    masses = mass * np.concatenate([np.ones((1, n)), perturbations.mass])
     runs = [
         _run(shape, state, change, own_mass, exists, rebounds, rows, until, collisions, start, n_frames)
         for change, own_mass in zip(changes, masses, strict=True)
     ]
-    return _motion(*runs[0]), np.stack([contact for _, contact, _ in runs])
+    first, contact, free_from = runs[0]
+    motion = SimulatedMotion(first[..., :2], first[..., 2:4], first[..., 4], first[..., 5], contact, free_from)
+    return motion, np.stack([contact for _, contact, _ in runs])
 
 
-def _rows(bodies: BodyStates) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Shapes, states (n, 6) and masses for the compiled functions."""
-    state = np.concatenate([bodies.position, bodies.velocity, bodies.yaw[:, None], bodies.spin[:, None]], 1)
-    return np.asarray(bodies.shape, np.int64), np.ascontiguousarray(state, float), np.asarray(bodies.mass, float)
-
-
-def _prescribed_rows(prescribed: PrescribedMotion | None, n: int) -> tuple[FloatArray, IntArray, IntArray]:
-    """States (n, F, 6), their ends and collisions."""
-    if prescribed is None:
-        return np.zeros((n, 1, 6)), np.zeros(n, np.int64), np.zeros((0, 3), np.int64)
-    p = prescribed
-    rows = np.concatenate([p.position, p.velocity, p.yaw[..., None], p.spin[..., None]], -1)
-    collisions = np.ascontiguousarray(p.collisions, np.int64)
-    return np.ascontiguousarray(rows, float), np.array(p.until, np.int64), collisions
-
-
-def _rebounds(rebound: FloatArray | None, n: int) -> FloatArray:
-    return np.full((n, n), np.nan) if rebound is None else np.ascontiguousarray(rebound, float)
-
-
-def _motion(states: FloatArray, contact: IntArray, free_from: IntArray) -> SimulatedMotion:
-    return SimulatedMotion(states[..., :2], states[..., 2:4], states[..., 4], states[..., 5], contact, free_from)
+def _rows(position: FloatArray, velocity: FloatArray, yaw: FloatArray, spin: FloatArray) -> FloatArray:
+    """(..., 6) for the compiled functions."""
+    return np.ascontiguousarray(np.concatenate([position, velocity, yaw[..., None], spin[..., None]], -1), float)
 
 
 @cached_njit
@@ -230,25 +199,17 @@ def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-
     if distance > reach:
         return False, distance - reach
     gap, apart, nx, ny, ci, cj = approach(shape, state, i, j)
-    before = 0.0
-    if np.isnan(given):
-        if gap > CONTACT_THRESHOLD_WORLD:
-            return False, gap - CONTACT_THRESHOLD_WORLD
-        wanted = speed_after(shape, i, j, gap, apart)
-    else:
+    if not np.isnan(given):
         if apart >= 0 or gap + apart * STEP_SECONDS > GIVEN_GAP_WORLD:
             return False, gap - GIVEN_GAP_WORLD
-        if gap > GIVEN_GAP_WORLD:  # up to the contact they move as before
-            before = (gap - GIVEN_GAP_WORLD) / -apart
-            drift(state, i, before)
-            drift(state, j, before)
-            _, apart, nx, ny, ci, cj = approach(shape, state, i, j)
-        wanted = 0.0 if used else -given * apart
+        rebound_at(shape, state, mass, i, j, max(gap - GIVEN_GAP_WORLD, 0.0) / -apart, 0.0 if used else given)
+        return True, 0.0
+    if gap > CONTACT_THRESHOLD_WORLD:
+        return False, gap - CONTACT_THRESHOLD_WORLD
+    wanted = speed_after(shape, i, j, gap, apart)
     touched = wanted > apart
     if touched:
         push(shape, state, mass, i, j, wanted - apart, nx, ny, ci, cj)
-    drift(state, i, -before)
-    drift(state, j, -before)
     return touched, 0.0
 
 

@@ -5,30 +5,43 @@ motion a smooth function of the initial state (see `simulator`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.motion_states import MeasurementConfig, MotionStates, detections_in
+from nsdr.dynamics.motion_states import (
+    COLLISION_MARGIN_FRAMES,
+    REST_SPEED_WORLD_PER_S,
+    UNRELIABLE_WEIGHT,
+    MotionStates,
+    detections_in,
+)
 from nsdr.dynamics.physics.contact_geometry import CUBE
-from nsdr.dynamics.physics.fit_objective import MAX_FITTED_REBOUND, FitProblem, cube_edges_px, evaluate
-from nsdr.dynamics.physics.mass_uncertainty import log_mass_covariance
+from nsdr.dynamics.physics.fit_objective import (
+    MAX_FITTED_REBOUND,
+    REBOUND,
+    FitProblem,
+    cube_edges_px,
+    evaluate,
+    rows_of,
+)
 from nsdr.dynamics.physics.simulator import BodyStates, SimulatedMotion
-from nsdr.dynamics.physics.trust_region import minimise
+from nsdr.dynamics.physics.solver import log_mass_covariance, minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
-from nsdr.io.validation import MANY, NOT_NEGATIVE, POSITIVE, check_ranges
 from nsdr.types import Event
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["TrajectoryFit", "TrajectoryFitConfig", "fit_trajectories"]
+__all__ = ["GOOD_COST", "TrajectoryFit", "fit_trajectories"]
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 UNITS = {"position": 0.01, "velocity": 0.02, "log_mass": LOG_MASS_STD, "yaw": 0.1, "rebound": 0.15}
 """Typical change of each kind of parameter; the optimiser works in these units."""
+REBOUND_DEVIATION = 0.2
+"""Prior standard deviation of a rebound. Like the others here, set on left-out scenes of `train`."""
 MAX_REBOUND = 0.65
 """Largest first guess of a rebound (Bullet's restitution is 0.64)."""
 MAX_LOG_MASS = 0.4
@@ -47,47 +60,21 @@ MIN_STRETCH_FRAMES = 4
 """Frames over which detections must reach on each side of a collision to measure velocities there."""
 MIN_MOVING_FRAMES = 3
 """Frames over which an object's first detections must reach to show that it moves."""
+MIN_SPEED_WORLD_PER_S = 0.2
+"""Objects slower than this when seen before their first collision are treated as at rest (world units/s)."""
+EVALUATIONS = 25
+"""Largest number of evaluations of the optimiser for a window."""
+YAW_GUESSES = 12
+"""First guesses of a cube's yaw, over a quarter turn."""
+GOOD_COST = 0.4
+"""Fits with at most this cost are not restarted: they explain a video at least half."""
+RESTARTS = 6
+"""Restarts for a window, unless told otherwise."""
+RESTART_YAW_NOISE_PX = 0.7
+"""Mean of the exponential noise on a yaw's edge error when a restart draws it (pixels)."""
+RESTART_LOG_MASS_SCALE = 0.7
+"""Standard deviation of restarts' log masses, in `UNITS`; other parameters have 1."""
 _NEVER = 10**6
-
-
-@dataclass(frozen=True)
-class TrajectoryFitConfig:
-    """Noise, priors and effort of the fit. Set on left-out scenes of `train`.
-
-    Attributes:
-        position_noise_world: standard deviation of reliable positions (world units).
-        edge_noise_px: standard deviation of the left and right box edges of cubes, which show their yaw (pixels).
-        mass_deviation: standard deviation of log masses; CLEVRER's masses are uniform in 0.7-1.3.
-        rebound: prior mean of a collision's rebound, as a share of the approach speed.
-        rebound_deviation: prior standard deviation of a rebound.
-        robust_scale: residuals beyond this many standard deviations are weighted down (soft L1).
-        min_speed_world_per_s: objects slower than this when seen before their first collision are treated as at rest.
-        evaluations: maximum number of evaluations of the optimiser per window.
-        yaw_guesses: first guesses of a cube's yaw, over a quarter turn.
-        good_cost: fits with at most this cost are not restarted.
-        restarts: maximum number of restarts per window.
-        restart_yaw_noise_px: mean of the exponential noise on a yaw's edge error when a restart draws it (pixels).
-        restart_log_mass_scale: standard deviation of restarts' log masses, in `UNITS`; other parameters have 1.
-    """
-
-    position_noise_world: float = 0.01
-    edge_noise_px: float = 2.0
-    mass_deviation: float = LOG_MASS_STD
-    rebound: float = 0.4
-    rebound_deviation: float = 0.2
-    robust_scale: float = 2.0
-    min_speed_world_per_s: float = 0.2
-    evaluations: int = 25
-    yaw_guesses: int = 12
-    good_cost: float = 0.4
-    restarts: int = 6
-    restart_yaw_noise_px: float = 0.7
-    restart_log_mass_scale: float = 0.7
-
-    def __post_init__(self) -> None:
-        check_ranges(self, **dict.fromkeys([f.name for f in fields(self)], NOT_NEGATIVE))
-        check_ranges(self, position_noise_world=POSITIVE, edge_noise_px=POSITIVE, mass_deviation=POSITIVE)
-        check_ranges(self, rebound_deviation=POSITIVE, robust_scale=POSITIVE, evaluations=MANY, yaw_guesses=MANY)
 
 
 @dataclass(frozen=True)
@@ -100,7 +87,7 @@ class TrajectoryFit:
         motion: the run over the video.
         error_world: (n,) median distance from each object's reliable positions; NaN without any.
         cost: half the sum of squared, robust residuals for each datum.
-        log_mass_covariance: (n, n) covariance of the log masses' errors; see `mass_uncertainty`.
+        log_mass_covariance: (n, n) covariance of the log masses' errors; see `solver`.
     """
 
     bodies: BodyStates
@@ -114,8 +101,7 @@ class TrajectoryFit:
 def fit_trajectories(
     states: MotionStates,
     collisions: Sequence[Event],
-    config: TrajectoryFitConfig | None = None,
-    measurement: MeasurementConfig | None = None,
+    restarts: int = RESTARTS,
     start: TrajectoryFit | None = None,
 ) -> TrajectoryFit:
     """Fit one run to a video's tracks.
@@ -123,17 +109,16 @@ def fit_trajectories(
     Args:
         states: of at least one object.
         collisions: during the video, in order of time.
-        config: noise, priors and effort.
-        measurement: how far measured positions are trusted.
+        restarts: largest number of restarts for a window.
         start: fit of the same tracks from which this one starts; None for a first guess.
     """
-    problem = _Problem(states, collisions, config or TrajectoryFitConfig(), measurement or MeasurementConfig())
+    problem = _Problem(states, collisions, restarts)
     if start is not None:
         return problem.result(problem.solve_with_restarts(problem.parameters(start), problem.frames))
     frames = [*sorted({e.frame for e in collisions}), states.present.shape[1]]
     x = problem.start()
     for end in frames:
-        window = min(max(end - problem.measurement.collision_margin_frames, MIN_WINDOW_FRAMES), problem.frames)
+        window = min(max(end - COLLISION_MARGIN_FRAMES, MIN_WINDOW_FRAMES), problem.frames)
         x = problem.solve_with_restarts(x, window)
     return problem.result(x)
 
@@ -152,16 +137,10 @@ class _Data:
 class _Problem:
     """Parameters <-> runs, and the residuals of a run."""
 
-    def __init__(
-        self,
-        states: MotionStates,
-        collisions: Sequence[Event],
-        config: TrajectoryFitConfig,
-        measurement: MeasurementConfig,
-    ) -> None:
-        self.config, self.measurement = config, measurement
+    def __init__(self, states: MotionStates, collisions: Sequence[Event], restarts: int = RESTARTS) -> None:
+        self.restarts = restarts
         self.rng = np.random.default_rng(0)
-        self.objects = states.objects
+        self.objects, self.projection = states.objects, rows_of(states.camera)
         self.collisions = collisions
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.frames, self.spacing_frames = states.present.shape[1], states.spacing_frames
@@ -177,7 +156,7 @@ class _Problem:
 
     def _measured(self, states: MotionStates, i: int) -> _Data:
         frame = np.flatnonzero(states.detected[i])
-        weight = np.where(states.reliable[i, frame], 1.0, self.measurement.unreliable_weight)
+        weight = np.where(states.reliable[i, frame], 1.0, UNRELIABLE_WEIGHT)
         middle, width = states.box_px[i, frame, 0], states.box_px[i, frame, 2]
         edges = np.stack([middle - width / 2, middle + width / 2], 1) if self.shape[i] == CUBE else None
         return _Data(frame, states.location_world[i, frame], weight, edges)
@@ -185,7 +164,7 @@ class _Problem:
     def _first_stretch(self, i: int, d: _Data) -> tuple[FloatArray, FloatArray]:
         """Position and velocity at a frame of the first stretch; sets `reference` and `moving`."""
         hits = [e.frame for e in self.collisions if i in e.objects]
-        end = min(hits) - self.measurement.collision_margin_frames if hits else _NEVER
+        end = min(hits) - COLLISION_MARGIN_FRAMES if hits else _NEVER
         mine = d.frame < end
         if mine.sum() < 2:
             mine = np.arange(len(d.frame)) < detections_in(MIN_MOVING_FRAMES, self.spacing_frames)
@@ -194,7 +173,7 @@ class _Problem:
         position, velocity, _ = fit_sliding(shape, d.frame[mine], d.position[mine], d.weight[mine], self.reference[i])
         begin = slide(shape, np.hypot(*velocity), np.array(-self.reference[i] * FRAME_SECONDS))[1]
         speed = float(np.hypot(*velocity))
-        fast = float(begin) > self.measurement.rest_speed_world_per_s and speed > self.config.min_speed_world_per_s
+        fast = float(begin) > REST_SPEED_WORLD_PER_S and speed > MIN_SPEED_WORLD_PER_S
         self.moving[i] = mine.sum() >= detections_in(MIN_MOVING_FRAMES, self.spacing_frames) and fast
         if not self.moving[i]:
             self.reference[i] = 0.0
@@ -215,41 +194,35 @@ class _Problem:
 
     def start(self) -> FloatArray:
         """First guess: stretches before the first collisions, velocities around each, and cubes' turns by their edges."""
-        log_mass, rebound = self._exchanges()
-        guess = {
-            "position": lambda i, k: self.first[i][0][k],
-            "velocity": lambda i, k: self.first[i][1][k],
-            "yaw": lambda i, _: self._first_yaw(i),
-            "log_mass": lambda i, _: log_mass[i],
-            "rebound": lambda i, j: rebound[i, j],
-        }
-        return np.array([guess[kind](i, k) for kind, i, k in self.names]) / self.unit
+        position, velocity = np.array([f[0] for f in self.first]), np.array([f[1] for f in self.first])
+        yaw = np.array([self._first_yaw(i) if shape == CUBE else 0.0 for i, shape in enumerate(self.shape)])
+        return self._values(position, velocity, yaw, *self._exchanges())
 
     def parameters(self, fit: TrajectoryFit) -> FloatArray:
         """Those of a fit with other collisions."""
-        bodies, values = fit.bodies, []
-        for kind, i, k in self.names:
-            speed = float(np.hypot(*bodies.velocity[i]))
-            seconds = np.array(self.reference[i] * FRAME_SECONDS)
-            distance, later = slide(self.objects[i].shape, np.array(speed), seconds)
-            direction = bodies.velocity[i] / max(speed, 1e-9)
-            if kind == "position":
-                values.append(bodies.position[i, k] + float(distance) * direction[k])
-            elif kind == "velocity":
-                values.append(float(later) * direction[k])
-            elif kind == "yaw":
-                values.append(bodies.yaw[i])
-            elif kind == "log_mass":
-                values.append(np.log(bodies.mass[i]))
-            else:
-                values.append(self.config.rebound if np.isnan(fit.rebound[i, k]) else fit.rebound[i, k])
-        return np.array(values) / self.unit
+        position, velocity = fit.bodies.position.copy(), np.zeros_like(fit.bodies.velocity)
+        for i, o in enumerate(self.objects):
+            speed = float(np.hypot(*fit.bodies.velocity[i]))
+            direction = fit.bodies.velocity[i] / max(speed, 1e-9)
+            distance, later = slide(o.shape, np.array(speed), np.array(self.reference[i] * FRAME_SECONDS))
+            position[i] += float(distance) * direction
+            velocity[i] = float(later) * direction
+        rebound = np.where(np.isnan(fit.rebound), REBOUND, fit.rebound)
+        return self._values(position, velocity, fit.bodies.yaw, np.log(fit.bodies.mass), rebound)
 
-    def _exchanges(self) -> tuple[FloatArray, dict[tuple[int, ...], float]]:
+    def _values(
+        self, position: FloatArray, velocity: FloatArray, yaw: FloatArray, log_mass: FloatArray, rebound: FloatArray
+    ) -> FloatArray:
+        """Parameters (P,) of what is known of the objects (n, …) and pairs (n, n)."""
+        of = {"position": position, "velocity": velocity, "rebound": rebound}
+        of |= {"yaw": yaw[:, None], "log_mass": log_mass[:, None]}
+        return np.array([of[kind][i, k] for kind, i, k in self.names], float) / self.unit
+
+    def _exchanges(self) -> tuple[FloatArray, FloatArray]:
         """Log masses and rebounds by the velocities before and after each collision."""
-        rows, values, rebound = [np.eye(len(self.objects))], [np.zeros(len(self.objects))], {}
+        n = len(self.objects)
+        rows, values, rebound = [np.eye(n)], [np.zeros(n)], np.full((n, n), REBOUND)
         for e in self.collisions:
-            rebound[e.objects] = self.config.rebound
             stretches = [f for f in (self._around(i, e.frame) for i in e.objects) if f is not None]
             if len(stretches) < 2:
                 continue
@@ -259,7 +232,7 @@ class _Problem:
             approach, parting = (before_i - before_j) @ normal, (after_j - after_i) @ normal
             if approach > MIN_APPROACH_SPEED and min(change_i, change_j) > MIN_SPEED_CHANGE:
                 rebound[e.objects] = float(np.clip(parting / approach, 0.0, MAX_REBOUND))
-                row = np.zeros((1, len(self.objects)))
+                row = np.zeros((1, n))
                 row[0, list(e.objects)] = (1, -1)
                 rows.append(MASS_RATIO_WEIGHT * row)
                 values.append(np.array([MASS_RATIO_WEIGHT * np.log(change_j / change_i)]))
@@ -271,7 +244,7 @@ class _Problem:
         hits = [e.frame for e in self.collisions if i in e.objects]
         start = max([f for f in hits if f < frame], default=-_NEVER)
         end = min([f for f in hits if f > frame], default=_NEVER)
-        found, d, margin = [], self.data[i], self.measurement.collision_margin_frames
+        found, d, margin = [], self.data[i], COLLISION_MARGIN_FRAMES
         for low, high in ((start + margin, frame - margin), (frame + margin, end - margin)):
             mine = (d.frame >= low) & (d.frame <= high)
             if mine.sum() < detections_in(MIN_STRETCH_FRAMES, self.spacing_frames):
@@ -285,20 +258,21 @@ class _Problem:
         near = (d.frame <= self.reference[i] + YAW_FRAMES) & (d.weight == 1)
         if not near.any():
             return DEFAULT_YAW
-        guesses = np.pi / 2 * np.arange(self.config.yaw_guesses) / self.config.yaw_guesses
+        guesses = np.pi / 2 * np.arange(YAW_GUESSES) / YAW_GUESSES
         assert d.edges_px is not None
-        errors = [np.abs(d.edges_px[near] - _edges_px(d.position[near], yaw)).mean() for yaw in guesses]
-        noise = 0.0 if rng is None else rng.exponential(self.config.restart_yaw_noise_px, len(errors))
+        errors = [
+            np.abs(d.edges_px[near] - _edges_px(self.projection, d.position[near], yaw)).mean() for yaw in guesses
+        ]
+        noise = 0.0 if rng is None else rng.exponential(RESTART_YAW_NOISE_PX, len(errors))
         return float(guesses[int(np.argmin(np.array(errors) + noise))])
 
     def solve_with_restarts(self, x: FloatArray, n_frames: int) -> FloatArray:
         """The best of several solutions: other starts are tried while the cost is high."""
-        c = self.config
-        best, cost = minimise(self.problem, x, n_frames, c.evaluations)
+        best, cost = minimise(self.problem, x, n_frames, EVALUATIONS)
         met = [e for e in self.collisions if e.frame < n_frames]
         concerned = {i for e in met[-2:] for i in e.objects}
-        for _ in range(c.restarts if met else 0):
-            if cost < c.good_cost:
+        for _ in range(self.restarts if met else 0):
+            if cost < GOOD_COST:
                 break
             start = best.copy()
             for k, (kind, i, j) in enumerate(self.names):
@@ -307,8 +281,8 @@ class _Problem:
                 elif kind == "yaw" and i in concerned:
                     start[k] = self._first_yaw(i, self.rng) / self.unit[k]
                 elif i in concerned and kind in ("position", "velocity", "log_mass"):
-                    start[k] += self.rng.normal() * (c.restart_log_mass_scale if kind == "log_mass" else 1.0)
-            trial, trial_cost = minimise(self.problem, start, n_frames, c.evaluations)
+                    start[k] += self.rng.normal() * (RESTART_LOG_MASS_SCALE if kind == "log_mass" else 1.0)
+            trial, trial_cost = minimise(self.problem, start, n_frames, EVALUATIONS)
             if trial_cost < cost:
                 best, cost = trial, trial_cost
         return np.asarray(best)
@@ -335,17 +309,17 @@ class _Problem:
 
     def _compiled(self) -> FitProblem:
         """The same for the compiled objective."""
-        n, c = len(self.objects), self.config
+        n = len(self.objects)
         at = {kind: np.full(n, -1) for kind in ("position", "velocity", "log_mass", "yaw")}
         rebound_at, prior = np.full((n, n), -1), np.full((len(self.names), 2), np.inf)
         for k, (kind, i, j) in enumerate(self.names):
             if kind == "rebound":
                 rebound_at[i, j] = rebound_at[j, i] = k
-                prior[k] = (c.rebound, c.rebound_deviation)
+                prior[k] = (REBOUND, REBOUND_DEVIATION)
             elif j == 0:
                 at[kind][i] = k
             if kind == "log_mass":
-                prior[k] = (0.0, c.mass_deviation)
+                prior[k] = (0.0, LOG_MASS_STD)
         edges = [np.full((len(d.frame), 2), np.nan) if d.edges_px is None else d.edges_px for d in self.data]
         return FitProblem(
             self.shape,
@@ -362,14 +336,11 @@ class _Problem:
             at["yaw"],
             rebound_at,
             prior,
-            c.rebound,
-            c.position_noise_world,
-            c.edge_noise_px,
-            c.robust_scale,
+            self.projection,
         )
 
 
-def _edges_px(position: FloatArray, yaw: float) -> FloatArray:
+def _edges_px(projection: tuple[float, ...], position: FloatArray, yaw: float) -> FloatArray:
     """(T, 2) left and right edges of a cube's images at positions (T, 2)."""
     outermost, derivatives = np.zeros((2, 2), np.int64), np.empty((2, 3))
-    return np.array([cube_edges_px(x, y, yaw, outermost, derivatives) for x, y in position])
+    return np.array([cube_edges_px(projection, x, y, yaw, outermost, derivatives) for x, y in position])

@@ -15,3 +15,6 @@ __all__ = [
     "StateModelConfig",
     "StatePredictor",
 ]
+
+VERSION = 1
+"""Of these backends' predictions: raised when they change."""

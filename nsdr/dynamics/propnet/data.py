@@ -1,7 +1,7 @@
-"""Training data of the propagation networks: real and simulated tracks with their true collisions."""
+"""Training data of the propagation networks: tracks, or videos, with their true collisions."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,35 +9,36 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.annotations import read_truth_file
-from nsdr.clevrer.proposals import read_compact_proposals
-from nsdr.clevrer.truth_blocks import read_truth
+from nsdr import tracking
+from nsdr.clevrer.dataset import CLEVRER, Split
+from nsdr.clevrer.files.annotations import read_truth, truth_block
+from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.scenes import scene_from_annotation
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
+from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.patches import object_patches
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.listing import find_files
 from nsdr.io.reading import read_npz
+from nsdr.io.video import read_frames
 from nsdr.tracking.tracker import track
-from nsdr.tracking.truth_tracks import tracks_from_motion
 from nsdr.types import Event, SceneObject
 from nsdr.world.timeline import VIDEO_FRAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
-__all__ = ["SIMULATED_SCENE", "MotionDataset", "motion_row", "read_motion_dataset"]
+__all__ = ["MotionDataset", "read_image_dataset", "read_motion_dataset"]
 
+Row = dict[str, NDArray[Any]]
+
+VERSION = 1
+"""Of the rows of a `MotionDataset`, which are kept: raised when they change."""
 MIN_OBJECTS = 2
 """Scenes with fewer tracked objects are skipped: they hold no pair."""
 MAX_OBJECTS = 7
 """Scenes with more tracked objects are skipped; the arrays are padded to this number."""
 NO_COLLISION = -1000
 """Entry of `MotionDataset.collision_frame` for pairs that do not collide, further from the video than any window (frames)."""
-SIMULATED_SCENE = -1
-"""Entry of `MotionDataset.scene` for simulated scenes."""
-SIMULATED_NOISE_WORLD = 0.005
-"""Standard deviation of the noise added to simulated positions (world units), about that of tracks of official proposals."""
-SIMULATED_NOISE_SEED = 0
-"""Seed of that noise."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class MotionDataset:
     """Motion of S scenes over F frames, padded to N = `MAX_OBJECTS` objects.
 
     Attributes:
-        scene: (S,) int, video index; `SIMULATED_SCENE` for simulated scenes.
+        scene: (S,) int, video index.
         location_world: (S, N, F, 2) float32, positions on the ground as in `MotionStates` (world units).
         detected: (S, N, F) bool, detected in that frame.
         reliable: (S, N, F) bool, detected, not cut by the image's border and not hidden.
@@ -65,6 +66,11 @@ class MotionDataset:
     exists: NDArray[Any]
     box_px: NDArray[Any]
     collision_frame: NDArray[Any]
+
+    @classmethod
+    def of(cls, rows: Sequence[Row]) -> "MotionDataset":
+        """The scenes of `_row`."""
+        return cls(**{name: np.stack([row[name] for row in rows]) for name in cls.__dataclass_fields__})
 
     def __len__(self) -> int:
         return len(self.scene)
@@ -93,105 +99,121 @@ class MotionDataset:
 
 
 def read_motion_dataset(
-    proposals: str | Path,
-    truth: str | Path,
-    cache: str | Path | None = None,
-    limit: int | None = None,
-    simulated: str | Path | None = None,
+    proposals: str | Path, truth: str | Path, cache: str | Path | None = None, limit: int | None = None
 ) -> MotionDataset:
     """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
     Args:
-        proposals: compact proposals (NPZ), see `nsdr.clevrer.proposals.read_compact_proposals`.
-        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.truth_blocks.read_truth`.
-        cache: an NPZ file that keeps the result. It is read where it was made from the same files and `limit` by the same code,
-            and written otherwise.
-        limit: maximum number of real scenes; None for all.
-        simulated: folder of a dataset made by `nsdr generate dataset`. Its scenes come last, with noise; each gives two: the
-            first and the last `VIDEO_FRAMES` of its frames.
+        proposals: compact proposals (NPZ), see `nsdr.clevrer.files.proposals.read_compact_proposals`.
+        truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.annotations.read_truth`.
+        cache: an NPZ file that keeps the result. It is read where it was made from the same files, `limit` and
+            versions, and written otherwise.
+        limit: maximum number of scenes; None for all.
 
     Raises:
         DataError: a missing or unreadable file, a video without truth, or no scene that fits.
     """
-    files = find_files(simulated, "truth_*.json") if simulated else []
-    if simulated and not files:
-        raise DataError(f"{simulated}: has no truth files (truth_N.json); make some with `nsdr generate dataset`")
-    made_from = fingerprint(inputs=[Path(proposals), Path(truth), *files], config=limit)
-    kept = _read_cache(Path(cache), made_from) if cache is not None else None
-    if kept is not None:
-        return kept
-    blocks = read_truth(truth)
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth)], config=[VERSION, tracking.VERSION, limit])
+    kept = None if cache is None else _kept(Path(cache), made_from)
+    if kept is not None and kept.keys() == MotionDataset.__dataclass_fields__.keys():
+        return MotionDataset(**kept)
+    blocks, rows = read_truth(truth), list[Row]()
     lengths = {video: block["n_frames"] for video, block in blocks.items()}
-    rows: dict[str, list[Any]] = {name: [] for name in MotionDataset.__dataclass_fields__}
     for video, video_proposals in tqdm(
         read_compact_proposals(proposals, lengths), total=limit or len(blocks), desc="tracks", unit="video"
     ):
-        if limit is not None and len(rows["scene"]) >= limit:
+        if limit is not None and len(rows) >= limit:
             break
         if video not in blocks:
             raise DataError(
                 f"{truth}: has no video {video}, which {proposals} has; make both by one `nsdr data motion`"
             )
-        block = blocks[video]
-        if block["n_frames"] != VIDEO_FRAMES:
-            continue
-        states = states_from_tracks(track(video_proposals))
-        if MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
-            for name, value in motion_row(video, states, block).items():
-                rows[name].append(value)
-    for video, states, block in _simulated(files):
-        for name, value in motion_row(video, states, block).items():
-            rows[name].append(value)
-    if not rows["scene"]:
+        if blocks[video]["n_frames"] == VIDEO_FRAMES:
+            states = states_from_tracks(track(video_proposals))
+            if MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
+                rows.append(_row(video, states, blocks[video]))
+    if not rows:
         raise DataError(
             f"{proposals}: holds no video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects"
         )
-    data = MotionDataset(**{name: np.stack(values) for name, values in rows.items()})
+    data = MotionDataset.of(rows)
     if cache is not None:
-        arrays = {name: getattr(data, name) for name in MotionDataset.__dataclass_fields__}
-        with atomic_path(cache) as temporary:
-            np.savez(temporary, **arrays, fingerprint=np.array(made_from))
+        _keep(Path(cache), made_from, vars(data))
     return data
 
 
-def _read_cache(path: Path, made_from: str) -> MotionDataset | None:
-    """The kept data; None if they are missing, broken or of other inputs."""
+def read_image_dataset(
+    root: str | Path, cache: str | Path, config: PatchModelConfig, limit: int | None = None
+) -> tuple[MotionDataset, list[Path]]:
+    """Track the mask proposals of every `train` video and cut patches of its frames.
+
+    A video's tracks and patches are kept in `cache` (about 2 MB), and made again only where its files, the sizes of patches or
+    the versions have changed. Training reads the patches from there without decoding videos.
+
+    Args:
+        root: data set in the official layout, with videos, mask proposals and annotations.
+        cache: folder to keep tracks and patches in.
+        config: sizes of patches.
+        limit: maximum number of scenes; None for all.
+
+    Returns:
+        The motion of S scenes, and S files with patches (n, F, 4, cells, cells) uint8 as of `object_patches`.
+
+    Raises:
+        DataError: a missing or unreadable file, or no scene that fits.
+    """
+    split, rows, files = CLEVRER(root).split("train"), list[Row](), list[Path]()
+    for index in tqdm(sorted(split.entries("videos")), desc="patches", unit="video"):
+        if limit is not None and len(rows) >= limit:
+            break
+        patch_file = Path(cache) / f"patches_{index:05d}.npy"
+        row = _image_row(split, index, Path(cache) / f"motion_{index:05d}.npz", patch_file, config)
+        if row:
+            rows.append(row)
+            files.append(patch_file)
+    if not rows:
+        raise DataError(
+            f"{root}: holds no train video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects; make some "
+            "with `nsdr generate dataset --config configs/generate/preview.yaml`"
+        )
+    return MotionDataset.of(rows), files
+
+
+def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchModelConfig) -> Row:
+    """A video's row of the data set, made with its patches where it is not kept; nothing for a video that does not fit."""
+    video, annotation = Path(split.video(index)), split.annotation(index)
+    settings = [VERSION, tracking.VERSION, [config.patch_cells, config.cell_px], annotation]
+    made_from = fingerprint(inputs=[video, split.raw_proposals(index)], config=settings)
+    kept = _kept(path, made_from)
+    if kept is not None:
+        return kept
+    proposals, row = split.proposals(index), {}
+    tracks = track(proposals)
+    states = states_from_tracks(tracks)
+    if proposals.n_frames == VIDEO_FRAMES and MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
+        patches = object_patches(read_frames(video), proposals, tracks, states, config)
+        with atomic_path(patch_file) as temporary, open(temporary, "wb") as file:
+            np.save(file, patches)
+        row = _row(index, states, truth_block(scene_from_annotation(annotation)))
+    _keep(path, made_from, row)
+    return row
+
+
+def _kept(path: Path, made_from: str) -> Row | None:
+    """What `_keep` wrote; None if it is missing, broken or of other inputs."""
     try:
         arrays = read_npz(path)
     except DataError:
         return None
-    if str(arrays.pop("fingerprint", "")) != made_from or arrays.keys() != MotionDataset.__dataclass_fields__.keys():
-        return None
-    return MotionDataset(**arrays)
+    return arrays if str(arrays.pop("fingerprint", "")) == made_from else None
 
 
-def _simulated(files: Sequence[Path]) -> Iterator[tuple[int, MotionStates, dict[str, Any]]]:
-    """Scene number, states and ground-truth block of the two windows of every truth file, as `motion_row` takes them."""
-    rng = np.random.default_rng(SIMULATED_NOISE_SEED)
-    for file in tqdm(files, desc="simulated", unit="scene", disable=not files):
-        truth = read_truth_file(file)
-        if len(truth["frames"]) < VIDEO_FRAMES:
-            raise DataError(f"{file}: frames: expected {VIDEO_FRAMES} or more, got {len(truth['frames'])}")
-        try:
-            for first in (0, len(truth["frames"]) - VIDEO_FRAMES):
-                tracks = tracks_from_motion(truth["objects"], truth["frames"][first : first + VIDEO_FRAMES])
-                states = states_from_tracks(tracks)
-                if not MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
-                    continue
-                noise = rng.normal(size=states.location_world.shape) * SIMULATED_NOISE_WORLD
-                collisions = [
-                    {"object": c["object_ids"], "frame": c["frame_id"] - first}
-                    for c in truth["collisions"]
-                    if first < c["frame_id"] < first + VIDEO_FRAMES
-                ]
-                objects = [{**o, "id": o["object_id"]} for o in truth["objects"]]
-                states = replace(states, location_world=states.location_world + noise)
-                yield SIMULATED_SCENE, states, {"objects": objects, "collisions": collisions}
-        except (KeyError, TypeError, IndexError) as e:
-            raise DataError(f"{file}: not a truth file of nsdr generate dataset ({e!r})") from e
+def _keep(path: Path, made_from: str, arrays: Row) -> None:
+    with atomic_path(path) as temporary:
+        np.savez(temporary, fingerprint=np.array(made_from), **arrays)  # type: ignore[arg-type]
 
 
-def motion_row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[str, Any]:
+def _row(video: int, states: MotionStates, block: dict[str, Any]) -> Row:
     """One scene's entries of `MotionDataset`, padded; true objects are matched to tracks by their attributes."""
     n = len(states.objects)
     pad = MAX_OBJECTS - n
@@ -207,7 +229,7 @@ def motion_row(video: int, states: MotionStates, block: dict[str, Any]) -> dict[
         if min(pair) >= 0:
             collision[pair[0], pair[1]] = collision[pair[1], pair[0]] = event["frame"]
     return {
-        "scene": np.int32(video),
+        "scene": np.array(video, np.int32),
         "location_world": padded(states.location_world.astype(np.float32)),
         "detected": padded(states.detected),
         "reliable": padded(states.reliable),

@@ -1,4 +1,4 @@
-"""The paper's dynamics predictor: one-step predictions of a patch network, rolled out from the first observations."""
+"""The paper's dynamics predictors: one-step predictions of a network on patches, rolled out from the first observations."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,49 +9,31 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from nsdr.dynamics.base import rollout_frames
-from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig, PatchNetwork
-from nsdr.dynamics.track_smoothing import SmoothingConfig, rollout_in_image, smooth_tracks, with_smoothed_tracks
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.dynamics.base import VideoPixels, rollout_frames
+from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
+from nsdr.dynamics.propnet.patch_model import (
+    BOX_SCALE,
+    PATCH_CHANNELS,
+    ImageModel,
+    PatchModel,
+    PatchModelConfig,
+    PatchNetwork,
+)
+from nsdr.dynamics.propnet.patches import MAX_VALUE, object_patches, patch_boxes
+from nsdr.dynamics.track_smoothing import rollout_in_image, smooth_tracks, with_smoothed_tracks
+from nsdr.errors import DataError
+from nsdr.io.checkpoint import PretrainedPart
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, ground_from_pixels, pixels_from_world
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["PatchPredictor", "patch_boxes"]
+__all__ = ["ImagePredictor", "PatchPredictor"]
 
 FloatArray = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
-FAR = 3.0
-"""Boxes further out than this, in units of `BOX_SCALE`, stay there."""
 
 
-def patch_boxes(location_world: FloatArray, box_px: FloatArray, reliable: BoolArray, margin: int) -> FloatArray:
-    """Boxes as if nothing hid the objects, for patches: the centre's image, and the size that was last seen whole.
-
-    Args:
-        location_world: (..., F, 2).
-        box_px: (..., F, 4) as in `MotionStates`.
-        reliable: (..., F).
-        margin: frames before the first one, continued in a straight line.
-
-    Returns:
-        (..., margin + F, 4) in units of `BOX_SCALE`.
-    """
-    position = extrapolate(location_world, margin)[..., : margin + location_world.shape[-2], :]
-    pixels = pixels_from_world(np.concatenate([position, np.full_like(position[..., :1], OBJECT_RADIUS_WORLD)], -1))
-    every, size = np.arange(-margin, box_px.shape[-2]), np.zeros((*pixels.shape[:-1], 2))
-    for index in np.ndindex(*reliable.shape[:-1]):
-        seen = np.flatnonzero(reliable[index])
-        seen = seen if len(seen) else np.arange(box_px.shape[-2])
-        for axis in range(2):
-            size[(*index, slice(None), axis)] = np.interp(every, seen, box_px[index][seen, 2 + axis])
-    scaled = np.concatenate([pixels - np.array([WIDTH_PX / 2, HEIGHT_PX / 2]), size], -1) / np.array(BOX_SCALE)
-    return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
-
-
-class PatchPredictor(PretrainedModel[PatchNetwork]):
+class PatchPredictor(PretrainedPart[PatchNetwork]):
     """PropNet over patches (paper, section 4.2).
 
     Collisions of the video are judged on the observed samples. The future is rolled out from the last samples; with an object
@@ -63,30 +45,26 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
     Args:
         model: trained network.
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        smoothing: how observed tracks are smoothed.
     """
 
     part = "dynamics"
     built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchModelConfig, PatchModel)
     default_checkpoint = "dynamics_paper"
 
-    def __init__(
-        self, model: PatchNetwork, horizon_frame: int | None = None, smoothing: SmoothingConfig | None = None
-    ) -> None:
+    def __init__(self, model: PatchNetwork, horizon_frame: int | None = None) -> None:
         self.model = model.eval()
         self.horizon_frame = horizon_frame
-        self.smoothing = smoothing or SmoothingConfig()
         self.config = model.config
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout for each removed object; see `StatePredictor`."""
-        return self._predict(states_from_tracks(tracks, self.smoothing.measurement.visibility), observed)
+        return self._predict(states_from_tracks(tracks), observed)
 
     def _predict(self, states: MotionStates, observed: Sequence[Event] | None) -> DynamicsPrediction:
         observed = self.observed_collisions(states) if observed is None else observed
         rollout = self._future(states, observed)
-        rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed, self.smoothing))
+        rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed))
         n_frames = states.present.shape[1]
         return DynamicsPrediction(states.objects, n_frames, rollout, dict(enumerate(self._without_each(states))))
 
@@ -111,10 +89,8 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
     def _judged(self, seen: FloatArray) -> FloatArray:
         """Probabilities (S + 1, ...) of the steps that end at each of S samples, and of the one after the last.
 
-        A step is judged from its start, from its end and from a step later, when the effect is seen: the mean of these.
-
-        Args:
-            seen: (S, ..., window), what the network says at each sample of the step to come, the one that ended, and so on.
+        A step is judged from its start, from its end and from a step later, when the effect is seen: the mean of these. `seen`
+        (S, ..., window) is what the network says at each sample of the step to come, the one that ended, and so on.
         """
         steps = len(seen) + 1
         summed, judges = np.zeros((steps, *seen.shape[1:-1])), np.zeros((steps, *[1] * (seen.ndim - 2)))
@@ -144,7 +120,7 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
         The first row is of the frame before the video to which the first window reaches.
         """
         margin = (self.config.window - 1) * self.config.stride_frames
-        return patch_boxes(states.location_world, states.box_px, states.reliable, margin)
+        return patch_boxes(states.location_world, states.box_px, states.reliable, margin, states.camera)
 
     def _window(self, known: FloatArray, t: int) -> FloatArray:
         """(n, window, K): the samples up to frame t."""
@@ -198,10 +174,10 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
             judgements.append(probability)
             window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
         pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
-        location = ground_from_pixels(np.nan_to_num(pixels, nan=-1.0))
+        location = states.camera.ground(np.nan_to_num(pixels, nan=-1.0))
         location[np.isnan(pixels).any(-1)] = np.nan
         shapes = [o.shape for o in states.objects]
-        inside = np.stack([rollout_in_image(shapes, location[k]) for k in range(n_rollouts)])
+        inside = np.stack([rollout_in_image(shapes, location[k], states.camera) for k in range(n_rollouts)])
         judged, ends = self._judged(np.stack(judgements)), start + stride * np.arange(len(judgements) + 1)
         rollouts = []
         for c in range(n_rollouts):
@@ -215,3 +191,54 @@ class PatchPredictor(PretrainedModel[PatchNetwork]):
             unseen = [replace(e, frame=max(e.frame, frames)) for e in self._collisions(later, ends[1:])]
             rollouts.append(Rollout(location[c], inside[c], (*observed, *unseen), later.max(0)))
         return rollouts
+
+
+class ImagePredictor(PatchPredictor):
+    """PropNet over image and mask patches (paper, section 4.2), rolled out as `PatchPredictor` does.
+
+    `MotionStates` that are given to its methods must hold `patches`.
+
+    Differs from the paper: see `ImageModel`; frames of collisions are interpolated within the step.
+    """
+
+    reads_images = True
+    built_from = (PatchModelConfig, ImageModel)
+    default_checkpoint = "dynamics_paper_images"
+
+    @limit_threads(1)
+    def predict(
+        self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
+    ) -> DynamicsPrediction:
+        """As of `PatchPredictor`, with the video's pixels.
+
+        Raises:
+            DataError: no pixels are given, or they are not those of the tracks.
+        """
+        if pixels is None:
+            raise DataError("dynamics 'paper_images' reads images; give videos, or use another backend")
+        states = states_from_tracks(tracks)
+        patches = object_patches(pixels.frames, pixels.proposals, tracks, states, self.config)
+        return self._predict(replace(states, patches=patches), observed)
+
+    def _known(self, states: MotionStates) -> FloatArray:
+        """(n, margin + F, 4 + K): boxes, and the patches of every frame; before the video those of the first frame."""
+        if states.patches is None:
+            raise DataError("the network on images needs states with patches")
+        boxes = super()._known(states)
+        margin = boxes.shape[1] - states.patches.shape[1]
+        patches = np.pad(states.patches, [(0, 0), (margin, 0), (0, 0), (0, 0), (0, 0)], mode="edge")
+        flat = patches.reshape(*patches.shape[:2], -1).astype(np.float32) / MAX_VALUE
+        return np.concatenate([boxes, flat], -1)
+
+    @torch.no_grad()
+    def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """What is seen (C, n, 4 + K) a step later, and collision probabilities (C, n, n, window)."""
+        cells = self.config.patch_cells
+        seen = torch.from_numpy(window.astype(np.float32))
+        patches = seen[..., 4:].unflatten(-1, (PATCH_CHANNELS, cells, cells))
+        static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
+        inputs = (seen[..., :4], patches, static, torch.from_numpy(here.copy()))
+        boxes, following, logits = (x.float().cpu() for x in self.model(*(x.to(self.device) for x in inputs)))
+        possible = here[:, :, None] & here[:, None]
+        probability = logits.sigmoid().numpy().astype(float) * possible[..., None]
+        return torch.cat([boxes, following.flatten(2)], -1).numpy().astype(float), probability

@@ -13,13 +13,12 @@ from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_featur
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.track_smoothing import (
     SmoothedTracks,
-    SmoothingConfig,
     rollout_in_image,
     smooth_tracks,
     with_smoothed_tracks,
 )
-from nsdr.io.pretrained import PretrainedModel
-from nsdr.io.threads import limit_threads
+from nsdr.io.checkpoint import PretrainedPart
+from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
 __all__ = ["StatePredictor", "windows"]
@@ -31,7 +30,7 @@ OBSERVED_AT_ONCE = 32
 """Frames that the observer sees in one call: so many fit into a processor's cache. Results do not depend on it."""
 
 
-class StatePredictor(PretrainedModel[StateModel]):
+class StatePredictor(PretrainedPart[StateModel]):
     """Propagation networks over ground-plane states (paper, section 4.2).
 
     Differs from the paper: states instead of image patches; observed collisions are read from motion before and after;
@@ -41,7 +40,6 @@ class StatePredictor(PretrainedModel[StateModel]):
         model: trained networks.
         shortcut: what a removal cannot influence keeps its observed motion; otherwise all is rolled out from its first frames.
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        smoothing: how observed tracks are smoothed.
     """
 
     part = "dynamics"
@@ -52,20 +50,18 @@ class StatePredictor(PretrainedModel[StateModel]):
         model: StateModel,
         shortcut: bool = True,
         horizon_frame: int | None = None,
-        smoothing: SmoothingConfig | None = None,
     ) -> None:
         self.model = model.eval()
         self.config = model.config
         self.shortcut = shortcut
         self.horizon_frame = horizon_frame
-        self.smoothing = smoothing or SmoothingConfig()
 
     @limit_threads(1)
     def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
         """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
-        states = states_from_tracks(tracks, self.smoothing.measurement.visibility)
+        states = states_from_tracks(tracks)
         observed = self.observed_collisions(states) if observed is None else observed
-        smoothed = smooth_tracks(states, observed, self.smoothing)
+        smoothed = smooth_tracks(states, observed)
         rollouts = self._rollouts(states, observed, smoothed)
         counterfactual = dict(enumerate(rollouts[1:]))
         rollout = with_smoothed_tracks(rollouts[0], smoothed)
@@ -93,8 +89,7 @@ class StatePredictor(PretrainedModel[StateModel]):
         static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
         parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
-        network, device = self.model.folded(), self.device
-        logits = torch.cat([self._on_device(network.observe, device, *part) for part in parts])
+        logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
         both = exists[:, :, None] & exists[:, None, :]
         probability = (logits.sigmoid() * both).numpy()
         candidates = []
@@ -137,17 +132,22 @@ class StatePredictor(PretrainedModel[StateModel]):
         if not self.shortcut:  # only the first samples of each object are observed
             free_from[1:] = np.minimum(free_from[1:], ((first + stride - 1) // stride + past - 1) * stride)
         collisions: list[list[Event]] = [[] for _ in range(n_rollouts)]
-        met = [{e.objects for e in observed} if rollout == 0 else set() for rollout in range(n_rollouts)]
+        met = [{e.objects for e in observed}, *(set() for _ in range(1, n_rollouts))]
         collisions[0] = list(observed)
         pending = [list(observed) for _ in range(n_rollouts)]
         scores = np.zeros((n, n))
         static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
-        network, device = self.model.folded(), self.device
         shares = np.arange(1, stride + 1)[:, None] / stride
         for t in range(0, total - 1, stride) if n else ():
             for rollout in range(1, n_rollouts):
                 while pending[rollout] and pending[rollout][0].frame <= t + stride:
-                    self._observed_event(pending[rollout].pop(0), rollout, t, exists, free_from, collisions, met)
+                    event = pending[rollout].pop(0)
+                    pair = list(event.objects)
+                    if exists[rollout, pair].all() and (free_from[rollout, pair] > t).all():  # both move as observed
+                        collisions[rollout].append(event)
+                        met[rollout].add(event.objects)
+                    else:
+                        free_from[rollout, pair] = np.minimum(free_from[rollout, pair], t)
             free = (free_from <= t) & exists
             at_work = np.flatnonzero(free.any(1))  # in the other rollouts all still move as observed
             if not len(at_work):
@@ -158,7 +158,7 @@ class StatePredictor(PretrainedModel[StateModel]):
             known = reliable[:, past_frames] | (free_from[at_work][:, :, None] <= times)
             here = exists[at_work] & (first <= t)
             inputs = torch.from_numpy(window.astype(np.float32)), torch.from_numpy(known), static[: len(at_work)]
-            following, logits = self._on_device(network.predict, device, *inputs, torch.from_numpy(here))
+            following, logits = self._on_device(self.model.predict, *inputs, torch.from_numpy(here))
             now, moves = window[:, :, -1:], free[at_work][:, :, None]
             between = now + (following.numpy()[:, :, None] - now) * shares
             steps = slice(reach + t + 1, reach + t + stride + 1)
@@ -182,7 +182,7 @@ class StatePredictor(PretrainedModel[StateModel]):
         shapes = np.array([o.shape for o in states.objects])
         for shape in np.unique(shapes):
             frames = free_frames & (exists & (shapes == shape))[..., None]
-            visible[frames] = rollout_in_image([shape], location[frames][None])[0]
+            visible[frames] = rollout_in_image([shape], location[frames][None], states.camera)[0]
         as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
         shown = states.location_world
         if smoothed is not None:
@@ -192,40 +192,13 @@ class StatePredictor(PretrainedModel[StateModel]):
         location[~exists] = np.nan
         for event in observed:  # a pair collides once
             scores[event.objects] = scores[event.objects[::-1]] = 0.0
-        return [
-            Rollout(
-                location[k],
-                visible[k],
-                tuple(sorted(collisions[k], key=lambda e: e.frame)),
-                scores if k == 0 else None,
-            )
-            for k in range(n_rollouts)
-        ]
+        in_order = [tuple(sorted(events, key=lambda e: e.frame)) for events in collisions]
+        return [Rollout(location[k], visible[k], in_order[k], None if k else scores) for k in range(n_rollouts)]
 
-    def _on_device(self, network: Any, device: torch.device, *inputs: torch.Tensor) -> Any:
+    def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
         """Outputs of a network on the CPU, computed on the device of its weights."""
-        if device.type == "cpu":
-            return network(*inputs)
-        outputs = network(*(x.to(device) for x in inputs))
+        outputs = network(*(x.to(self.device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
-
-    def _observed_event(
-        self,
-        event: Event,
-        rollout: int,
-        t: int,
-        exists: NDArray[np.bool_],
-        free_from: NDArray[Any],
-        collisions: list[list[Event]],
-        met: list[set[Any]],
-    ) -> None:
-        """Keep an observed collision in a counterfactual rollout when both objects still move as observed."""
-        pair = list(event.objects)
-        if exists[rollout, pair].all() and (free_from[rollout, pair] > t).all():
-            collisions[rollout].append(event)
-            met[rollout].add(event.objects)
-        else:
-            free_from[rollout, pair] = np.minimum(free_from[rollout, pair], t)
 
 
 def windows(states: MotionStates, index: NDArray[Any]) -> tuple[torch.Tensor, torch.Tensor]:

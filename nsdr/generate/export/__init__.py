@@ -1,4 +1,4 @@
-"""Data sets in CLEVRER's layout as files for training and testing other models, one file here for each format."""
+"""Data sets in CLEVRER's layout as files for training and testing other models."""
 
 import lazy_loader
 

@@ -1,50 +1,67 @@
-"""What all formats have in common: the settings, the data set's questions and videos, and the output's folder."""
+"""What all formats have in common: settings, the data set's questions and videos, the registry, and the run that writes one."""
 
 import json
+import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypedDict
 
+from msgspec import Meta
 from tqdm import tqdm
 
+from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
-from nsdr.clevrer.prompts import option_letters
-from nsdr.clevrer.questions import Question, SceneQuestions, iterate_questions
-from nsdr.clevrer.scene_files import iterate_scenes
-from nsdr.clevrer.schema import get, get_whole
+from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
-from nsdr.generate.export.reasoning import reasoner
-from nsdr.generate.export.records import Record, scene_records
-from nsdr.io.files import atomic_path, writing
+from nsdr.generate.export.records import Record, reasoner, scene_records
+from nsdr.io.files import (
+    atomic_path,
+    check_installed,
+    check_output_folder,
+    locked,
+    remove_partial_files,
+    write_json,
+    writing,
+)
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.validation import COUNT, check_choices, check_ranges
+from nsdr.io.reading import read_json, read_typed
+from nsdr.io.registry import Registry
+from nsdr.validation import Count, Settings, convert, one_of
 
 __all__ = [
+    "EXPORTERS",
     "Export",
     "ExportConfig",
     "ExportedScene",
     "Exporter",
     "SplitSummary",
+    "export_dataset",
     "write_json_lines",
 ]
 
+MANIFEST = "export.json"
+"""File of an export's folder with its settings and counts."""
+VERSION = 1
+"""Of the records of an export: raised when they change."""
 VIDEOS = ("copy", "link", "none")
 REASONING = ("", "short", "long")
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class ExportConfig:
+class ExportConfig(Settings):
     """An export.
 
     Attributes:
         root: folder of the data set, generated or in the official layout.
         output: folder to write; an interrupted export resumes there.
-        format: one of `nsdr.generate.export.registry.EXPORTERS`.
+        format: one of `EXPORTERS`.
         splits: which; () for train and validation, as far as they have questions.
         questions: question file in place of the split's own, such as one with tags or `truth/questions_test.json`; needs one
             split.
@@ -61,16 +78,15 @@ class ExportConfig:
     format: str
     splits: tuple[str, ...] = ()
     questions: str = ""
-    videos: str = "copy"
-    limit: int = 0
-    shard_mb: int = 1000
+    videos: Annotated[str, one_of(VIDEOS)] = "copy"
+    limit: Count = 0
+    shard_mb: Annotated[int, Meta(ge=1, le=10**6)] = 1000
     license: str = "unknown"
-    reasoning: str = ""
+    reasoning: Annotated[str, one_of(REASONING)] = ""
     scenes: bool = False
 
     def __post_init__(self) -> None:
-        check_choices(self, videos=VIDEOS, reasoning=REASONING)
-        check_ranges(self, limit=COUNT, shard_mb=(1, 10**6))
+        super().__post_init__()
         if self.questions and len(self.splits) != 1:
             raise DataError("questions: a question file is of one split; name it (--split)")
         if len(set(self.splits)) < len(self.splits):
@@ -137,7 +153,7 @@ class Export:
     def questions(self, split: str) -> Iterator[SceneQuestions]:
         """Yield the split's videos that have questions, one by one."""
         path = self._question_file(split)
-        found = (scene for scene in iterate_questions(path) if scene.questions)
+        found = (scene for scene in read_questions(path) if scene.questions)
         return islice(found, self.config.limit or None)
 
     def scenes(self, split: str) -> Iterator[ExportedScene]:
@@ -163,22 +179,22 @@ class Export:
 
     def settings(self) -> dict[str, Any]:
         """Everything that the output depends on."""
-        values = asdict(self.config)
-        for name in ("root", "output", "questions"):
-            values.pop(name)
+        values = {k: v for k, v in asdict(self.config).items() if k not in ("root", "output", "questions")}
         files = [self._question_file(name) for name in self.splits]
-        inputs = fingerprint(inputs=files, config=[self._seed, self._bytes])
+        inputs = fingerprint(inputs=files, config=[VERSION, self._seed, self._bytes])
         return values | {"splits": list(self.splits), "inputs_and_code": inputs}
 
     def _summary(self, split: str) -> SplitSummary:
         source = self._sources[split]
         self._videos[split] = entries = source.entries("videos")
-        videos = questions = unanswered = 0
+        n_videos = n_questions = n_unanswered = 0
+        questions = self._question_file(split)
         for scene in self.questions(split):
             index = scene.scene_index
             if index not in source.indices:
-                where = f"{self._question_file(split)}: scene_index {index}"
-                raise DataError(f"{where}: the data set's {split} split has {_shown(source.indices)}")
+                first, last = source.indices.start, source.indices.stop - 1
+                has = f"{first} to {last}" if source.indices else "no videos"
+                raise DataError(f"{questions}: scene_index {index}: the data set's {split} split has {has}")
             if self.config.videos != "none":
                 if index not in entries:
                     missing = f"has no video_{index:05d}.mp4 ({split})"
@@ -188,15 +204,14 @@ class Export:
                 try:
                     option_letters(len(question.choices))
                 except DataError as e:
-                    where = f"{self._question_file(split)}: scene {index}, question {question.id}"
-                    raise DataError(f"{where}: {e}") from e
+                    raise DataError(f"{questions}: scene {index}, question {question.id}: {e}") from e
             if self.config.reasoning or self.config.scenes:
                 scene_file = self._root.root / self._scene_name(split, index)
                 self._bytes[f"scene {index}"] = scene_file.stat().st_size
-            videos += 1
-            questions += len(scene.questions)
-            unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
-        return SplitSummary(videos, questions, unanswered)
+            n_videos += 1
+            n_questions += len(scene.questions)
+            n_unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
+        return SplitSummary(n_videos, n_questions, n_unanswered)
 
     def _question_file(self, split: str) -> Path:
         path = Path(self.config.questions) if self.config.questions else self._sources[split].question_file
@@ -232,9 +247,7 @@ class Export:
         path = self._root.root / self._scene_name(split, index)
         scenes = {number: scene for number, _, scene in iterate_scenes(path)}
         if list(scenes) != [index]:
-            raise DataError(
-                f"{path}: scene_index: expected {index} alone, got {', '.join(map(str, scenes)) or 'no scene'}"
-            )
+            raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
 
     def _place(self, video: Path, target: Path) -> None:
@@ -274,15 +287,82 @@ def write_json_lines(export: Export, row: Callable[[Record], Mapping[str, Any]])
                     file.write(json.dumps(row(record)) + "\n")
 
 
-def _shown(indices: range) -> str:
-    return f"{indices.start} to {indices.stop - 1}" if indices else "no videos"
-
-
 def _first_seed(root: CLEVRER) -> int | None:
     """The number from which video 0 of a generated data set is simulated (`DatasetConfig.scene_seed`); None of other data."""
     if root.manifest is None or "config" not in root.manifest:
         return None
     where = f"{root.root / 'manifest.json'}: config"
-    config = get(root.manifest, "config", dict, where)
-    seed, first = (get_whole(config, name, where, 0, LARGEST_SEED) for name in ("seed", "first_scene"))
-    return seed * SCENES_PER_SEED + first
+    config: _SeedConfig = convert(root.manifest["config"], _SeedConfig, f"{where}.")
+    return config["seed"] * SCENES_PER_SEED + config["first_scene"]
+
+
+class _SeedConfig(TypedDict):
+    seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+    first_scene: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+
+
+EXPORTERS: Registry[Exporter] = Registry(
+    "export format",
+    "nsdr.exporters",
+    {
+        "grpo": "nsdr.generate.export.json_lines:GRPO",
+        "chat": "nsdr.generate.export.json_lines:CHAT",
+        "parquet": "nsdr.generate.export.parquet:PARQUET",
+        "webdataset": "nsdr.generate.export.webdataset:WEBDATASET",
+    },
+)
+"""Formats by name; another package adds one by an entry point of the group `nsdr.exporters`."""
+
+
+def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
+    """Write an export; a finished one is left as it is, an interrupted one is finished.
+
+    Returns:
+        What it holds of each split.
+
+    Raises:
+        DataError: an unknown format, its package is not installed, a split has no questions, a video is missing, or the folder
+            holds other files, an export with other settings or one of other data.
+    """
+    exporter = EXPORTERS[config.format]
+    if exporter.needs:
+        check_installed(exporter.needs, f"format {config.format} needs {exporter.needs}", exporter.needs)
+    if config.videos not in exporter.videos:
+        expected = " or ".join(exporter.videos)
+        raise DataError(f"videos: {config.videos} is not possible with format {config.format}; expected {expected}")
+    if config.scenes and exporter.videos == ("copy",):
+        raise DataError(f"scenes: format {config.format} holds videos and questions only; leave out --scenes")
+    check_output_folder(config.output)
+    export = Export(config)
+    with locked(export.folder):
+        _write(export, exporter)
+    for name, summary in export.splits.items():
+        if summary.unanswered:
+            log.warning(
+                "%s: %d of %d questions have no answer in their file and were exported without a solution",
+                name,
+                summary.unanswered,
+                summary.questions,
+            )
+    return export.splits
+
+
+def _write(export: Export, exporter: Exporter) -> None:
+    path = export.folder / MANIFEST
+    manifest = {
+        "settings": export.settings(),
+        "splits": {name: asdict(summary) for name, summary in export.splits.items()},
+    }
+    if path.exists():
+        existing = convert(read_typed(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
+        changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)
+        if changed:
+            raise DataError(f"{path}: was made with other settings ({', '.join(changed)}); choose another folder")
+        if read_json(path).get("complete"):
+            return
+        remove_partial_files(export.folder)
+    elif any(not file.name.startswith(".") for file in export.folder.iterdir()):
+        raise DataError(f"{export.folder}: holds files that are no export; choose an empty or new folder")
+    write_json(path, manifest | {"complete": False}, indent=1)
+    exporter.write(export)
+    write_json(path, manifest | {"complete": True}, indent=1)

@@ -1,4 +1,4 @@
-"""Simulation of CLEVRER scenes in Bullet, and resimulation of released annotations."""
+"""Simulation of CLEVRER scenes in Bullet."""
 
 import lazy_loader
 

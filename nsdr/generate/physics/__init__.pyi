@@ -5,6 +5,5 @@ from .bullet import (
     Contact as Contact,
     Simulator as Simulator,
 )
-from .resimulate import Resimulation as Resimulation
 from .scene import SimulatedScene as SimulatedScene, simulate_scene as simulate_scene
 from .scene_config import SceneConfig as SceneConfig

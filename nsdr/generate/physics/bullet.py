@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
-from nsdr.io.validation import NOT_NEGATIVE, POSITIVE, SHARE, check_ranges
+from nsdr.validation import NotNegative, Settings, Share
 from nsdr.world.physics_constants import (
     CONTACT_PAUSE_STEPS,
     GRAVITY,
@@ -42,33 +42,20 @@ NORMAL_FORCE_FIELD, POINT_ON_A_FIELD = 9, 5
 
 
 @dataclass(frozen=True)
-class BulletConfig:
+class BulletConfig(Settings):
     """Parameters of the simulation; the defaults are CLEVRER's.
 
     Attributes:
-        step_s: Bullet's time step (s).
-        steps_per_frame: steps between two frames.
         gravity: downward acceleration (world units/s²).
         friction: friction coefficient of cubes and cylinders on the ground.
         sphere_friction: friction coefficient of spheres on the ground.
-        spinning_friction: torsional friction coefficient of all objects.
         restitution: restitution of each object; that of a collision is the product of the two.
-        ground_restitution: restitution of the ground.
     """
 
-    step_s: float = STEP_SECONDS
-    steps_per_frame: int = STEPS_PER_FRAME
-    gravity: float = GRAVITY
-    friction: float = GROUND_FRICTION["cube"]
-    sphere_friction: float = GROUND_FRICTION["sphere"]
-    spinning_friction: float = SPINNING_FRICTION
-    restitution: float = OBJECT_RESTITUTION
-    ground_restitution: float = GROUND_RESTITUTION
-
-    def __post_init__(self) -> None:
-        check_ranges(self, step_s=POSITIVE, steps_per_frame=(1, 1_000), restitution=SHARE, ground_restitution=SHARE)
-        others = ("gravity", "friction", "sphere_friction", "spinning_friction")
-        check_ranges(self, **dict.fromkeys(others, NOT_NEGATIVE))
+    gravity: NotNegative = GRAVITY
+    friction: NotNegative = GROUND_FRICTION["cube"]
+    sphere_friction: NotNegative = GROUND_FRICTION["sphere"]
+    restitution: Share = OBJECT_RESTITUTION
 
 
 @dataclass(frozen=True)
@@ -159,9 +146,10 @@ class Simulator:
             n_frames: frames to record.
             stop: called with all contacts so far whenever there is a new one; the simulation stops when it returns True.
         """
-        p, client, config = self._bullet, self._client, self.config
+        p, client = self._bullet, self._client
         numbers = self._build(bodies)
         states = np.zeros((4, len(bodies), n_frames, 3))
+        recorded = states[0], states[1], states[2], states[3]
         contacts: list[Contact] = []
         last_touch: dict[tuple[int, int], int] = {}
         for frame in range(n_frames):
@@ -169,22 +157,22 @@ class Simulator:
                 location = states[0, :, frame - 1]
                 gap = np.linalg.norm(location[:, None] - location[None], axis=-1)
                 near = [(int(i), int(j)) for i, j in np.argwhere(gap < NEAR_WORLD) if i < j]
-                for step in range((frame - 1) * config.steps_per_frame + 1, frame * config.steps_per_frame + 1):
+                for step in range((frame - 1) * STEPS_PER_FRAME + 1, frame * STEPS_PER_FRAME + 1):
                     p.stepSimulation(physicsClientId=client)
                     for pair in near:
                         point = self._touch(numbers[pair[0]], numbers[pair[1]])
                         if point is None:
                             continue
                         if step - last_touch.get(pair, -CONTACT_PAUSE_STEPS - 1) > CONTACT_PAUSE_STEPS:
-                            contacts.append(Contact(int(step / config.steps_per_frame + 0.5), pair, point))
+                            contacts.append(Contact(int(step / STEPS_PER_FRAME + 0.5), pair, point))
                             if stop is not None and stop(contacts):
-                                return _motion(states, contacts, complete=False)
+                                return BulletMotion(*recorded, tuple(contacts), complete=False)
                         last_touch[pair] = step
             for i, number in enumerate(numbers):
                 position, quaternion = p.getBasePositionAndOrientation(number, physicsClientId=client)
                 velocity, spin = p.getBaseVelocity(number, physicsClientId=client)
                 states[:, i, frame] = position, p.getEulerFromQuaternion(quaternion), velocity, spin
-        return _motion(states, contacts)
+        return BulletMotion(*recorded, tuple(contacts))
 
     def _touch(self, a: int, b: int) -> tuple[float, float, float] | None:
         """Point at which two bodies press on each other after the last step; None when they do not."""
@@ -198,46 +186,29 @@ class Simulator:
         p, client, config = self._bullet, self._client, self.config
         p.resetSimulation(physicsClientId=client)
         p.setGravity(0, 0, -config.gravity, physicsClientId=client)
-        p.setTimeStep(config.step_s, physicsClientId=client)
+        p.setTimeStep(STEP_SECONDS, physicsClientId=client)
         box = p.createCollisionShape(p.GEOM_BOX, halfExtents=GROUND_HALF_EXTENTS_WORLD, physicsClientId=client)
         ground = p.createMultiBody(0, box, basePosition=[0, 0, -GROUND_HALF_EXTENTS_WORLD[2]], physicsClientId=client)
-        p.changeDynamics(
-            ground,
-            -1,
-            lateralFriction=GROUND_BOX_FRICTION,
-            restitution=config.ground_restitution,
-            physicsClientId=client,
-        )
+        surface = {"lateralFriction": GROUND_BOX_FRICTION, "restitution": GROUND_RESTITUTION}
+        p.changeDynamics(ground, -1, **surface, physicsClientId=client)
         hulls = {
             shape: p.createCollisionShape(p.GEOM_MESH, vertices=hull_vertices(shape), physicsClientId=client)
             for shape in sorted({b.shape for b in bodies})
         }
         numbers = []
         for body in bodies:
-            quaternion = p.getQuaternionFromEuler(body.orientation)
-            number = p.createMultiBody(
-                body.mass,
-                hulls[body.shape],
-                basePosition=body.location_world,
-                baseOrientation=quaternion,
-                physicsClientId=client,
-            )
+            turned = p.getQuaternionFromEuler(body.orientation)
+            hull, place = hulls[body.shape], {"basePosition": body.location_world, "baseOrientation": turned}
+            number = p.createMultiBody(body.mass, hull, **place, physicsClientId=client)
             p.resetBaseVelocity(number, body.velocity, body.angular_velocity, physicsClientId=client)
-            p.changeDynamics(
-                number,
-                -1,
-                lateralFriction=config.sphere_friction if body.shape == "sphere" else config.friction,
-                restitution=config.restitution,
-                spinningFriction=config.spinning_friction,
-                physicsClientId=client,
-            )
+            surface = {
+                "lateralFriction": config.sphere_friction if body.shape == "sphere" else config.friction,
+                "restitution": config.restitution,
+                "spinningFriction": SPINNING_FRICTION,
+            }
+            p.changeDynamics(number, -1, **surface, physicsClientId=client)
             numbers.append(number)
         return numbers
-
-
-def _motion(states: FloatArray, contacts: list[Contact], complete: bool = True) -> BulletMotion:
-    location, orientation, velocity, spin = states
-    return BulletMotion(location, orientation, velocity, spin, tuple(contacts), complete)
 
 
 def _pybullet() -> Any:

@@ -16,15 +16,37 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import Body, BulletConfig, BulletMotion, Contact, Simulator
-from nsdr.generate.physics.scene_config import SceneConfig, Triple, matches_any, of_participant
+from nsdr.generate.physics.scene_config import SceneConfig, Triple, matches_any
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, pixels_from_world
-from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
+from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
 __all__ = ["SimulatedScene", "simulate_scene"]
 
 FloatArray = NDArray[np.floating[Any]]
+STATIC_FRACTION = (0.0, 0.6, 0.35, 0.35)
+"""Probability of each participant to start at rest (0 for the first one, which moves)."""
+PARTNER_WEIGHTS = (1.0, 1.1, 0.5)
+"""Relative probability of each participant to be hit by a later one."""
+LATE_FRACTION = (0.0, 0.0, 0.55, 0.9)
+"""Probability of each moving participant to have its planned collision after the video. The last value of these three holds
+for all further participants."""
+EXTRA_FRACTION = 0.3
+"""Probability that an object may cause more collisions than its planned one."""
+FIRST_MEETING_FRAME = (30.0, 15.0)
+"""Mean and standard deviation of the frame at which the first two objects collide."""
+RESTING_DELAY_FRAMES = 36.0
+"""Mean of the exponentially distributed delay from the first collision until a later participant that starts at rest is hit.
+Moving participants collide at any later frame."""
+FIRST_DISTANCE_WORLD = (3.15, 3.91)
+"""Min and max distance of the first object from the origin."""
+FIRST_HEADING_DEGREES, HEADING_DEGREES = 28.0, 15.0
+"""Max angle between heading and direction to the origin, of the first object and of later ones that start as far out."""
+FAR_WORLD = 10.5
+"""Max distance from the origin at which an object starts."""
+AREA_WORLD = (-2.25, 1.15, -1.6, 1.5)
+"""Min x, max x, min y, max y of planned collisions and of objects at rest."""
 TOUCHING_WORLD = 2.02 * OBJECT_RADIUS_WORLD
 """Distance of the centres at which a planned collision starts."""
 MIN_START_DISTANCE_WORLD = 0.83
@@ -102,7 +124,7 @@ def simulate_scene(
         mass = np.array([b.mass for b in bodies])
         return SimulatedScene(seed, objects, mass, config.n_frames, motion, visible, without)
     raise DataError(
-        f"seed {seed}: no scene found in {RESTARTS} attempts; the configuration's area, speed or n_frames allows too few"
+        f"seed {seed}: no scene found in {RESTARTS} attempts; the configuration's speed or n_frames allows too few"
     )
 
 
@@ -137,13 +159,16 @@ class _Construction:
             step = self._participant if k < participants else self._bystander
             if not any(step(k) for _ in range(PLACEMENTS)):
                 return None
-        assert self.motion is not None
-        if any(self._topples(i) for i in range(self.n)):
+        motion = self.motion
+        assert motion is not None
+        risen = np.abs(motion.location_world[..., 2] - OBJECT_RADIUS_WORLD).max(1)
+        if any(b.shape != "sphere" and up > MAX_HEIGHT_CHANGE_WORLD for b, up in zip(self.bodies, risen, strict=True)):
             return None
-        visible = np.stack([self._visible(i) for i in range(self.n)])
+        paths = zip(self.bodies, motion.location_world, motion.orientation, strict=True)
+        visible = np.stack([in_image(b.shape, location, turn[:, 2]) for b, location, turn in paths])
         if not visible[:, : self.config.n_frames].any(1).all():
             return None
-        return self.triples, self.bodies, self.motion, visible
+        return self.triples, self.bodies, motion, visible
 
     def _draw_triples(self) -> list[Triple]:
         while True:
@@ -161,14 +186,14 @@ class _Construction:
 
     def _first(self) -> Body:
         """The first object, which moves roughly towards the origin."""
-        angle, distance = self.rng.uniform(0, 2 * math.pi), self.rng.uniform(*self.config.first_distance)
-        deviation = math.radians(self.rng.uniform(-1, 1) * self.config.first_heading_degrees)
+        angle, distance = self.rng.uniform(0, 2 * math.pi), self.rng.uniform(*FIRST_DISTANCE_WORLD)
+        deviation = math.radians(self.rng.uniform(-1, 1) * FIRST_HEADING_DEGREES)
         speed = self.rng.uniform(*self.config.speed)
         return self._body(0, distance * math.cos(angle), distance * math.sin(angle), angle + math.pi + deviation, speed)
 
     def _participant(self, k: int) -> bool:
         """Add an object that collides at a frame drawn for it; False when none of the tried start states fits."""
-        resting = self.rng.random() < of_participant(self.config.static_fraction, k)
+        resting = self.rng.random() < _of_participant(STATIC_FRACTION, k)
         frame = self._meeting_frame(k, resting)
         if not MIN_MEETING_FRAME <= frame < self.config.simulated_frames:
             return False
@@ -178,20 +203,20 @@ class _Construction:
     def _meeting_frame(self, k: int, resting: bool) -> int:
         """Frame at which the k-th participant is planned to collide."""
         if k == 1:
-            return round(self.rng.gauss(*self.config.first_meeting))
+            return round(self.rng.gauss(*FIRST_MEETING_FRAME))
         assert self.motion is not None
         first = self.motion.contacts[0].frame
         if resting:
-            return first + 1 + int(self.rng.expovariate(1 / self.config.resting_delay))
+            return first + 1 + int(self.rng.expovariate(1 / RESTING_DELAY_FRAMES))
         low, high = first + 1, self.config.n_frames
-        if self.rng.random() < of_participant(self.config.late_fraction, k):
+        if self.rng.random() < _of_participant(LATE_FRACTION, k):
             low, high = max(low, high), self.config.simulated_frames
         return self.rng.randrange(low, high) if low < high else high
 
     def _partner(self) -> int:
         """Index of the object that a new participant is planned to collide with."""
         numbers = range(len(self.bodies))
-        return self.rng.choices(numbers, [of_participant(self.config.partner_weights, j) for j in numbers])[0]
+        return self.rng.choices(numbers, [_of_participant(PARTNER_WEIGHTS, j) for j in numbers])[0]
 
     def _resting_participant(self, k: int, frame: int) -> bool:
         """Add an object at rest on or beside the path of a moving object."""
@@ -223,15 +248,15 @@ class _Construction:
         to_origin = math.atan2(-y, -x)
         deviation = abs((heading - to_origin + math.pi) % (2 * math.pi) - math.pi)
         distance = math.hypot(x, y)
-        if distance > self.config.far_world:
+        if distance > FAR_WORLD:
             return False
-        if distance > self.config.first_distance[0] and deviation > math.radians(self.config.heading_degrees):
+        if distance > FIRST_DISTANCE_WORLD[0] and deviation > math.radians(HEADING_DEGREES):
             return False
         return self._add(self._body(k, x, y, heading, speed), meets=True)
 
     def _bystander(self, k: int) -> bool:
         """Add an object at rest that nothing touches."""
-        x0, x1, y0, y1 = self.config.area
+        x0, x1, y0, y1 = AREA_WORLD
         return self._add(self._body(k, self.rng.uniform(x0, x1), self.rng.uniform(y0, y1), 0.0, 0.0), meets=False)
 
     def _add(self, body: Body, meets: bool) -> bool:
@@ -251,7 +276,7 @@ class _Construction:
                 return False
 
         known = len(self.motion.contacts) if self.motion else 0
-        max_contacts = new * len(self.bodies) if self.rng.random() < self.config.extra_fraction else known + 1
+        max_contacts = new * len(self.bodies) if self.rng.random() < EXTRA_FRACTION else known + 1
 
         def inadmissible(contacts: list[Contact]) -> bool:
             if len(contacts) > max_contacts:
@@ -271,24 +296,16 @@ class _Construction:
 
     def _in_image(self, contact: Contact) -> bool:
         """Whether CLEVRER's image shows a point of contact."""
-        u, v = pixels_from_world(contact.location_world)
+        u, v = CLEVRER_CAMERA.pixels(contact.location_world)
         return bool(0 < u < WIDTH_PX and 0 < v < HEIGHT_PX)
 
     def _in_area(self, x: float, y: float) -> bool:
-        x0, x1, y0, y1 = self.config.area
+        x0, x1, y0, y1 = AREA_WORLD
         return x0 <= x <= x1 and y0 <= y <= y1
 
-    def _topples(self, i: int) -> bool:
-        """Whether an object is a cube or cylinder that topples."""
-        assert self.motion is not None
-        if self.bodies[i].shape == "sphere":
-            return False
-        return bool(np.abs(self.motion.location_world[i, :, 2] - OBJECT_RADIUS_WORLD).max() > MAX_HEIGHT_CHANGE_WORLD)
 
-    def _visible(self, i: int) -> NDArray[np.bool_]:
-        assert self.motion is not None
-        motion = self.motion
-        return in_image(self.bodies[i].shape, motion.location_world[i], motion.orientation[i, :, 2])
+def _of_participant(values: Sequence[float], k: int) -> float:
+    return values[min(k, len(values) - 1)]
 
 
 def _slide(shape: str, speed: float, frames: int, physics: BulletConfig) -> tuple[float, float]:
@@ -297,7 +314,7 @@ def _slide(shape: str, speed: float, frames: int, physics: BulletConfig) -> tupl
     Euler steps of one frame. Seeds depend on its exact values, so it does not use `nsdr.dynamics.sliding.slide`.
     """
     drag = 0.0 if shape == "sphere" else physics.friction * physics.gravity
-    step = physics.step_s * physics.steps_per_frame
+    step = STEP_SECONDS * STEPS_PER_FRAME
     distance = 0.0
     for _ in range(frames):
         distance += speed * step

@@ -1,4 +1,4 @@
-"""Generation of balanced questions about scenes with known ground truth, and statistics of question sets."""
+"""Generation of balanced questions about scenes with known ground truth."""
 
 import lazy_loader
 

@@ -5,4 +5,3 @@ from .selection import (
     generate_questions as generate_questions,
     select_questions as select_questions,
 )
-from .statistics import count_questions as count_questions, write_question_statistics as write_question_statistics

@@ -2,20 +2,34 @@
 
 import random
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations
 
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.questions import OPTION_TAGS
+from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.errors import ExecutionError
-from nsdr.language.templates import Chooser, Grammar, Pair, every
+from nsdr.language.choosing import Chooser
+from nsdr.language.rules import Pair
+from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
+from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["Descriptive", "MultipleChoice", "Option", "descriptive_questions", "multiple_choice_questions"]
+__all__ = [
+    "EXTENSION_KINDS",
+    "Descriptive",
+    "MultipleChoice",
+    "Option",
+    "changed_questions",
+    "descriptive_questions",
+    "multiple_choice_questions",
+]
+
+EXTENSION_KINDS = ("speed", "direction", "is_faster", "faster", "extreme_speed", "is_heavier", "heavier", "heaviest")
+"""Subtypes of the descriptive questions beyond CLEVRER; in capitals their symbols in beyond.rules."""
 
 DESCRIPTION_WEIGHTS = {
     ("color",): 1.0,
@@ -65,7 +79,7 @@ class Option:
         text: the option.
         program: its program.
         correct: whether it is correct.
-        kind: the grammar's symbol that it was made from, such as "presence" or "collision".
+        kind: the rules' symbol that it was made from, in lower case, such as "presence" or "collision".
         tag: one of `OPTION_TAGS` of an option of a counterfactual question.
     """
 
@@ -96,7 +110,7 @@ class MultipleChoice:
 
 
 class SceneWords:
-    """Descriptions of a scene's objects and classes; implements `nsdr.language.templates.Phrases`."""
+    """Descriptions of a scene's objects and classes; implements `nsdr.language.choosing.Phrases`."""
 
     def __init__(self, scene: Scene, rng: random.Random) -> None:
         self.rng = rng
@@ -121,16 +135,15 @@ class SceneWords:
         self.shared = [(), *(words for words, found in small.items() if found > 1)]
         self.named: list[int] = []
 
-    def one(self, choose: Chooser) -> tuple[str, ...]:
-        i = self.named.pop(0) if self.named else choose.pick(range(len(self.unique)))
-        options = self.unique[i]
-        return choose.vary(options, [DESCRIPTION_WEIGHTS[_attributes(words)] for words in options])
-
-    def some(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+    def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        if use == "one":
+            i = self.named.pop(0) if self.named else choose.pick(range(len(self.unique)))
+            described = self.unique[i]
+            return choose.vary(described, [DESCRIPTION_WEIGHTS[_attributes(words)] for words in described])
         if use == "enters":
             return ()
-        options = self.counted if use == "counted" else self.shared
-        return choose.pick([words for words in options if without not in _attributes(words)])
+        classes = self.counted if use == "counted" else self.shared
+        return choose.pick([words for words in classes if without not in _attributes(words)])
 
 
 @cache
@@ -138,24 +151,27 @@ def _attributes(words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for word in words for name, known in ATTRIBUTES.items() if word in known)
 
 
-def descriptive_questions(scene: Scene, rng: random.Random) -> Iterator[Descriptive]:
+def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Descriptive]:
     """All descriptive questions that have an answer in the scene, each in a random wording.
 
     Questions about motion are omitted when the scene's `moving` is None.
+
+    Args:
+        scene: the scene.
+        rng: draws the wordings.
+        beyond: ask the questions beyond CLEVRER, about speeds, directions and masses, and not CLEVRER's own.
     """
     words, executor = SceneWords(scene, rng), Executor(scene)
-    symbols = [Grammar.count_or_exist_events, Grammar.query]
-    if scene.moving is not None:
-        symbols.insert(1, Grammar.count_or_exist_motion)
-    for symbol in symbols:
-        for text, program in every(symbol, words, rng):
+    of_clevrer = ["EVENTS", "QUERY"] if scene.moving is None else ["EVENTS", "MOTION", "QUERY"]
+    for symbol in map(str.upper, EXTENSION_KINDS) if beyond else of_clevrer:
+        for text, program in clevrer().every(symbol, words, rng):
             try:
                 value = executor.answer(program).answer
-            except ExecutionError:  # no such object or event, or more than one
+            except ExecutionError:  # not known, no such object or event, or more than one
                 continue
             assert value is not None
-            family = _ATTRIBUTE_TOKENS.sub("", " ".join(program))
-            yield Descriptive(text, tuple(program), program[-1], value, family)
+            family = symbol.lower() if beyond else _ATTRIBUTE_TOKENS.sub("", " ".join(program))
+            yield Descriptive(text, tuple(program), symbol.lower() if beyond else program[-1], value, family)
 
 
 def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
@@ -173,20 +189,20 @@ def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[Mult
 class _Namer:
     """Texts and programs about given objects."""
 
-    def __init__(self, scene: Scene, rng: random.Random) -> None:
-        self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene)
+    def __init__(self, scene: Scene, rng: random.Random, simulate: Simulate | None = None) -> None:
+        self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene, simulate=simulate)
 
-    def __call__(self, symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> Pair:
+    def __call__(self, symbol: str, objects: Sequence[int]) -> Pair:
         self.words.named = list(objects)
-        return next(every(symbol, self.words, self.rng))
+        return next(clevrer().every(symbol, self.words, self.rng))
 
-    def option(self, question: Sequence[str], symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> Option:
+    def option(self, question: Sequence[str], symbol: str, objects: Sequence[int]) -> Option:
         """An option for a question's program, with its correctness."""
         text, program = self(symbol, objects)
         correct = bool(self.executor.run([*program, *question]))
-        return Option(text, tuple(program), correct, symbol.__name__)
+        return Option(text, tuple(program), correct, symbol.lower())
 
-    def is_unique(self, symbol: Callable[[Grammar], Pair], objects: Sequence[int]) -> bool:
+    def is_unique(self, symbol: str, objects: Sequence[int]) -> bool:
         """Whether the description fits exactly one event."""
         try:
             self.executor.run(self(symbol, objects)[1])
@@ -197,23 +213,21 @@ class _Namer:
 
 def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
     name = _Namer(scene, rng)
-    about: list[tuple[Callable[[Grammar], Pair], tuple[int, ...]]] = []
+    about: list[tuple[str, tuple[int, ...]]] = []
     for event in scene.events:
-        symbol = {"collision": Grammar.collision, "out": Grammar.exit, "in": Grammar.entrance}[event.kind]
+        symbol = {"collision": "COLLISION", "out": "EXIT", "in": "ENTRANCE"}[event.kind]
         if name.is_unique(symbol, event.objects):
             about.append((symbol, event.objects))
     for target, participants in about:
-        if target is Grammar.entrance:
+        if target == "ENTRANCE":
             continue
         event_text, event_program = name(target, participants)
         question = ["events", *event_program, "filter_ancestor", "belong_to"]
-        options = [
-            name.option(question, Grammar.presence, [i]) for i in range(len(scene.objects)) if i not in participants
-        ]
+        options = [name.option(question, "PRESENCE", [i]) for i in range(len(scene.objects)) if i not in participants]
         options += [
             name.option(question, symbol, objects)
             for symbol, objects in about
-            if (symbol, objects) != (target, participants) and symbol is not Grammar.exit
+            if (symbol, objects) != (target, participants) and symbol != "EXIT"
         ]
         text = f"Which of the following is {{}}responsible for {event_text}?"
         yield from _both_ways(text, question, "explanatory", options)
@@ -228,9 +242,9 @@ def _both_ways(text: str, program: Sequence[str], kind: str, options: Sequence[O
 
 def _predictive(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
     name = _Namer(scene, rng)
-    text, program = name(Grammar.predictive, [])
+    text, program = name("PREDICTIVE", [])
     pairs = combinations(range(len(scene.objects)), 2)
-    options = [name.option(program, Grammar.happens, _shuffled(pair, rng)) for pair in pairs]
+    options = [name.option(program, "HAPPENS", _shuffled(pair, rng)) for pair in pairs]
     yield MultipleChoice(text, tuple(program), "predictive", False, tuple(options))
 
 
@@ -238,11 +252,37 @@ def _counterfactual(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice
     name, recording = _Namer(scene, rng), Executor(keep_recording(scene))
     for removed in range(len(scene.objects)):
         pairs = combinations([i for i in range(len(scene.objects)) if i != removed], 2)
-        text, program = name(Grammar.counterfactual, [removed])
-        options = [name.option(program, Grammar.happens, _shuffled(pair, rng)) for pair in pairs]
+        text, program = name("COUNTERFACTUAL", [removed])
+        options = [name.option(program, "HAPPENS", _shuffled(pair, rng)) for pair in pairs]
         kept = [bool(recording.run([*o.program, *program])) for o in options]
         options = [replace(o, tag=OPTION_TAGS[k != o.correct]) for k, o in zip(kept, options, strict=True)]
         yield from _both_ways(text.replace(" will happen", " will {}happen"), program, "counterfactual", options)
+
+
+def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: int) -> Iterator[MultipleChoice]:
+    """Up to `n` what-if questions about changed objects, drawn at random, each with all pairs of objects as options.
+
+    Args:
+        scene: the scene.
+        simulate: gives the true collisions with a change.
+        rng: draws objects, changes and wordings.
+        n: number of questions; each takes two simulations.
+    """
+    name = _Namer(scene, rng, simulate)
+    drawn = [(text, tuple(tokens)) for text, tokens in clevrer().every("CHANGED", name.words, rng)]
+    rng.shuffle(drawn)
+    asked: set[tuple[str, ...]] = set()
+    for text, program in drawn:
+        change = program[: program.index("get_changed")]
+        if len(asked) >= n or change in asked:
+            continue
+        try:
+            pairs = combinations(range(len(scene.objects)), 2)
+            options = tuple(name.option(program, "HAPPENS", rng.sample(pair, 2)) for pair in pairs)
+        except ExecutionError:  # impossible, or not known
+            continue
+        asked.add(change)
+        yield MultipleChoice(text, program, "counterfactual", program[-1] == "negate", options)
 
 
 def _shuffled(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:

@@ -4,14 +4,12 @@ import random
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 
-from nsdr.clevrer.questions import OPTION_TAGS
+from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.generate.questions.candidates import MultipleChoice, Option
-from nsdr.io.validation import SHARE, check_ranges
 
-__all__ = ["CounterfactualConfig", "InferentialSelection"]
+__all__ = ["InferentialSelection"]
 
 MAX_OWED = 10.0
 """Scenes that would move the share away from its target are skipped, and their questions asked about later scenes, until this
@@ -22,28 +20,12 @@ MORE_OPTIONS = 1.0
 """What another option of a question is worth, in options off their target: questions keep the release's sizes where they can.
 Of 1 to 10 and 0.1 to 2 on 440 simulated training scenes, these two meet shares of 0.2 and 0.5 within the tolerance, with as
 many correct as wrong options in each half (within 0.5 %) and the fewest questions without a correct one; the statistics of
-`nsdr generate questions --questions.counterfactual.inferential_share 0.5` show all three."""
+`nsdr generate questions --questions.inferential_share 0.5` show all three."""
 CELLS = tuple((tag, correct) for tag in OPTION_TAGS for correct in (True, False))
 """Kinds of options, (tag, correct), in the order of all tuples of numbers here."""
 
 FORMS = ((False, False), (False, True), (True, False), (True, True))
 """Options by (whether the question has "not", whether they are correct)."""
-
-
-@dataclass(frozen=True)
-class CounterfactualConfig:
-    """What counterfactual questions ask.
-
-    Attributes:
-        inferential_share: share of their options that are inferential (`nsdr.clevrer.questions.OPTION_TAGS`), met as closely
-            as the scenes allow; None leaves it as it falls. CLEVRER has about 0.15.
-    """
-
-    inferential_share: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.inferential_share is not None:
-            check_ranges(self, inferential_share=SHARE)
 
 
 class InferentialSelection:
@@ -121,7 +103,7 @@ class InferentialSelection:
             return
         what = f"{reached / total:.3f} was reached ({reached} of {total} options)" if total else "no option was found"
         warnings.warn(
-            f"counterfactual.inferential_share: {self.share:g} was asked for, {what}: the scenes have too few fitting options;"
+            f"inferential_share: {self.share:g} was asked for, {what}: the scenes have too few fitting options;"
             " give more scenes, fewer counterfactual questions (per_video), or another share",
             stacklevel=2,
         )

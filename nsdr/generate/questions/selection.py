@@ -9,26 +9,36 @@ import random
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from string import ascii_uppercase
+from typing import Annotated
+
+from msgspec import Meta
 
 from nsdr.baselines.q_type import ANSWERS
-from nsdr.clevrer.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
+    EXTENSION_KINDS,
     Descriptive,
     MultipleChoice,
     Option,
+    changed_questions,
     descriptive_questions,
     multiple_choice_questions,
 )
-from nsdr.generate.questions.extensions import ExtensionSelection, changed_questions, extension_questions
-from nsdr.generate.questions.inferential import CounterfactualConfig, InferentialSelection
-from nsdr.io.validation import COUNT, NOT_NEGATIVE, check_ranges
+from nsdr.generate.questions.inferential import InferentialSelection
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
+from nsdr.validation import Count, NotNegative, Settings, Share
 
-__all__ = ["Candidates", "QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
+__all__ = [
+    "Candidates",
+    "ExtensionSelection",
+    "QuestionConfig",
+    "find_candidates",
+    "generate_questions",
+    "select_questions",
+]
 
 PER_VIDEO = {
     "count": 4.0,
@@ -70,31 +80,32 @@ MIN_WRONG = {"explanatory": 0, "predictive": 1, "counterfactual": 1}
 
 
 @dataclass(frozen=True)
-class QuestionConfig:
+class QuestionConfig(Settings):
     """Number and form of the questions.
 
     Attributes:
         per_video: mean number of questions per video, by descriptive subtype or other type. Defaults to the train split's.
         max_options: max number of options of a question, 2 to 26 (predictive ones have two).
         seed: seed of the wordings and of ties.
-        counterfactual: what counterfactual questions ask.
-        extensions: whether each video also gets questions beyond CLEVRER (`nsdr.generate.questions.extensions`).
+        inferential_share: share of the options of counterfactual questions that are inferential
+            (`nsdr.clevrer.files.questions.OPTION_TAGS`), met as closely as the scenes allow; None leaves it as it falls (about
+            0.15 in CLEVRER).
+        extensions: whether each video also gets questions beyond CLEVRER, about speeds, directions and masses.
         changed_per_video: max number of what-if questions about changed objects, for truth files of scenes with CLEVRER's
             physics; each takes seconds of simulation.
     """
 
-    per_video: Mapping[str, float] = field(default_factory=lambda: dict(PER_VIDEO))
-    max_options: int = 4
-    seed: int = 0
-    counterfactual: CounterfactualConfig = field(default_factory=CounterfactualConfig)
+    per_video: Mapping[str, NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
+    max_options: Annotated[int, Meta(ge=MIN_OPTIONS, le=MAX_OPTIONS)] = 4
+    seed: Count = 0
+    inferential_share: Share | None = None
     extensions: bool = False
-    changed_per_video: int = 0
+    changed_per_video: Count = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if set(self.per_video) - set(PER_VIDEO):
             raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
-        check_ranges(self, per_video=NOT_NEGATIVE, max_options=(MIN_OPTIONS, MAX_OPTIONS), seed=COUNT)
-        check_ranges(self, changed_per_video=COUNT)
         if self.changed_per_video and not self.extensions:
             raise DataError("changed_per_video: expected 0 without extensions; such questions are beyond CLEVRER")
 
@@ -121,28 +132,26 @@ class Candidates:
 
 
 def find_candidates(
-    item: tuple[int, str, Scene] | tuple[int, str, Scene, Simulate | None],
-    seed: int = 0,
-    extensions: bool = False,
-    changed_per_video: int = 0,
+    item: tuple[int, str, Scene] | tuple[int, str, Scene, Simulate | None], config: QuestionConfig | None = None
 ) -> Candidates:
     """Candidate questions of a scene, at most `KEPT_PER_ANSWER` per family and answer.
 
     Args:
         item: index, file name and scene; for what-if questions also what gives the true collisions with a change.
-        seed, extensions, changed_per_video: as of `QuestionConfig`.
+        config: the questions that are wanted; None for CLEVRER's.
     """
     index, filename, scene, *simulate = item
-    rng = random.Random(f"{seed} questions {index}")
+    config = config or QuestionConfig()
+    rng = random.Random(f"{config.seed} questions {index}")
     kept = _kept(descriptive_questions(scene, rng), rng)
     options = tuple(multiple_choice_questions(scene, rng))
-    if not extensions:
+    if not config.extensions:
         return Candidates(index, filename, kept, options)
-    rng = random.Random(f"{seed} extensions {index}")
-    beyond = _kept(extension_questions(scene, rng), rng)
+    rng = random.Random(f"{config.seed} extensions {index}")
+    beyond = _kept(descriptive_questions(scene, rng, beyond=True), rng)
     changed: tuple[MultipleChoice, ...] = ()
-    if changed_per_video and simulate and simulate[0] is not None:
-        changed = tuple(changed_questions(scene, simulate[0], rng, changed_per_video))
+    if config.changed_per_video and simulate and simulate[0] is not None:
+        changed = tuple(changed_questions(scene, simulate[0], rng, config.changed_per_video))
     return Candidates(index, filename, kept, options, beyond, changed)
 
 
@@ -167,14 +176,13 @@ def generate_questions(
     Predictive, counterfactual and motion questions are omitted for scenes that lack the ground truth they need.
     """
     config = config or QuestionConfig()
-    find = partial(find_candidates, seed=config.seed, extensions=config.extensions)
-    return select_questions(map(find, scenes), config)
+    return select_questions((find_candidates(scene, config) for scene in scenes), config)
 
 
 def select_questions(candidates: Iterable[Candidates], config: QuestionConfig) -> Iterator[SceneQuestions]:
     """Select from the candidates of each scene, in order, the questions that balance the data set.
 
-    Warns at the end if the scenes did not allow `CounterfactualConfig.inferential_share`.
+    Warns at the end if the scenes did not allow `QuestionConfig.inferential_share`.
     """
     selection, beyond = _Selection(config), ExtensionSelection(config.seed, config.max_options)
     for scene in candidates:
@@ -198,7 +206,7 @@ class _Selection:
         self.correct: Counter[tuple[str, bool, int]] = Counter()
         self.options: Counter[tuple[str, bool, str, bool]] = Counter()
         self.inferential: InferentialSelection | None = None
-        if (share := config.counterfactual.inferential_share) is not None:
+        if (share := config.inferential_share) is not None:
             kind, n_options = "counterfactual", (MIN_OPTIONS, config.max_options)
             self.inferential = InferentialSelection(
                 share, CORRECT_SHARES[kind], n_options, MIN_WRONG[kind], MAX_SURPLUS, self.rng
@@ -310,6 +318,50 @@ class _Selection:
             selected.append(best)
             self.options[question.type, question.negated, best.kind, best.correct] += 1
         return selected
+
+
+class ExtensionSelection:
+    """Selects, for one scene after another, a question of each kind with the answer that was used least.
+
+    Args:
+        seed: of ties and of the order of options.
+        max_options: max number of options of a what-if question.
+    """
+
+    def __init__(self, seed: int, max_options: int) -> None:
+        self.rng, self.max_options = random.Random(f"{seed} extensions"), max_options
+        self.answers: Counter[tuple[str, str]] = Counter()
+
+    def questions(
+        self, descriptive: Sequence[Descriptive], changed: Sequence[MultipleChoice], first_id: int
+    ) -> list[Question]:
+        """The selected questions of a scene, with ids from `first_id` on."""
+        found: list[Question] = []
+        for kind in EXTENSION_KINDS:
+            options = [c for c in descriptive if c.subtype == kind]
+            if not options:
+                continue
+            best = min(options, key=lambda c: (self.answers[kind, c.answer], self.rng.random()))
+            self.answers[kind, best.answer] += 1
+            number = first_id + len(found)
+            found.append(Question(number, best.text, "descriptive", kind, best.program, best.answer, ()))
+        for c in changed:
+            choices = self._choices(c)
+            if choices:
+                found.append(Question(first_id + len(found), c.text, c.type, None, c.program, None, choices))
+        return found
+
+    def _choices(self, question: MultipleChoice) -> tuple[Choice, ...]:
+        """Options in random order, as many correct as wrong ones where there are enough; none where all are alike."""
+        correct = [o for o in question.options if o.correct]
+        wrong = [o for o in question.options if not o.correct]
+        if not correct or not wrong:
+            return ()
+        most = self.max_options
+        n_correct = min(len(correct), max(most // 2, most - len(wrong)))
+        options = self.rng.sample(correct, n_correct) + self.rng.sample(wrong, min(len(wrong), most - n_correct))
+        self.rng.shuffle(options)
+        return tuple(Choice(i, o.text, o.program, "correct" if o.correct else "wrong") for i, o in enumerate(options))
 
 
 def _target_share(subtype: str, answer: str) -> float:

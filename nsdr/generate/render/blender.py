@@ -12,13 +12,20 @@ from typing import Any
 
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
-from nsdr.generate.render.lamps import GROUND_REFLECTANCE, LAMPS, SUN_ANGLE, SUN_DIRECTION, SUN_STRENGTH
+from nsdr.generate.render.geometry import Solid
 from nsdr.generate.render.materials import metal_surface, rubber_surface
-from nsdr.generate.render.raycast import Solid
-from nsdr.generate.render.view import RenderConfig, View
+from nsdr.generate.render.view import (
+    GROUND_REFLECTANCE,
+    LAMPS,
+    SUN_ANGLE,
+    SUN_DIRECTION,
+    SUN_STRENGTH,
+    RenderConfig,
+    View,
+)
 from nsdr.io.files import atomic_path
 from nsdr.types import SceneObject
-from nsdr.world.camera import LENS_MM, SENSOR_MM
+from nsdr.world.camera import SENSOR_MM
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -28,7 +35,7 @@ ASSET_SHAPES = {"cube": "SmoothCube_v2", "sphere": "Sphere", "cylinder": "Smooth
 ASSET_MATERIALS = {"rubber": "Rubber", "metal": "MyMetal"}
 """Names of the shapes and materials in CLEVR's asset files."""
 LAMP_OBJECTS = ("Lamp_Key", "Lamp_Fill", "Lamp_Back")
-"""Names of the lamps in CLEVR's base scene, in the order of `nsdr.generate.render.lamps.LAMPS`."""
+"""Names of the lamps in CLEVR's base scene, in the order of `nsdr.generate.render.view.LAMPS`."""
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 """Cycles' GPU back ends, tried in this order."""
 
@@ -129,9 +136,10 @@ class Blender:
         camera = self.bpy.data.objects["Camera"]
         for constraint in list(camera.constraints):
             camera.constraints.remove(constraint)
-        x, y, z = view.camera.eye_world
+        x, y, z = (a - b for a, b in zip(view.camera.eye_world, view.camera.target_world, strict=True))
         pitch = math.atan2(z, math.hypot(x, y))
-        camera.parent, camera.rotation_mode, camera.location = None, "XYZ", (x, y, z)
+        camera.parent, camera.rotation_mode, camera.location = None, "XYZ", view.camera.eye_world
+        camera.data.lens, camera.data.sensor_width = view.camera.lens_mm, SENSOR_MM
         camera.rotation_euler = (math.pi / 2 - pitch, 0, math.atan2(y, x) + math.pi / 2)
         for name, shift in zip(LAMP_OBJECTS, view.lamp_shift_world, strict=True):
             self.bpy.data.objects[name].location = [
@@ -199,9 +207,7 @@ class Blender:
 
     def _build_substitute_scene(self) -> None:
         data, scene = self.bpy.data, self.bpy.context.scene
-        camera = data.cameras.new("Camera")
-        camera.lens, camera.sensor_width = LENS_MM, SENSOR_MM
-        scene.camera = self._linked("Camera", camera)
+        scene.camera = self._linked("Camera", data.cameras.new("Camera"))
         for lamp, name in zip(LAMPS, LAMP_OBJECTS, strict=True):
             light = data.lights.new(name, "AREA")
             light.energy, light.size, light.color = lamp.power, lamp.side_world, lamp.color

@@ -1,54 +1,33 @@
-"""A fast renderer without Blender: analytic shapes, CLEVR's lamps with soft shadows, metal that mirrors what is around it.
+"""A renderer without Blender: a ray tracer with CLEVR's lamps, soft shadows, and metal that mirrors what is around it."""
 
-For training, tests and notebooks. Only what changes between frames is computed for each frame; the light on the empty scene is
-kept for each view.
-"""
-
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.generate.render.lamps import SUN_ANGLE, SUN_DIRECTION, SUN_STRENGTH, lamps_of
-from nsdr.generate.render.painting import SRGB_STEPS, empty_scene, find_nearest, grid_points, paint
-from nsdr.generate.render.raycast import Solid, image_box
-from nsdr.generate.render.rays import CUBE, CYLINDER, SOLID, SPHERE
-from nsdr.generate.render.shading import AMBIENT, SURFACE, background_radiance
-from nsdr.generate.render.shadows import GRID_PX, LIGHT, cast_shadows, find_reach
-from nsdr.generate.render.view import N_LAMPS, View
+from nsdr.dynamics.numba_cache import cached_njit, inlined_njit
+from nsdr.generate.render.geometry import CENTRE, Solid, eye_of, ray, solids_of, three
+from nsdr.generate.render.shading import background, trace
+from nsdr.generate.render.view import LAMPS, SUN_ANGLE, SUN_DIRECTION, SUN_STRENGTH, View
 from nsdr.types import SceneObject
-from nsdr.world.camera import Camera
+from nsdr.world.camera import on_ground
+from nsdr.world.shapes import rendered_rotation
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["render_preview"]
+__all__ = ["render_motion", "render_preview"]
 
 FloatArray = NDArray[np.float64]
 POWER_PER_INTENSITY = 4.0
 """Power of a lamp (W) that shines with unit intensity straight ahead, in Blender. With pi, which energy would ask for, the
-empty scene differs from the released background by 2.8 of 255 at the best `AMBIENT`, with this by 1.8 (`AMBIENT` 0.039)."""
+empty scene differs from the released background by 2.8 of 255 at the best ambient light, with this by 1.8."""
 SUN_DISTANCE_WORLD = 2000.0
 """Distance of the lamp that stands for the sun; at 100, its light would vary by a tenth over the image."""
-KINDS = {"cube": CUBE, "sphere": SPHERE, "cylinder": CYLINDER}
-
-
-class _EmptyScene(NamedTuple):
-    """What all frames of a view have in common.
-
-    Attributes:
-        camera: the camera as `nsdr.generate.render.painting` describes it.
-        lights: the lights as `nsdr.generate.render.shadows` describes them.
-        by_light: (height, width, 4, 3) linear RGB of each light on the empty scene.
-        ground: (rows, columns, 2) points on the ground in the grid of shadows.
-        image: (height, width, 3) uint8 sRGB.
-    """
-
-    camera: FloatArray
-    lights: FloatArray
-    by_light: NDArray[np.float32]
-    ground: FloatArray
-    image: NDArray[np.uint8]
+SAMPLES_PER_SIDE = 3
+"""Samples along each side of a pixel that is smoothed."""
+SMOOTHED_CONTRAST = 0.05
+"""Pixels that differ by more from a neighbour, in linear light, are smoothed, as are those on outlines."""
 
 
 def render_preview(objects: Sequence[SceneObject], solids: Sequence[Solid], view: View) -> NDArray[np.uint8]:
@@ -62,84 +41,107 @@ def render_preview(objects: Sequence[SceneObject], solids: Sequence[Solid], view
     Returns:
         (height, width, 3) uint8 RGB.
     """
-    empty = _empty_scene(view)
-    image = empty.image.copy()
-    if not solids:
-        return image
-    packed = _pack(solids)
-    boxes = np.array([image_box(solid, view.camera) or (0, 0, 0, 0) for solid in solids], np.int64)
-    ids = np.full(image.shape[:2], -1, np.int16)
-    depth = np.full(image.shape[:2], np.inf, np.float32)
-    find_nearest(packed, boxes, empty.camera, ids, depth)
-    light_share = np.ones((*empty.ground.shape[:2], len(empty.lights)), np.float32)
-    touched = np.zeros(empty.ground.shape[:2], np.bool_)
-    cast_shadows(packed, empty.lights, empty.camera, empty.ground, ids, light_share, touched)
-    reach = np.empty((len(packed), len(packed), len(empty.lights)), np.bool_)
-    find_reach(packed, empty.lights, reach)
-    surfaces = _surfaces(objects, packed, empty.lights)
-    passes = (empty.by_light, light_share, touched, _srgb_table(), image)
-    paint(packed, empty.lights, surfaces, reach, empty.camera, boxes, ids, depth, *passes)
-    return image
+    height, width = view.camera.height, view.camera.width
+    lights, packed = _lights(view), solids_of(solids)
+    surfaces = _surfaces(objects, packed, lights)
+    eye = eye_of(view.camera)
+    ids, sharp = np.empty((height, width), np.int64), np.empty((height, width, 3), np.float32)
+    _paint(packed, lights, surfaces, eye, ids, sharp)
+    image = sharp.copy()
+    _smooth(packed, lights, surfaces, eye, ids, sharp, image)
+    light = np.clip(image, 0.0, 1.0)
+    srgb = np.where(light < 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)  # the standard's curve
+    return (255 * srgb + 0.5).astype(np.uint8)
 
 
-def _pack(solids: Sequence[Solid]) -> FloatArray:
-    """The solids as `nsdr.generate.render.rays` describes them."""
-    packed = np.empty((len(solids), SOLID))
-    for row, solid in zip(packed, solids, strict=True):
-        row[0], row[1:4], row[4:] = KINDS[solid.shape], solid.location_world, np.ravel(solid.rotation)
-    return packed
+def render_motion(
+    objects: Sequence[SceneObject],
+    location_world: NDArray[np.floating[Any]],
+    yaw: NDArray[np.floating[Any]],
+    view: View,
+) -> Iterator[NDArray[np.uint8]]:
+    """Frames of motion on the ground.
 
+    Args:
+        objects: shapes, colours and materials.
+        location_world: (n, F, 2) positions on the ground; NaN where an object is absent.
+        yaw: (n, F) rotations about the vertical axis (radians).
+        view: camera and lamps.
 
-def _surfaces(objects: Sequence[SceneObject], packed: FloatArray, lights: FloatArray) -> FloatArray:
-    """The surfaces as `nsdr.generate.render.shading` describes them."""
-    surfaces = np.empty((len(objects), SURFACE))
-    for row, o, solid in zip(surfaces, objects, packed, strict=True):
-        row[:3], row[3] = np.array(COLORS_RGB[o.color]) / 255.0, o.material == "metal"
-        row[4:] = background_radiance(packed[:0], lights, (solid[1], solid[2], solid[3]), (0.0, 0.0, -1.0))
-    return surfaces
+    Yields:
+        (height, width, 3) uint8 RGB, F times.
+    """
+    for frame in range(location_world.shape[1]):
+        there = [o for o in objects if np.isfinite(location_world[o.id, frame]).all()]
+        solids = []
+        for o in there:
+            tilt = np.pi / 2 if o.shape == "cylinder" else 0.0  # as annotated cylinders stand
+            rotation = rendered_rotation(o.shape, np.array([tilt, 0.0, yaw[o.id, frame]])).as_matrix()
+            solids.append(Solid(o.shape, on_ground(location_world[o.id, frame]), rotation))
+        yield render_preview(there, solids, view)
 
 
 @lru_cache(maxsize=4)
-def _empty_scene(view: View) -> _EmptyScene:
-    camera, lights = _camera(view.camera), _lights(view)
-    height, width = view.camera.height, view.camera.width
-    by_light = np.empty((height, width, len(lights), 3), np.float32)
-    empty_scene(lights, camera, by_light)
-    # One row and one column more than pixels need, for interpolation.
-    ground = np.empty(((height - 1) // GRID_PX + 2, (width - 1) // GRID_PX + 2, 2))
-    grid_points(camera, ground)
-    steps = np.clip(by_light.sum(2) + AMBIENT, 0, 1) * (SRGB_STEPS - 1) + 0.5
-    image = _srgb_table()[steps.astype(np.int64)]
-    return _EmptyScene(camera, lights, by_light, ground, image)
-
-
-def _camera(camera: Camera) -> FloatArray:
-    return np.array([*camera.eye_world, *camera.axes.ravel(), camera.focal_px, camera.width / 2, camera.height / 2])
-
-
 def _lights(view: View) -> FloatArray:
-    """The three lamps and the sun, which all face the world's origin."""
-    lights = np.empty((N_LAMPS + 1, LIGHT))
-    for row, lamp in zip(lights, lamps_of(view), strict=False):
-        row[:3], row[6:9], row[9] = (
-            lamp.location_world,
-            lamp.power / POWER_PER_INTENSITY * np.array(lamp.color),
-            lamp.side_world,
+    """(4, 16) the three lamps and the sun, which is a lamp far away, for compiled functions. All face the world's origin."""
+    shifted = [np.add(lamp.location_world, by) for lamp, by in zip(LAMPS, view.lamp_shift_world, strict=True)]
+    place = np.array([*shifted, SUN_DISTANCE_WORLD * np.array(SUN_DIRECTION)])
+    colors = [lamp.power / POWER_PER_INTENSITY * np.array(lamp.color) for lamp in LAMPS]
+    sides = np.array([*(lamp.side_world for lamp in LAMPS), SUN_ANGLE * SUN_DISTANCE_WORLD])[:, None]
+    facing = -place / np.linalg.norm(place, axis=1, keepdims=True)
+    right = np.cross(facing, [0.0, 0.0, 1.0])
+    right *= sides / np.linalg.norm(right, axis=1, keepdims=True)
+    sun = np.full(3, SUN_STRENGTH * SUN_DISTANCE_WORLD**2)
+    return np.hstack([place, facing, [*colors, sun], right, np.cross(facing, right), sides / np.sqrt(2)])
+
+
+def _surfaces(objects: Sequence[SceneObject], solids: FloatArray, lights: FloatArray) -> FloatArray:
+    """(n, 7) what objects look like, for compiled functions."""
+    rows = []
+    for o, solid in zip(objects, solids, strict=True):
+        below = background(
+            solids[:0], lights, tuple(solid[CENTRE : CENTRE + 3]), (0.0, 0.0, -1.0), np.empty(len(lights))
         )
-    sun = lights[-1]
-    sun[:3], sun[6:9] = SUN_DISTANCE_WORLD * np.array(SUN_DIRECTION), SUN_STRENGTH * SUN_DISTANCE_WORLD**2
-    sun[9] = SUN_ANGLE * SUN_DISTANCE_WORLD
-    for row in lights:
-        row[3:6] = -row[:3] / np.linalg.norm(row[:3])
-        right = np.cross(row[3:6], [0.0, 0.0, 1.0])
-        row[10:13] = row[9] * right / np.linalg.norm(right)
-        row[13:] = np.cross(row[3:6], row[10:13])
-    return lights
+        rows.append([*(np.array(COLORS_RGB[o.color]) / 255), *below, o.material == "metal"])
+    return np.array(rows, float).reshape(-1, 7)
 
 
-@lru_cache(maxsize=1)
-def _srgb_table() -> NDArray[np.uint8]:
-    """sRGB values (SRGB_STEPS,) of linear light from 0 to 1, by the piecewise curve of the sRGB standard."""
-    x = np.linspace(0.0, 1.0, SRGB_STEPS)
-    values = np.where(x < 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055) * 255
-    return (values + 0.5).astype(np.uint8)
+@cached_njit
+def _paint(solids, lights, surfaces, eye, ids, image):  # type: ignore[no-untyped-def]
+    """Fill `ids` (height, width) and `image` (height, width, 3) with what is seen at each pixel's centre."""
+    p, found = three(eye, 0, 0), np.empty(len(lights))
+    for r in range(ids.shape[0]):
+        for c in range(ids.shape[1]):
+            ids[r, c], color = trace(solids, lights, surfaces, p, ray(eye, c + 0.5, r + 0.5), found)
+            image[r, c, 0], image[r, c, 1], image[r, c, 2] = color
+
+
+@inlined_njit
+def _is_rough(ids, image, r, c):  # type: ignore[no-untyped-def]
+    """Whether a pixel with an object, or beside one, differs from one of its neighbours."""
+    for y, x in ((r - 1, c), (r + 1, c), (r, c - 1), (r, c + 1)):
+        if 0 <= y < ids.shape[0] and 0 <= x < ids.shape[1]:
+            if ids[y, x] != ids[r, c]:
+                return True
+            for channel in range(3):
+                if ids[r, c] >= 0 and abs(image[y, x, channel] - image[r, c, channel]) > SMOOTHED_CONTRAST:
+                    return True
+    return False
+
+
+@cached_njit
+def _smooth(solids, lights, surfaces, eye, ids, sharp, image):  # type: ignore[no-untyped-def]
+    """Give pixels of `image` that differ from a neighbour in `sharp` the mean of more rays."""
+    p, found = three(eye, 0, 0), np.empty(len(lights))
+    for r in range(ids.shape[0]):
+        for c in range(ids.shape[1]):
+            if not _is_rough(ids, sharp, r, c):
+                continue
+            red = green = blue = 0.0
+            for a in range(SAMPLES_PER_SIDE):
+                for b in range(SAMPLES_PER_SIDE):
+                    column, row = c + (a + 0.5) / SAMPLES_PER_SIDE, r + (b + 0.5) / SAMPLES_PER_SIDE
+                    color = trace(solids, lights, surfaces, p, ray(eye, column, row), found)[1]
+                    red, green, blue = red + color[0], green + color[1], blue + color[2]
+            n = SAMPLES_PER_SIDE**2
+            image[r, c, 0], image[r, c, 1], image[r, c, 2] = red / n, green / n, blue / n

@@ -1,13 +1,19 @@
-"""Compiled light and materials: what ground, backdrop and objects look like at one point.
-
-`surfaces` is an array (n, SURFACE): linear RGB of an object's colour, 1 for metal and 0 for rubber, and linear RGB of the
-ground below the object. Other arrays are described in `nsdr.generate.render.rays` and `shadows`.
-"""
+"""Compiled light and materials: what a ray sees. Colours are tuples of linear red, green and blue."""
 
 import math
 
-from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.generate.render.lamps import GROUND_REFLECTANCE
+from nsdr.dynamics.numba_cache import cached_njit, inlined_njit
+from nsdr.generate.render.geometry import (
+    COLOR,
+    HALF_DIAGONAL,
+    PLACE,
+    added,
+    dot,
+    find_light,
+    first_hit,
+    normal_at,
+    three,
+)
 from nsdr.generate.render.materials import (
     METAL_ROUGH,
     METAL_SHARP,
@@ -15,79 +21,57 @@ from nsdr.generate.render.materials import (
     RUBBER_GLOSS_IOR,
     RUBBER_GLOSS_ROUGHNESS,
 )
-from nsdr.generate.render.rays import first_hit, rounded_normal
-from nsdr.generate.render.shadows import blocked, blocked_roughly
+from nsdr.generate.render.view import GROUND_REFLECTANCE
 
-__all__ = ["SURFACE", "background_point", "background_radiance", "irradiance", "object_radiance"]
+__all__ = ["background", "trace"]
 
-SURFACE = 7
-"""Numbers that describe a surface."""
+SURFACE_COLOR, BELOW, METAL = 0, 3, 6
+"""Columns of an array of surfaces: linear RGB of an object's colour and of the ground below it, and 1 for metal."""
 AMBIENT = 0.039
 """Radiance that reaches everything from afar, by many bounces (linear); the best of 0.02 to 0.06 on the released background."""
-BACKDROP_NORMAL = (0.904, -0.428)
-"""Direction (x, y) in which the wall behind CLEVR's scene faces. Its ground curves up to it."""
+BACKDROP_NORMAL = (0.904, -0.428, 0.0)
+"""Direction in which the wall behind CLEVR's scene faces. Its ground curves up to it."""
 BACKDROP_DISTANCE_WORLD = 13.0
 """Distance of the wall from the world's origin."""
+SCATTERED = 1.0 / math.pi
+"""Radiance of a matt white surface per unit irradiance."""
+LAMP_BLUR = 0.25 * math.sqrt(2.0)
+"""By how much a lamp widens a highlight: squared roughness per half diagonal and distance."""
 ROUGH_HORIZON = 0.35
 """Half of the range of the reflected ray's upward component over which a rough mirror blends ground and sky."""
 SKY = 0.012
 """Radiance that a rough mirror reflects from above the horizon, lamps excluded (linear)."""
 RUBBER_MATT = 0.9
 """Share of light that rubber scatters; with more, rubber is brighter than Blender's (`python benchmarks/preview.py`)."""
-MIRRORED_METAL = 0.5
-"""Brightness of metal relative to rubber's when seen in a mirror."""
 MIN_COS = 0.25
 """Smallest cosine between view and surface in the formulas of gloss. Smaller ones make bright lines where a rounded edge turns
 away from the camera, which the sharp outlines here would show and round ones hide."""
 
 
-@cached_njit
-def irradiance(lights, k, p, n):  # type: ignore[no-untyped-def]
-    """Irradiance relative to the light's intensity, of a surface at `p` with the normal `n`, and the direction to the light."""
-    x, y, z = lights[k, 0] - p[0], lights[k, 1] - p[1], lights[k, 2] - p[2]
-    squared = x * x + y * y + z * z
-    distance = math.sqrt(squared)
-    x, y, z = x / distance, y / distance, z / distance
-    cos_surface = x * n[0] + y * n[1] + z * n[2]
-    cos_lamp = -(x * lights[k, 3] + y * lights[k, 4] + z * lights[k, 5])
-    return max(cos_surface, 0.0) * max(cos_lamp, 0.0) / squared, (x, y, z), distance
+@inlined_njit
+def _times(a, b):  # type: ignore[no-untyped-def]
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
-@cached_njit
-def background_point(p, d):  # type: ignore[no-untyped-def]
-    """Where a ray meets the ground or the backdrop, the normal there, and whether it meets any."""
-    aside = d[0] * BACKDROP_NORMAL[0] + d[1] * BACKDROP_NORMAL[1]
-    wall = math.inf
-    if aside < 0.0:
-        wall = -(BACKDROP_DISTANCE_WORLD + p[0] * BACKDROP_NORMAL[0] + p[1] * BACKDROP_NORMAL[1]) / aside
+@inlined_njit
+def background(solids, lights, p, d, found):  # type: ignore[no-untyped-def]
+    """Colour of the ground or the wall behind it where a ray meets them, with the solids' shadows."""
+    towards = -dot(d, BACKDROP_NORMAL)
+    wall = (BACKDROP_DISTANCE_WORLD + dot(p, BACKDROP_NORMAL)) / towards if towards > 0.0 else math.inf
     floor = -p[2] / d[2] if d[2] < 0.0 else math.inf
     t = min(wall, floor)
     if not 0.0 <= t < math.inf:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), False
-    q = (p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2])
-    if floor <= wall:
-        return q, (0.0, 0.0, 1.0), True
-    return q, (BACKDROP_NORMAL[0], BACKDROP_NORMAL[1], 0.0), True
-
-
-@cached_njit
-def background_radiance(solids, lights, p, d):  # type: ignore[no-untyped-def]
-    """Linear RGB of the ground or the backdrop that a mirrored ray meets, with rough shadows."""
-    q, n, met = background_point(p, d)
-    if not met:
         return 0.0, 0.0, 0.0
-    red = green = blue = 0.0
+    q = added(p, t, d)
+    n = (0.0, 0.0, 1.0) if floor <= wall else BACKDROP_NORMAL
+    color = (AMBIENT, AMBIENT, AMBIENT)
+    find_light(solids, lights, q, n, -1, found)
     for k in range(len(lights)):
-        light = irradiance(lights, k, q, n)[0] * GROUND_REFLECTANCE / math.pi
-        for j in range(len(solids)):
-            light *= 1.0 - blocked_roughly(solids, lights, j, k, q)
-        red += light * lights[k, 6]
-        green += light * lights[k, 7]
-        blue += light * lights[k, 8]
-    return red + AMBIENT, green + AMBIENT, blue + AMBIENT
+        color = added(color, found[k] * SCATTERED * GROUND_REFLECTANCE, three(lights, k, COLOR))
+    return color
 
 
-@cached_njit
+@inlined_njit
 def _gloss(alpha, cos_half_squared, cos_view, cos_light):  # type: ignore[no-untyped-def]
     """GGX reflection of a small light (per unit irradiance); alpha is the squared roughness."""
     a = alpha * alpha
@@ -97,7 +81,7 @@ def _gloss(alpha, cos_half_squared, cos_view, cos_light):  # type: ignore[no-unt
     return a / (math.pi * spread * spread * 4.0 * masking)
 
 
-@cached_njit
+@inlined_njit
 def _fresnel(ior, cos_view):  # type: ignore[no-untyped-def]
     """Share of light that a dielectric reflects."""
     g = math.sqrt(ior * ior - 1.0 + cos_view * cos_view)
@@ -106,92 +90,90 @@ def _fresnel(ior, cos_view):  # type: ignore[no-untyped-def]
     return 0.5 * a * a * (1.0 + b * b)
 
 
-@cached_njit
-def _diffuse(lights, surfaces, i, p, n):  # type: ignore[no-untyped-def]
-    """Linear RGB that an object's matt surface scatters, without shadows; for what is seen in mirrors."""
-    up = 0.5 * (1.0 - n[2])
-    red, green, blue = AMBIENT + up * surfaces[i, 4], AMBIENT + up * surfaces[i, 5], AMBIENT + up * surfaces[i, 6]
+@inlined_njit
+def _lamps(solids, lights, i, metal, p, n, d, found):  # type: ignore[no-untyped-def]
+    """Light of the lamps that solid `i` scatters in all directions, and that its gloss reflects to where a ray came from."""
+    cos_view = -dot(d, n)
+    find_light(solids, lights, p, n, i, found)
+    matt = shiny = (0.0, 0.0, 0.0)
     for k in range(len(lights)):
-        light = irradiance(lights, k, p, n)[0] / math.pi
-        red += light * lights[k, 6]
-        green += light * lights[k, 7]
-        blue += light * lights[k, 8]
-    return red * surfaces[i, 0], green * surfaces[i, 1], blue * surfaces[i, 2]
+        light = found[k]
+        if light <= 0.0:
+            continue
+        way = added(three(lights, k, PLACE), -1.0, p)
+        near = 1.0 / math.sqrt(dot(way, way))
+        cos_light = dot(way, n) * near
+        half = (cos_light + cos_view) ** 2 / (2.0 - 2.0 * dot(way, d) * near)
+        wider = LAMP_BLUR * lights[k, HALF_DIAGONAL] * near
+        if metal:
+            sharp = _gloss(METAL_SHARP**2 + wider, half, max(cos_view, MIN_COS), cos_light)
+            rough = _gloss(METAL_ROUGH**2 + wider, half, max(cos_view, MIN_COS), cos_light)
+            gloss = METAL_SHARP_SHARE * sharp + (1.0 - METAL_SHARP_SHARE) * rough
+        else:
+            gloss = _gloss(RUBBER_GLOSS_ROUGHNESS**2 + wider, half, max(cos_view, MIN_COS), cos_light)
+        matt = added(matt, light * SCATTERED, three(lights, k, COLOR))
+        shiny = added(shiny, light * gloss, three(lights, k, COLOR))
+    return matt, shiny
+
+
+@inlined_njit
+def _mirrored(n, d):  # type: ignore[no-untyped-def]
+    """Direction of a ray after a mirror with the normal `n`."""
+    return added(d, -2.0 * dot(d, n), n)
+
+
+@inlined_njit
+def _blurred(below, d):  # type: ignore[no-untyped-def]
+    """What a rough mirror shows of ground and sky in the direction `d`."""
+    return added((SKY, SKY, SKY), min(max(0.5 - 0.5 * d[2] / ROUGH_HORIZON, 0.0), 1.0), below)
+
+
+@inlined_njit
+def _colored(solids, lights, surfaces, i, p, n, d, mirrored, found):  # type: ignore[no-untyped-def]
+    """Colour of solid `i`, in which metal shows the colour `mirrored`."""
+    color, below = three(surfaces, i, SURFACE_COLOR), three(surfaces, i, BELOW)
+    matt, shiny = _lamps(solids, lights, i, surfaces[i, METAL] > 0.0, p, n, d, found)
+    rough = _blurred(below, _mirrored(n, d))
+    if surfaces[i, METAL] > 0.0:
+        light = added(added(shiny, METAL_SHARP_SHARE, mirrored), 1.0 - METAL_SHARP_SHARE, rough)
+        return _times(light, color)
+    gloss = _fresnel(RUBBER_GLOSS_IOR, max(-dot(d, n), MIN_COS))
+    matt = added(added(matt, 0.5 * (1.0 - n[2]), below), AMBIENT, (1.0, 1.0, 1.0))
+    scattered = _times(added((0.0, 0.0, 0.0), RUBBER_MATT * (1.0 - gloss), matt), color)
+    return added(scattered, gloss, added(shiny, 1.0, rough))
 
 
 @cached_njit
-def _mirrored(solids, lights, surfaces, i, p, d):  # type: ignore[no-untyped-def]
-    """Linear RGB of what a ray from object `i` meets: another object, the ground, or the backdrop."""
-    j, t = first_hit(solids, p, d, i)
-    if j < 0:
-        return background_radiance(solids, lights, p, d)
-    q = (p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2])
-    red, green, blue = _diffuse(lights, surfaces, j, q, rounded_normal(solids, j, q))
-    share = MIRRORED_METAL if surfaces[j, 3] > 0.0 else 1.0
-    return share * red, share * green, share * blue
+def _seen(solids, lights, surfaces, i, p, d, found):  # type: ignore[no-untyped-def]
+    """Colour of solid `i` at a point of it, seen in the direction `d`."""
+    n = normal_at(solids, i, p)
+    mirrored = (0.0, 0.0, 0.0)
+    if surfaces[i, METAL] > 0.0:
+        e = _mirrored(n, d)
+        j, t = first_hit(solids, p, e, i)
+        if j < 0:
+            mirrored = background(solids, lights, p, e, found)
+        else:
+            q = added(p, t, e)
+            m = normal_at(solids, j, q)
+            blurred = _blurred(three(surfaces, j, BELOW), _mirrored(m, e))
+            mirrored = _colored(solids, lights, surfaces, j, q, m, e, blurred, found)
+    return _colored(solids, lights, surfaces, i, p, n, d, mirrored, found)
 
 
-@cached_njit
-def object_radiance(solids, lights, surfaces, reach, i, p, n, v):  # type: ignore[no-untyped-def]
-    """Linear RGB of an object.
+@inlined_njit
+def trace(solids, lights, surfaces, p, d, found):  # type: ignore[no-untyped-def]
+    """Index of the solid that a ray from the camera meets, -1 for none, and the colour that it sees.
 
     Args:
         solids: the solids.
         lights: the lights.
-        surfaces: the objects' surfaces.
-        reach: (n, n, 4) which lights solids may hide from each other.
-        i: which object.
-        p: the point.
-        n: the normal there.
-        v: unit direction of the view.
+        surfaces: what the solids look like.
+        p: start of the ray.
+        d: its direction.
+        found: of `find_light`.
     """
-    cos_view = max(-(v[0] * n[0] + v[1] * n[1] + v[2] * n[2]), 0.0)
-    alpha = RUBBER_GLOSS_ROUGHNESS**2
-    matt_red = matt_green = matt_blue = 0.0
-    shiny_red = shiny_green = shiny_blue = 0.0
-    for k in range(len(lights)):
-        light, to_light, distance = irradiance(lights, k, p, n)
-        if light <= 0.0:
-            continue
-        for j in range(len(solids)):
-            if reach[i, j, k]:
-                light *= 1.0 - blocked(solids, lights, j, k, p)
-        if light <= 0.0:
-            continue
-        cos_light = to_light[0] * n[0] + to_light[1] * n[1] + to_light[2] * n[2]
-        cos_between = to_light[0] * v[0] + to_light[1] * v[1] + to_light[2] * v[2]
-        half = (cos_light + cos_view) ** 2 / (2.0 - 2.0 * cos_between)
-        wider = 0.25 * lights[k, 9] / distance
-        if surfaces[i, 3] > 0.0:
-            sharp = _gloss(METAL_SHARP**2 + wider, half, max(cos_view, MIN_COS), cos_light)
-            rough = _gloss(METAL_ROUGH**2 + wider, half, max(cos_view, MIN_COS), cos_light)
-            shine = light * (METAL_SHARP_SHARE * sharp + (1.0 - METAL_SHARP_SHARE) * rough)
-        else:
-            shine = light * _gloss(alpha + wider, half, max(cos_view, MIN_COS), cos_light)
-        shiny_red += shine * lights[k, 6]
-        shiny_green += shine * lights[k, 7]
-        shiny_blue += shine * lights[k, 8]
-        light /= math.pi
-        matt_red += light * lights[k, 6]
-        matt_green += light * lights[k, 7]
-        matt_blue += light * lights[k, 8]
-    mx, my, mz = v[0] + 2.0 * cos_view * n[0], v[1] + 2.0 * cos_view * n[1], v[2] + 2.0 * cos_view * n[2]
-    ground = min(max(0.5 - 0.5 * mz / ROUGH_HORIZON, 0.0), 1.0)
-    rough_red = SKY + ground * surfaces[i, 4]
-    rough_green = SKY + ground * surfaces[i, 5]
-    rough_blue = SKY + ground * surfaces[i, 6]
-    if surfaces[i, 3] > 0.0:
-        red, green, blue = _mirrored(solids, lights, surfaces, i, p, (mx, my, mz))
-        rest = 1.0 - METAL_SHARP_SHARE
-        return (
-            surfaces[i, 0] * (shiny_red + METAL_SHARP_SHARE * red + rest * rough_red),
-            surfaces[i, 1] * (shiny_green + METAL_SHARP_SHARE * green + rest * rough_green),
-            surfaces[i, 2] * (shiny_blue + METAL_SHARP_SHARE * blue + rest * rough_blue),
-        )
-    gloss = _fresnel(RUBBER_GLOSS_IOR, max(cos_view, MIN_COS))
-    matt, up = RUBBER_MATT * (1.0 - gloss), 0.5 * (1.0 - n[2])
-    return (
-        matt * surfaces[i, 0] * (matt_red + AMBIENT + up * surfaces[i, 4]) + gloss * (shiny_red + rough_red),
-        matt * surfaces[i, 1] * (matt_green + AMBIENT + up * surfaces[i, 5]) + gloss * (shiny_green + rough_green),
-        matt * surfaces[i, 2] * (matt_blue + AMBIENT + up * surfaces[i, 6]) + gloss * (shiny_blue + rough_blue),
-    )
+    i, t = first_hit(solids, p, d, -1)
+    if i < 0:
+        return i, background(solids, lights, p, d, found)
+    return i, _seen(solids, lights, surfaces, i, added(p, t, d), d, found)

@@ -1,17 +1,30 @@
-"""Rendering options, and the camera and lamps of each scene."""
+"""Rendering options, the lights and ground of CLEVR's base scene, and the camera and lamps of each scene.
+
+The base scene has three square area lamps, a weak sun and a plain grey ground.
+"""
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+from msgspec import Meta
 
 from nsdr.errors import DataError
-from nsdr.io.validation import NOT_NEGATIVE, SIZE, check_ranges
-from nsdr.world.camera import EYE_WORLD, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.validation import NotNegative, Settings, Size
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.timeline import FPS
 
-__all__ = ["N_LAMPS", "RenderConfig", "View", "view_of"]
+__all__ = [
+    "GROUND_REFLECTANCE",
+    "LAMPS",
+    "SUN_ANGLE",
+    "SUN_DIRECTION",
+    "SUN_STRENGTH",
+    "RenderConfig",
+    "View",
+    "view_of",
+]
 
-N_LAMPS = 3
-"""Lamps whose positions vary with `RenderConfig.light_jitter`."""
 MIN_SIDE_PX = 16
 """Smallest image width and height."""
 MAX_SIDE_PX = 4096
@@ -21,12 +34,13 @@ MAX_FPS, MAX_CRF = 1000, 51
 
 
 @dataclass(frozen=True)
-class RenderConfig:
+class RenderConfig(Settings):
     """How scenes are rendered.
 
     Attributes:
         width: image width (pixels).
         height: image height (pixels).
+        camera: where the camera is, where it looks, and its lens. Its size is that of masks and annotations, 480x320.
         camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
         light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
         samples: Cycles samples per pixel, before denoising.
@@ -36,18 +50,19 @@ class RenderConfig:
         crf: H.264 constant rate factor; lower is better quality.
     """
 
-    width: int = WIDTH_PX
-    height: int = HEIGHT_PX
-    camera_jitter: float = 0.0
-    light_jitter: float = 0.0
-    samples: int = 6
+    width: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = WIDTH_PX
+    height: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] = HEIGHT_PX
+    camera: Camera = field(default_factory=Camera)
+    camera_jitter: NotNegative = 0.0
+    light_jitter: NotNegative = 0.0
+    samples: Size = 6
     assets: str = ""
-    fps: int = FPS
-    crf: int = 20
+    fps: Annotated[int, Meta(ge=1, le=MAX_FPS)] = FPS
+    crf: Annotated[int, Meta(ge=0, le=MAX_CRF)] = 20
 
     def __post_init__(self) -> None:
-        check_ranges(self, camera_jitter=NOT_NEGATIVE, light_jitter=NOT_NEGATIVE, samples=SIZE, fps=(1, MAX_FPS))
-        check_ranges(self, crf=(0, MAX_CRF), width=(MIN_SIDE_PX, MAX_SIDE_PX), height=(MIN_SIDE_PX, MAX_SIDE_PX))
+        super().__post_init__()
+        check_release_size(self.camera)
         if self.width % 2 or self.height % 2:
             raise DataError(
                 f"width and height: expected even numbers of at least {MIN_SIDE_PX}, got {self.width}x{self.height}"
@@ -56,6 +71,41 @@ class RenderConfig:
             raise DataError(
                 f"width and height: expected the release's aspect ratio 3:2, got {self.width}x{self.height}"
             )
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A square area lamp. In CLEVR's base scene it faces the origin; in the substitutes for it, down.
+
+    Attributes:
+        name: "key", "fill" or "back".
+        location_world: centre (x, y, z).
+        side_world: side length (world units).
+        power: radiant power (W).
+        color: linear RGB (0-1).
+    """
+
+    name: str
+    location_world: tuple[float, float, float]
+    side_world: float
+    power: float
+    color: tuple[float, float, float]
+
+
+LAMPS = (
+    Lamp("key", (6.447, -2.905, 4.258), 0.5, 78.54, (1.0, 0.932, 0.817)),
+    Lamp("fill", (-4.671, -4.014, 3.011), 0.5, 23.56, (0.762, 0.818, 1.0)),
+    Lamp("back", (-1.169, 2.646, 5.816), 1.0, 39.27, (1.0, 1.0, 1.0)),
+)
+"""The lamps of CLEVR's base scene."""
+SUN_STRENGTH = 0.45
+"""Irradiance of the sun (W/m², Blender's strength of a sun lamp)."""
+SUN_ANGLE = 0.2
+"""Angular diameter of the sun (rad)."""
+SUN_DIRECTION = (0.4146, -0.1946, 0.889)
+"""Unit vector towards the sun."""
+GROUND_REFLECTANCE = 0.8
+"""Diffuse reflectance of the ground (0-1)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +118,7 @@ class View:
     """
 
     camera: Camera = field(default_factory=Camera)
-    lamp_shift_world: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * N_LAMPS
+    lamp_shift_world: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),) * len(LAMPS)
 
 
 def view_of(config: RenderConfig, seed: int) -> View:
@@ -79,6 +129,6 @@ def view_of(config: RenderConfig, seed: int) -> View:
         x, y, z = (p + by * rng.uniform(-1, 1) for p in position)
         return x, y, z
 
-    eye = shifted(EYE_WORLD, config.camera_jitter)
-    lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(N_LAMPS))
-    return View(Camera(eye, config.width, config.height), lamps)
+    eye = shifted(config.camera.eye_world, config.camera_jitter)
+    lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in range(len(LAMPS)))
+    return View(replace(config.camera, eye_world=eye, width=config.width, height=config.height), lamps)

@@ -1,0 +1,114 @@
+"""The video of a simulation: the original and the changed world side by side, from the camera and from above."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.generate.render import View, render_motion
+from nsdr.io.video import write_video
+from nsdr.types import Simulation
+from nsdr.types.interventions import intervention_text
+from nsdr.visualize.plan_frames import draw_plan
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+
+__all__ = ["comparison_frames", "write_comparison"]
+
+HEADER_PX = 48
+"""Height of the two lines of text above the images (pixels)."""
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+TITLE_SCALE, SMALL_SCALE = 0.5, 0.42
+"""Sizes of the text's lines, in OpenCV's units."""
+INK, PAPER = (30, 30, 30), (255, 255, 255)
+GAP_PX = 2
+"""Width of the line between the images (pixels)."""
+
+
+def write_comparison(
+    path: str | Path,
+    frames: Sequence[NDArray[np.uint8]],
+    simulation: Simulation,
+    preset: str = "slow",
+    progress: Callable[[int, int], None] | None = None,
+    camera: Camera = CLEVRER_CAMERA,
+) -> None:
+    """Write an mp4 of `comparison_frames`.
+
+    Args:
+        path: file to write.
+        frames: (320, 480, 3) uint8 RGB each: the video, which drawn frames continue.
+        simulation: of that video.
+        preset: as of `nsdr.io.video.write_video`.
+        progress: called before each frame with the number of frames that are done, and of all.
+        camera: that took the video.
+
+    Raises:
+        DataError: PyAV is missing.
+    """
+    s = simulation
+    later = slice(s.n_frames, None)
+    following = render_motion(s.objects, s.original.location_world[:, later], s.original_yaw[:, later], View(camera))
+    changed = render_motion(s.objects, s.changed.location_world, s.changed_yaw, View(camera))
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        for done, image in enumerate(comparison_frames(s, chain(frames, following), changed, camera)):
+            if progress is not None:
+                progress(done, s.changed.visible.shape[1])
+            yield image
+
+    write_video(path, images(), preset=preset)
+
+
+def comparison_frames(
+    simulation: Simulation,
+    original: Iterable[NDArray[np.uint8]],
+    changed: Iterable[NDArray[np.uint8]],
+    camera: Camera = CLEVRER_CAMERA,
+) -> Iterator[NDArray[np.uint8]]:
+    """Frames with the original at the left and the changed world at the right: seen by the camera, and below from above.
+
+    The grey outlines in the right plan are the original.
+
+    Args:
+        simulation: what was simulated.
+        original: (320, 480, 3) uint8 RGB: the video, and what follows it.
+        changed: as many rendered frames of the changed world.
+        camera: that took the video.
+
+    Yields:
+        (688, 960, 3) uint8 RGB.
+    """
+    s = simulation
+    before = (s.original, s.original_yaw)
+    for frame, (left, right) in enumerate(zip(original, changed, strict=True)):
+        image = np.full((HEADER_PX + 2 * HEIGHT_PX, 2 * WIDTH_PX, 3), PAPER, np.uint8)
+        image[HEADER_PX:-HEIGHT_PX, :WIDTH_PX], image[HEADER_PX:-HEIGHT_PX, WIDTH_PX:] = left, right
+        image[-HEIGHT_PX:, :WIDTH_PX] = draw_plan(s.objects, *before, frame, camera=camera)
+        image[-HEIGHT_PX:, WIDTH_PX:] = draw_plan(s.objects, s.changed, s.changed_yaw, frame, before, camera)
+        image[HEADER_PX:, WIDTH_PX - GAP_PX // 2 : WIDTH_PX + GAP_PX // 2] = PAPER
+        image[-HEIGHT_PX - GAP_PX // 2 : -HEIGHT_PX + GAP_PX // 2] = PAPER
+        _write_header(image, s, frame)
+        yield image
+
+
+def _write_header(image: NDArray[np.uint8], s: Simulation, frame: int) -> None:
+    shown = "video" if frame < s.n_frames else "predicted"
+    changed = "what if" if frame >= s.from_frame else f"what if, from frame {s.from_frame}"
+    what = "; ".join(intervention_text(change) for change in s.interventions)
+    for left, title, line in (
+        (0, f"original ({shown})", f"frame {frame} of {s.changed.visible.shape[1]}"),
+        (WIDTH_PX, changed, what),
+    ):
+        cv2.putText(image, title, (left + 8, 19), FONT, TITLE_SCALE, INK, 1, cv2.LINE_AA)
+        cv2.putText(image, _shortened(line), (left + 8, 39), FONT, SMALL_SCALE, INK, 1, cv2.LINE_AA)
+
+
+def _shortened(text: str) -> str:
+    """The text, or as much of it as fits over an image; OpenCV writes ASCII only."""
+    text = text.replace("°", " degrees")
+    while cv2.getTextSize(text, FONT, SMALL_SCALE, 1)[0][0] > WIDTH_PX - 16:
+        text = text.removesuffix("...")[:-1] + "..."
+    return text

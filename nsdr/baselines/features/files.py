@@ -1,0 +1,212 @@
+"""Features of videos for the baselines: their settings, and the folder that `nsdr extract-features` writes."""
+
+import math
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+
+from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDE
+from nsdr.errors import DataError
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.device import PRECISIONS
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.jobs import LEDGER
+from nsdr.io.reading import read_json
+from nsdr.validation import MAX_SIZE, Settings, Size, one_of
+
+__all__ = ["KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
+
+KINDS = ("pooled", "maps", "objects")
+"""Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
+MANIFEST = "features.json"
+"""File of a folder of features that says how they were made."""
+BOX_NUMBERS = 4
+"""Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
+Side = Annotated[int, Meta(ge=STRIDE, le=MAX_SIZE)]
+"""Height or width of an image (pixels)."""
+
+
+@dataclass(frozen=True)
+class FeatureConfig(Settings):
+    """How features are made of a video. The defaults are the paper's settings.
+
+    Attributes:
+        backbone: "resnet18" or "resnet50".
+        weights: "imagenet" (torchvision's, downloaded when first used), or a checkpoint of `nsdr train backbone`.
+        frames: number of frames, evenly spaced from the first to the last one.
+        image_size: height and width to which frames are scaled (pixels).
+        grid: height and width to which the maps are pooled by means; None leaves them as they are.
+        kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" (of the third stage) and "objects".
+        detector: checkpoint of the frame parser that finds the objects.
+        max_objects: objects of a frame; those with the best scores.
+        precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
+
+    Raises:
+        DataError: a value out of its range; names it.
+    """
+
+    backbone: Annotated[str, one_of(CHANNELS)] = "resnet50"
+    weights: str = IMAGENET
+    frames: Size = 25
+    image_size: tuple[Side, Side] = (224, 224)
+    grid: tuple[Size, Size] | None = None
+    kinds: tuple[str, ...] = KINDS
+    detector: str = "default"
+    max_objects: Size = 10
+    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.kinds or len(set(self.kinds)) < len(self.kinds) or not set(self.kinds) <= set(KINDS):
+            raise DataError(f"kinds is {list(self.kinds)}; expected one or more of {', '.join(KINDS)}, each once")
+        if self.grid is not None:
+            height, width = self.map_size
+            if self.grid[0] > height or self.grid[1] > width:
+                raise DataError(f"grid is {list(self.grid)}; expected at most the maps' {height} and {width}")
+
+    @property
+    def map_size(self) -> tuple[int, int]:
+        """Height and width of the maps before they are pooled."""
+        height, width = (math.ceil(side / STRIDE) for side in self.image_size)
+        return height, width
+
+    def shape(self, kind: str) -> tuple[int, ...]:
+        """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
+        third, last = CHANNELS[self.backbone]
+        if kind == "pooled":
+            return self.frames, last
+        if kind == "maps":
+            return self.frames, third, *(self.grid or self.map_size)
+        return self.frames, self.max_objects, third + BOX_NUMBERS
+
+
+def manifest_of(config: FeatureConfig) -> dict[str, Any]:
+    """How features are made, as plain values: the weights by their content, and nothing about objects where there are none.
+
+    Raises:
+        CheckpointError: there is no such checkpoint.
+    """
+    values = asdict(config) | {"weights": _content(config.weights, "backbone")}
+    if "objects" in config.kinds:
+        values["detector"] = _content(config.detector, "frame_parser")
+    else:
+        del values["detector"], values["max_objects"]
+    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+    return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
+
+
+def _content(weights: str, part: str) -> str:
+    """What stands for weights in a manifest: `IMAGENET`, or the fingerprint of a checkpoint's part."""
+    if weights == IMAGENET:
+        return weights
+    folder = find_checkpoint(weights)
+    return fingerprint(weights=[folder / f"{part}.{suffix}" for suffix in ("safetensors", "json")])
+
+
+def feature_file(folder: Path, scene_index: int) -> Path:
+    """The file with the features of a video, by kind."""
+    return folder / f"{scene_index:05d}.safetensors"
+
+
+class FeatureCache:
+    """The features of videos that `nsdr extract-features` wrote to a folder.
+
+    Files are mapped into memory, so that processes that read the same ones share them.
+
+    Args:
+        folder: the folder.
+        needs: what is read of it: `Baseline.needs`, of which "program" is passed over; None for all that it has.
+
+    Attributes:
+        channels: C of the feature vectors and maps that are read; 0 for none.
+        grid: height and width of the maps that are read; (0, 0) for none.
+
+    Raises:
+        DataError: the folder has no features or lacks a kind, or kinds that are read differ in their channels.
+    """
+
+    def __init__(self, folder: str | Path, needs: Collection[str] | None = None) -> None:
+        self.folder = Path(folder)
+        path = self.folder / MANIFEST
+        if not path.is_file():
+            raise DataError(f"{folder}: holds no features; `nsdr extract-features --root DATA -o {folder}` makes them")
+        self.manifest: dict[str, Any] = read_json(path)
+        shapes = self.manifest.get("shapes") if isinstance(self.manifest, dict) else None
+        if not isinstance(shapes, dict) or not shapes or not set(shapes) <= set(KINDS):
+            raise DataError(f"{path}: not the manifest of a folder of features; extract them again")
+        self._shapes = {kind: tuple(shape) for kind, shape in shapes.items()}
+        read = [kind for kind in KINDS if kind in needs] if needs is not None else []
+        self._check_kinds(read)
+        channels = {k: self._shapes[k][-1] - BOX_NUMBERS if k == "objects" else self._shapes[k][1] for k in read}
+        if len(set(channels.values())) > 1:
+            raise DataError(f"{folder}: expected as many channels of each kind, got {channels}")
+        self.channels: int = next(iter(channels.values()), 0)
+        self.grid: tuple[int, int] = self._shapes["maps"][2:] if "maps" in read else (0, 0)
+
+    def check(self, config: FeatureConfig) -> None:
+        """Refuse features of other settings.
+
+        Raises:
+            DataError: they differ from the folder's; names how.
+        """
+        expected = manifest_of(config)
+        if self.manifest != expected:
+            mine, wanted = self.manifest.get("features", {}), expected["features"]
+            names = [n for n in {**wanted, **mine} if mine.get(n, "none") != wanted.get(n, "none")]
+            different = ", ".join(f"{n} {mine.get(n, 'none')} in place of {wanted.get(n, 'none')}" for n in names)
+            raise DataError(
+                f"{self.folder}: its features have other settings ({different or 'shapes'}); choose another folder, or "
+                "delete it"
+            )
+
+    def _check_kinds(self, kinds: Collection[str]) -> None:
+        for kind in kinds:
+            if kind not in self._shapes:
+                remedy = "extract features with this kind to another folder"
+                raise DataError(f"{self.folder}: has {', '.join(self._shapes)} and no {kind}; {remedy}")
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Changes when any of the features may have."""
+        return fingerprint(inputs=[p for p in (self.folder / MANIFEST, self.folder / LEDGER) if p.is_file()])
+
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
+        """The features of a video.
+
+        Args:
+            scene_index: the video.
+            needs: kinds of features; others, such as "program", are passed over.
+
+        Returns:
+            By kind float32 arrays of the shapes in `nsdr.baselines.base.Batch`, without the axis of the videos; with "objects"
+            also `has_object`, (F, N) bool.
+
+        Raises:
+            DataError: the folder lacks the kind or the video, or a file is damaged; names it.
+        """
+        kinds, path = [kind for kind in KINDS if kind in needs], feature_file(self.folder, scene_index)
+        self._check_kinds(kinds)
+        again = "delete it and run `nsdr extract-features` again"
+        try:
+            with safe_open(path, "np") as file:
+                stored = {kind: file.get_tensor(kind) for kind in kinds}
+        except FileNotFoundError as e:
+            why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
+            raise DataError(f"{path}: no such file; {why}") from e
+        except (OSError, SafetensorError) as e:
+            raise DataError(f"{path}: damaged ({e}); {again}") from e
+        for kind, value in stored.items():
+            if value.shape != self._shapes[kind]:
+                raise DataError(f"{path}: {kind}: expected {self._shapes[kind]}, got {value.shape}; {again}")
+        found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
+        if "objects" in found:
+            left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
+            found["has_object"] = right > left
+        return found

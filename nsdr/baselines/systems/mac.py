@@ -1,0 +1,185 @@
+"""MAC (V) and MAC (V+): recurrent cells that attend to the words, then to the frames and their parts, and write to a memory.
+
+Source: Hudson & Manning 2018, "Compositional attention networks for machine reasoning" (MAC), and Yi et al. 2020, "CLEVRER:
+Collision Events for Video Representation and Reasoning", which adds a temporal attention unit over the frames (V) and object
+information (V+).
+
+Differs from the paper:
+    - The temporal attention unit scores the mean of each frame's cells as MAC's read unit scores cells, anew in each step. Its
+      weights sum the frames to one map, which the read unit attends to. Yi et al. do not describe their unit further.
+    - Sines and cosines of the frame's index are added to the features, so that the network can tell the order of the frames.
+    - MAC (V+) reads detected objects (features and box) of all frames at once instead of feature maps. Yi et al. do not say
+      in enough detail how they give object information to the network. The frame parser's attributes are not given.
+    - One rate of dropout for the words, the features, the memory that is read and the answer, where MAC has one each. Dropout
+      of the memory is drawn anew in each step.
+    - The write unit has neither of MAC's optional parts: self-attention to earlier memories, and a gate.
+    - Linear and convolution layers start from Xavier's weights, as in MAC's code as far as we know; LSTMs from PyTorch's.
+    - Word embeddings are learnt with the network; none are trained beforehand.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from nsdr.baselines.base import Baseline, Batch, Sizes
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax, time_encoding
+from nsdr.validation import Settings, Share, Size
+
+__all__ = ["Mac", "MacConfig", "MacObjects"]
+
+
+@dataclass(frozen=True)
+class MacConfig(Settings):
+    """Settings of `Mac` and `MacObjects`.
+
+    Attributes:
+        embedding: width of the word embeddings.
+        width: width of the control, the memory and the features; an odd one is rounded down.
+        steps: reasoning steps.
+        dropout: dropout in training (0-1).
+    """
+
+    embedding: Size = 300
+    width: Width = 512
+    steps: Size = 12
+    dropout: Share = 0.15
+
+
+class Mac(Baseline):
+    """MAC (V): in each step, temporal attention sums the frames' maps to one, and the read unit attends to its cells."""
+
+    needs = frozenset({"maps"})
+    Config = MacConfig
+
+    def __init__(self, config: MacConfig, sizes: Sizes) -> None:
+        super().__init__(config, sizes)
+        self.reasoning = _Reasoning(config, sizes)
+        width = self.reasoning.width
+        convolutions = [nn.Conv2d(inputs, width, 3, padding=1) for inputs in (sizes.channels, width)]
+        self.stem = _stem(convolutions, config.dropout)
+        self.over_frames = _ReadAttention(width)
+        self.over_cells = _ReadAttention(width)
+        initialise(self, nn.init.xavier_uniform_)
+
+    def forward(self, batch: Batch) -> Tensor:
+        """Scores (B, answers) before the softmax."""
+        assert batch.maps is not None
+        videos, frames = batch.maps.shape[:2]
+        cells = self.stem(batch.maps.flatten(0, 1)).flatten(2).transpose(1, 2).unflatten(0, (videos, frames))
+        time = time_encoding(frames, self.reasoning.width, cells)
+        summaries = self.over_frames.projected(cells.mean(2) + time).of(batch.video)
+        of_texts = (cells + time[:, None]).flatten(2)[batch.video]
+
+        def read(control: Tensor, memory: Tensor) -> Tensor:
+            frame_weights = self.over_frames(control, memory, summaries)
+            latent = torch.bmm(frame_weights[:, None], of_texts).unflatten(2, cells.shape[2:])[:, 0]
+            return _weighted(self.over_cells(control, memory, self.over_cells.projected(latent)), latent)
+
+        return self.reasoning(batch.words, read)
+
+
+class MacObjects(Baseline):
+    """MAC (V+): in each step, the read unit attends to the objects of all frames."""
+
+    needs = frozenset({"objects"})
+    Config = MacConfig
+
+    def __init__(self, config: MacConfig, sizes: Sizes) -> None:
+        super().__init__(config, sizes)
+        self.reasoning = _Reasoning(config, sizes)
+        width = self.reasoning.width
+        self.stem = _stem([nn.Linear(inputs, width) for inputs in (sizes.channels + 4, width)], config.dropout)
+        self.over_objects = _ReadAttention(width)
+        initialise(self, nn.init.xavier_uniform_)
+
+    def forward(self, batch: Batch) -> Tensor:
+        """Scores (B, answers) before the softmax."""
+        assert batch.objects is not None
+        assert batch.has_object is not None
+        objects = self.stem(batch.objects)
+        objects = objects + time_encoding(objects.shape[1], self.reasoning.width, objects)[:, None]
+        objects = objects.flatten(1, 2)
+        of_texts, projected = objects[batch.video], self.over_objects.projected(objects).of(batch.video)
+        mask = batch.has_object.flatten(1)[batch.video]
+        return self.reasoning(
+            batch.words,
+            lambda control, memory: _weighted(self.over_objects(control, memory, projected, mask), of_texts),
+        )
+
+
+def _stem(layers: Sequence[nn.Module], dropout: float) -> nn.Sequential:
+    return nn.Sequential(*(part for layer in layers for part in (nn.Dropout(dropout), layer, nn.ELU())))
+
+
+def _weighted(weights: Tensor, items: Tensor) -> Tensor:
+    """Sum (B, W) of items (B, K, W) with weights (B, K)."""
+    return torch.bmm(weights[:, None], items)[:, 0]
+
+
+class _Projected(NamedTuple):
+    """What a read unit needs of its items in every step: `item` and `kept`, both (..., K, W)."""
+
+    item: Tensor
+    kept: Tensor
+
+    def of(self, rows: Tensor) -> "_Projected":
+        """Those of some rows (B,) of the first axis."""
+        return _Projected(self.item[rows], self.kept[rows])
+
+
+class _ReadAttention(nn.Module):
+    """Attention of MAC's read unit: which items fit the control, given the memory."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.width = width
+        self.memory = nn.Linear(width, width)
+        self.item = nn.Linear(width, width)
+        self.join = nn.Linear(2 * width, width)
+        self.score = nn.Linear(width, 1)
+
+    def projected(self, items: Tensor) -> _Projected:
+        """Items (..., K, W), as far as they are the same in every step: projected, and their share of the joined features."""
+        return _Projected(self.item(items), F.linear(items, self.join.weight[:, self.width :], self.join.bias))
+
+    def forward(self, control: Tensor, memory: Tensor, items: _Projected, mask: Tensor | None = None) -> Tensor:
+        """Control and memory (B, W), items (B, K, W), mask (B, K) -> weights (B, K)."""
+        interaction = self.memory(memory)[:, None] * items.item
+        joined = F.elu(F.linear(interaction, self.join.weight[:, : self.width]) + items.kept)
+        scores = self.score(F.elu(control[:, None] * joined))[..., 0]
+        return scores.softmax(1) if mask is None else masked_softmax(scores, mask)
+
+
+class _Reasoning(nn.Module):
+    """The text's encoder, the control and write units, and the answer; what is read comes from outside."""
+
+    def __init__(self, config: MacConfig, sizes: Sizes) -> None:
+        super().__init__()
+        self.text = TextEncoder(sizes.words, config.embedding, config.width, dropout=config.dropout)
+        self.width = width = self.text.width
+        self.first_control = nn.Parameter(torch.randn(width))
+        self.first_memory = nn.Parameter(torch.randn(width))
+        self.question_of_step = nn.ModuleList(nn.Linear(width, width) for _ in range(config.steps))
+        self.control = nn.Linear(2 * width, width)
+        self.word_score = nn.Linear(width, 1)
+        self.write = nn.Linear(2 * width, width)
+        self.dropout = nn.Dropout(config.dropout)
+        self.question = nn.Linear(width, width)
+        self.answer = AnswerHead(2 * width, width, sizes.answers, config.dropout)
+
+    def forward(self, words: Tensor, read: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+        """Words (B, T) -> scores (B, answers); `read` gives the (B, W) that is read with control and memory (B, W)."""
+        text = self.text(words)
+        control, memory = self.first_control.expand(len(words), -1), self.first_memory.expand(len(words), -1)
+        for question_of_step in self.question_of_step:
+            query = self.control(torch.cat([control, question_of_step(text.summary)], 1))
+            word_scores = self.word_score(query[:, None] * text.states)[..., 0]
+            control = _weighted(masked_softmax(word_scores, text.mask), text.states)
+            found = read(control, self.dropout(memory))
+            memory = self.write(torch.cat([found, memory], 1))
+        scores: Tensor = self.answer(torch.cat([self.question(text.summary), memory], 1))
+        return scores

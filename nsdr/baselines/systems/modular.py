@@ -1,0 +1,255 @@
+"""IEP (V) and TbD-net (V): a network whose modules are put together as a text's program says.
+
+Sources: Johnson et al. 2017, "Inferring and Executing Programs for Visual Reasoning"; Mascharka et al. 2018, "Transparency by
+Design: Closing the Gap Between Performance and Interpretability in Visual Reasoning"; adapted to video as in Yi et al. 2020,
+"CLEVRER: Collision Events for Video Representation and Reasoning".
+
+Differs from the papers:
+    - no program generator: programs are given, the data set's or those of our question parser;
+    - video: Yi et al. run the modules on features of a convolutional LSTM, as far as we know; here features and values are
+      those of every frame, and of two successive 3x3 convolutions the second runs over 3 frames instead (`relate` of TbD-net
+      has both at each dilation); the classifier takes the maximum over time; three channels hold the coordinates;
+    - an option's program and its question's are one tree, joined by `belong_to`;
+    - a malformed program runs one module of its own on the whole video;
+    - IEP: the modules without arguments (`objects`, `events`, `start` ...) are residual modules on the video's features; the
+      paper's only one, `scene`, is the features themselves;
+    - TbD-net: no `same` module, which CLEVRER's programs do not need, and no Or; `compare` reads masks, not encodings; no
+      penalty on the masks; all layers start from He's weights (Kaiming, normal), as in the paper's code as far as we know.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from nsdr.baselines.base import Baseline, Batch, Sizes
+from nsdr.baselines.systems.layers import AnswerHead, initialise
+from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, execute, program_graph
+from nsdr.validation import Settings, Size
+
+__all__ = ["Iep", "Modular", "ModularConfig", "TbdConfig", "TbdNet"]
+
+WHOLE_VIDEO = ("objects", "null")
+RELATED = ("get_object", "get_col_partner", "filter_before", "filter_after", "filter_ancestor", "get_counterfact")
+QUERIES = ("query_color", "query_material", "query_shape", "count", "exist", MALFORMED)
+PARAMETERLESS = (*WHOLE_VIDEO, "unique", "get_frame")
+"""Instructions of TbD-net; see `TbdNet`."""
+
+
+@dataclass(frozen=True)
+class ModularConfig(Settings):
+    """Settings; the defaults are those of both papers.
+
+    Attributes:
+        width: channels of the features and of every module.
+        frames: frames left after the mean over neighbouring ones.
+        projection: channels before the classifier's maximum.
+        hidden: units of the classifier's hidden layer.
+    """
+
+    width: Size = 128
+    frames: Size = 25
+    projection: Size = 512
+    hidden: Size = 1024
+
+
+@dataclass(frozen=True)
+class TbdConfig(ModularConfig):
+    """Settings; the defaults are the paper's.
+
+    Attributes:
+        dilations: dilations of the convolutions of `relate`, in their order.
+    """
+
+    dilations: tuple[Size, ...] = (1, 2, 4, 8, 1)
+
+
+class _SpaceConv(nn.Module):
+    """Convolution of 3x3 over space, the same in every frame: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+
+    def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation)
+
+    def forward(self, x: Tensor) -> Tensor:
+        images = x.flatten(0, 1).permute(0, 3, 1, 2)
+        return self.conv(images).permute(0, 2, 3, 1).unflatten(0, x.shape[:2])
+
+
+class _TimeConv(nn.Module):
+    """Convolution of 3 over time, the same at every place: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+
+    def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(inputs, outputs, (3, 1), padding=(dilation, 0), dilation=(dilation, 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        rows = x.flatten(2, 3).permute(0, 3, 1, 2)
+        return self.conv(rows).permute(0, 2, 3, 1).unflatten(2, x.shape[2:4])
+
+
+class _Stem(nn.Module):
+    """Feature maps (V, F, C, h, w) -> features (V, frames, h, w, width), with the coordinates as three more channels."""
+
+    def __init__(self, channels: int, config: ModularConfig) -> None:
+        super().__init__()
+        self.frames, width = config.frames, config.width
+        self.layers = nn.Sequential(_SpaceConv(channels + 3, width), nn.ReLU(), _SpaceConv(width, width), nn.ReLU())
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """See the class. Videos of fewer frames than `frames` have some of them repeated."""
+        v, f, c, h, w = maps.shape
+        pooled = functional.adaptive_avg_pool1d(maps.permute(0, 3, 4, 2, 1).reshape(v, h * w * c, f), self.frames)
+        x = pooled.reshape(v, h, w, c, self.frames).permute(0, 4, 1, 2, 3)
+        axes = [torch.linspace(-1, 1, n, device=x.device, dtype=x.dtype) for n in x.shape[1:4]]
+        coordinates = torch.stack(torch.meshgrid(*axes, indexing="ij"), -1)
+        features: Tensor = self.layers(torch.cat([x, coordinates.expand(v, -1, -1, -1, -1)], -1))
+        return features
+
+
+class _Classifier(nn.Module):
+    """Values (B, F, h, w, width) -> scores (B, answers)."""
+
+    def __init__(self, sizes: Sizes, config: ModularConfig) -> None:
+        super().__init__()
+        h, w = sizes.grid
+        places = -(-h // 2) * -(-w // 2)
+        self.project = nn.Linear(config.width, config.projection)
+        self.head = AnswerHead(config.projection * places, config.hidden, sizes.answers)
+
+    def forward(self, values: Tensor) -> Tensor:
+        images = self.project(values).relu().amax(1).permute(0, 3, 1, 2)
+        scores: Tensor = self.head(functional.max_pool2d(images, 2, ceil_mode=True).flatten(1))
+        return scores
+
+
+class Modular(Baseline):
+    """Base of both: features of a video, modules run on them as the program says, and a classifier of the program's value."""
+
+    needs: ClassVar[frozenset[str]] = frozenset({"maps", "program"})
+    Config: ClassVar[type[Any]] = ModularConfig
+
+    def __init__(self, config: ModularConfig, sizes: Sizes) -> None:
+        super().__init__(config, sizes)
+        self.stem = _Stem(sizes.channels, config)
+        self.classifier = _Classifier(sizes, config)
+
+    @abstractmethod
+    def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
+        """Run one instruction for N nodes.
+
+        Args:
+            instruction: key of `INSTRUCTIONS`.
+            features: (N, F, h, w, width) features of the nodes' videos.
+            arguments: (N, F, h, w, channels) each.
+
+        Returns:
+            (N, F, h, w, channels).
+        """
+
+    def forward(self, batch: Batch) -> Tensor:
+        """Scores (B, answers) before the softmax."""
+        assert batch.maps is not None
+        assert batch.program is not None
+        features = self.stem(batch.maps)
+        graph = program_graph(batch.program, batch.video)
+
+        def run(instruction: str, videos: Tensor, arguments: list[Tensor]) -> Tensor:
+            return self.run_module(instruction, features[videos], arguments)
+
+        values = execute(graph, run, features.device)
+        scores: Tensor = self.classifier(torch.stack([values[text[-1]] for text in graph.texts]))
+        return scores
+
+
+class _Residual(nn.Module):
+    """Residual module of one argument, or of two after a 1x1 projection: (N, F, h, w, width) each -> (N, F, h, w, width)."""
+
+    def __init__(self, width: int, arguments: int) -> None:
+        super().__init__()
+        self.project = nn.Linear(2 * width, width) if arguments == 2 else None
+        self.space, self.time = _SpaceConv(width, width), _TimeConv(width, width)
+
+    def forward(self, *arguments: Tensor) -> Tensor:
+        x = arguments[0] if self.project is None else self.project(torch.cat(arguments, -1)).relu()
+        value: Tensor = (x + self.time(self.space(x).relu())).relu()
+        return value
+
+
+class Iep(Modular):
+    """Inferring and executing programs: a residual module per instruction; see the module."""
+
+    def __init__(self, config: ModularConfig, sizes: Sizes) -> None:
+        super().__init__(config, sizes)
+        self.program_modules = nn.ModuleDict({name: _Residual(config.width, n) for name, n in INSTRUCTIONS.items()})
+
+    def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
+        """As of `Modular`, with (N, F, h, w, width) everywhere; a module without arguments reads the features."""
+        value: Tensor = self.program_modules[instruction](*(arguments or [features]))
+        return value
+
+
+class TbdNet(Modular):
+    """Transparency by design: sets, objects, events and frames are masks over time and space, answers are encodings.
+
+    The kinds of module:
+        - the whole video: a mask of ones (`objects`, `null`);
+        - attend: a mask from the features within a mask (`events`, `start`, `filter_color red` ...); of two arguments, within
+          the minimum of both (`filter_moving`, `filter_collision` ...), which is the paper's And;
+        - relate: a mask from the features within a mask, by dilated convolutions (`get_object`; `get_col_partner`: within the
+          event but not the object); of two arguments the second is related, and the minimum with the first taken;
+        - query: an encoding of the features within a mask (`query_color`, `count`, `exist`);
+        - compare: an encoding of the features within two masks (`belong_to`); `negate` recodes an encoding;
+        - `unique` passes its mask on; `get_frame` gives each frame its highest value, over all of space.
+    """
+
+    Config: ClassVar[type[Any]] = TbdConfig
+
+    def __init__(self, config: TbdConfig, sizes: Sizes) -> None:
+        super().__init__(config, sizes)
+        names = [name for name in INSTRUCTIONS if name not in PARAMETERLESS]
+        self.program_modules = nn.ModuleDict({name: _tbd_module(name, config) for name in names})
+        initialise(self, nn.init.kaiming_normal_)
+
+    def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
+        """As of `Modular`: masks are (N, F, h, w, 1), encodings (N, F, h, w, width)."""
+        whole = torch.ones_like(features[..., :1])
+        if instruction in WHOLE_VIDEO:
+            return whole
+        if instruction == "unique":
+            return arguments[0]
+        if instruction == "get_frame":
+            return arguments[0].amax((2, 3), keepdim=True).expand_as(whole)
+        module = self.program_modules[instruction]
+        value: Tensor
+        if instruction == "negate":
+            value = module(arguments[0])
+        elif instruction == "belong_to":
+            value = module(torch.cat([features * mask for mask in arguments], -1))
+        elif instruction == "get_col_partner":
+            event, one = arguments
+            value = module(features * torch.minimum(event, 1 - one))
+        elif instruction in RELATED and len(arguments) == 2:
+            value = torch.minimum(arguments[0], module(features * arguments[1]))
+        else:
+            value = module(features * torch.stack([whole, *arguments]).amin(0))
+        return value
+
+
+def _tbd_module(instruction: str, config: TbdConfig) -> nn.Sequential:
+    """The network of an instruction: features (N, F, h, w, width; of `belong_to` 2 width) within masks -> mask or encoding."""
+    width = config.width
+
+    def pair(dilation: int = 1) -> list[nn.Module]:
+        return [_SpaceConv(width, width, dilation), nn.ReLU(), _TimeConv(width, width, dilation), nn.ReLU()]
+
+    if instruction == "belong_to":
+        return nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), *pair())
+    if instruction == "negate" or instruction in QUERIES:
+        return nn.Sequential(*pair())
+    dilations = config.dilations if instruction in RELATED else (1,)
+    layers = [layer for dilation in dilations for layer in pair(dilation)]
+    return nn.Sequential(*layers, nn.Linear(width, 1), nn.Sigmoid())

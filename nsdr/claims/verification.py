@@ -1,0 +1,189 @@
+"""Finds the claims of a text about a video, and whether they hold in its scene."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import overload
+
+from nsdr.claims.judge import ClaimJudge, Verdict
+from nsdr.claims.reading import read_sentence
+from nsdr.claims.statements import Statement
+from nsdr.types import Scene
+from nsdr.validation import Count, convert, expect
+
+__all__ = ["TOLERANCE_FRAMES", "Claim", "Verification", "verify"]
+
+TOLERANCE_FRAMES = 1
+"""By how many frames a stated frame may differ from the scene's. CLEVRER's own files differ by as much: of 29 collisions in
+annotations and in the release's `processed_proposals`, 18 have the same frame in both and 11 are one later in the latter."""
+
+MAX_SENTENCE = 400
+"""Longest sentence that is read (characters): more than twice the longest of `narrate`, and short enough to be read at once."""
+OTHER_COURSES = ("future", "counterfactual")
+"""Kinds of claims that are not about the video."""
+_PASSED_OVER = re.compile(r"<answer>.*?(?:</answer>|\Z)|</?\w+>|[*_`#>|]+", re.DOTALL | re.IGNORECASE)
+_LIST_MARK = re.compile(r"\s*(?:[-•]\s+|\(?\d{1,2}[.)]\s+|step \d+ ?[:.)]\s*)?", re.IGNORECASE)
+_OPTION = re.compile(r"\s*(?:[-•]\s*)?\(?(?:(?:option|choice) )?\(?[A-Za-z][).:]\s", re.IGNORECASE)
+_SENTENCE = re.compile(r"[^\s].*?(?:(?<![.!?;])[.!?;]+(?=\s|$)|$)")
+_OTHER_WORLD = re.compile(
+    r"\b(?:if|suppose|supposing|assume|assuming|imagine|hypothetical\w*|would|could|scenario|remov\w+|without|absent|absence|"
+    r"counterfactual\w*|had|were|option|options|choice|choices|statement|claim|claims|says|said|question|asks?|asked|whether|"
+    r"after the video|future|next|predict\w*|false|wrong|incorrect|possib\w+|maybe|perhaps|might|may|"
+    r"missing|not exist|delet\w+|eliminat\w+|ignor\w+|exclud\w+|tak(?:e|ing|en)\b.*\b(?:away|out))\b",
+    re.IGNORECASE,
+)
+"""Words that make uncertain what follows an unread sentence: it may be about another course of events, or be reported."""
+_DENIAL = re.compile(
+    r"^\W*(?:no,|wait\b|actually\b|hmm\b|correction\b|oops\b|sorry\b)|"
+    r"^\W*(?:but |however,? )?(?:this|that|it|which)\b.*\b(?:not|false|wrong|incorrect|untrue|never|impossible|unclear)\b|"
+    r"^\W*(?:but |however,? )?(?:this|that|it)(?:'s| is| was)n't\b|^\W*(?:but )?they (?:do|did)(?: not|n't)\b|"
+    r"^\W*(?:false|wrong|incorrect|not (?:true|correct|right|really))\b|^\W*no\W*$|^\W*there (?:is|was) no such\b",
+    re.IGNORECASE,
+)
+"""Sentences that take back what the one before them says, unless they are claims themselves."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim(Verdict):
+    """A fact that a text states, and whether it holds.
+
+    Attributes:
+        text: the sentence that states it.
+        start: position of the sentence's first character in the text.
+        end: position after its last one.
+        statement: what was read.
+    """
+
+    text: str
+    start: int
+    end: int
+    statement: Statement
+
+    @property
+    def kind(self) -> str:
+        """`Statement.kind`."""
+        return self.statement.kind
+
+    @property
+    def frame(self) -> int | None:
+        """The stated frame; None if there is none."""
+        frames = [self.statement.frame, *(e.frame for e in self.statement.events)]
+        return next((f for f in frames if f is not None), None)
+
+    @property
+    def negated(self) -> bool:
+        """Whether the sentence denies something, or counts none."""
+        said = self.statement
+        return said.negated or said.number == 0 or said.words == ("never moving",)
+
+
+@dataclass(frozen=True)
+class Verification(Sequence[Claim]):
+    """The claims of a text, in its order; a sequence of them.
+
+    Attributes:
+        claims: what was read.
+        skipped: (start, end) of the sentences that make no claim or are not read.
+    """
+
+    claims: tuple[Claim, ...]
+    skipped: tuple[tuple[int, int], ...]
+
+    @property
+    def failing(self) -> tuple[Claim, ...]:
+        """Claims that do not hold."""
+        return tuple(c for c in self.claims if c.holds is False)
+
+    @property
+    def unchecked(self) -> tuple[Claim, ...]:
+        """Claims that can't be checked."""
+        return tuple(c for c in self.claims if c.holds is None)
+
+    @overload
+    def __getitem__(self, index: int) -> Claim: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Claim, ...]: ...
+    def __getitem__(self, index: int | slice) -> Claim | tuple[Claim, ...]:
+        return self.claims[index]
+
+    def __len__(self) -> int:
+        return len(self.claims)
+
+
+def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) -> Verification:
+    """Find each claim of a text, and whether it holds.
+
+    A sentence is read as a whole or skipped (the grammar is in `docs/rewards.md`). Questions, options with letters and what
+    is in answer tags are skipped. What follows a sentence that may open another course of events ("Suppose the cube is
+    removed.") and what the next sentence takes back ("Wait, that is wrong."), can't be checked.
+
+    Args:
+        text: such as a language model's reasoning.
+        scene: the scene of the video, which counts as the truth.
+        tolerance_frames: by how many frames a stated frame may differ from the scene's.
+
+    Raises:
+        DataError: `text` is no text, or the tolerance no whole number from 0 on.
+    """
+    expect(isinstance(text, str), "verify.text", "a text", text)
+    convert({"tolerance_frames": tolerance_frames}, dict[str, Count], "verify.")
+    judge = ClaimJudge(scene, tolerance_frames)
+    claims: list[Claim] = []
+    skipped: list[tuple[int, int]] = []
+    said: list[Claim] = []  # by the sentence before
+    uncertain = ""
+    last_line = -1
+    for sentence in _sentences(text):
+        if sentence.line != last_line and (uncertain == "line" or sentence.after_gap):
+            uncertain = ""
+        last_line = sentence.line
+        shown = text[sentence.start : sentence.end]
+        statements = read_sentence(sentence.plain, scene.n_frames - 1) if sentence.readable else ()
+        if not statements and said and not sentence.after_gap and _DENIAL.match(shown):
+            taken_back = [replace(c, holds=None, reason="the next sentence takes it back", event=None) for c in said]
+            claims[-len(said) :] = taken_back
+        said = []
+        for statement in statements:
+            verdict = judge.judge(statement)
+            if uncertain and statement.kind not in OTHER_COURSES:
+                verdict = Verdict(None, "a sentence before it may open another course of events", verdict.objects)
+            said.append(Claim(**vars(verdict), text=shown, start=sentence.start, end=sentence.end, statement=statement))
+        claims += said
+        if not statements:
+            skipped.append((sentence.start, sentence.end))
+            if sentence.readable and _OTHER_WORLD.search(sentence.plain):
+                uncertain = "paragraph"
+        elif not uncertain and any(s.kind in OTHER_COURSES for s in statements):
+            uncertain = "line"
+    return Verification(tuple(claims), tuple(skipped))
+
+
+@dataclass(frozen=True)
+class _Sentence:
+    """Where a sentence stands, its text without markup, and whether it may be a claim."""
+
+    start: int
+    end: int
+    line: int
+    after_gap: bool
+    plain: str
+    readable: bool
+
+
+def _sentences(text: str) -> Iterator[_Sentence]:
+    """The sentences of a text; one never goes over the end of a line."""
+    blank = _PASSED_OVER.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
+    position, after_gap = 0, False
+    for number, line in enumerate(blank.split("\n")):
+        option = _OPTION.match(line) is not None
+        mark = None if option else _LIST_MARK.match(line)
+        for found in _SENTENCE.finditer(line, mark.end() if mark else 0):
+            plain = found[0].rstrip(" .!;")
+            if not re.search(r"\w", plain):
+                continue
+            start = position + found.start()
+            readable = not option and len(plain) <= MAX_SENTENCE and not plain.endswith("?")
+            yield _Sentence(start, start + len(found[0].rstrip()), number, after_gap, plain, readable)
+            after_gap = False
+        after_gap = after_gap or not line.strip()
+        position += len(line) + 1

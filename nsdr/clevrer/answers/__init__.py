@@ -1,0 +1,1 @@
+"""Systems' answers: how questions are put to them, and what their answers say."""

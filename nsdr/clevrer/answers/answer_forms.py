@@ -1,0 +1,204 @@
+"""Reads the answer in a short text: a word for an open question, letters or quoted options for a multiple-choice question."""
+
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+
+from nsdr.clevrer.answers.prompts import option_letters
+from nsdr.clevrer.files.questions import ANSWERS, BEYOND
+from nsdr.errors import DataError
+
+__all__ = ["UnreadableError", "is_bare", "plain", "read_letters", "read_word"]
+
+NUMBERS = "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
+SAME_WORDS = {
+    **{word: str(i) for i, word in enumerate(NUMBERS.split())},
+    **{"grey": "gray", "cubes": "cube", "spheres": "sphere", "cylinders": "cylinder", "metallic": "metal"},
+}
+"""Other spellings of answer words."""
+SAME_SIGNS = {0x2019: "'", 0x2013: "-", 0x2014: "-", 0x2212: "-"}
+"""Typographic apostrophe, dashes and minus sign, as plain ones."""
+DENIALS = frozenset(
+    {"not", "non", "none", "nothing", "cannot", "neither", "nor", "never", "without", "except", "than", "least"}
+    | {"unable", "impossible", "unclear", "unsure", "unknown", "uncertain", "sorry"}
+)
+"""Words with which a sentence names an answer word without giving it as the answer."""
+_CORRECT = "(?:correct|right|true)"
+_OPTIONS = "(?:options?|choices?|answers?)"
+_OF_THESE = (
+    rf"(?: of)?(?: (?:the|these|them|those))?(?: {_OPTIONS})?(?: (?:above|listed|given))?(?: (?:is|are) {_CORRECT})?"
+)
+NONE = re.compile(
+    rf"(?:(?:the )?(?:{_CORRECT} )?{_OPTIONS} (?:is|are) )?(?:there (?:is|are) )?"
+    rf"(?:none|neither|no (?:{_CORRECT} )?{_OPTIONS}){_OF_THESE}",
+    re.IGNORECASE,
+)
+ALL = re.compile(rf"all{_OF_THESE}", re.IGNORECASE)
+LETTERS = re.compile(
+    rf"(?:(?:\b{_OPTIONS}[\s(\[:]*)?\b[A-Z]\b[\s()\[\]{{}}.,;&+\"']*(?:and\b[\s()\[\]{{}}.,;&+\"']*)?)+", re.IGNORECASE
+)
+"""Letters alone, large or small, or after a word such as "option"."""
+JUDGING = frozenset({"option", "options", "choice", "choices", "answer", "answers", "the", "is"})
+"""Words that may stand between a letter and its judgement."""
+FILLERS = JUDGING | {"letter", "letters", "only", "are", "it", "correct", "right", "true", "both", "and"}
+"""Words that may stand around capital letters without changing what they say."""
+OPINION = re.compile(r"\bI (?:think|believe|say|choose|pick|select)\b(?: that\b)?", re.IGNORECASE)
+VERDICTS = {
+    **dict.fromkeys(("yes", "correct", "right", "true"), True),
+    **dict.fromkeys(("no", "incorrect", "wrong", "false"), False),
+}
+QUOTE = re.compile("\ue000([0-9]+)\ue001")
+"""What replaces the quoted text of an option: its number between two private characters, which `plain` text has not."""
+OTHER_SIGN = re.compile(r"[^\w\s.,;:!&+()\[\]{}\"'•\ue000\ue001-]|\b[A-Z] ?- ?[A-Z]\b")
+"""Signs that do not stand in a list, and a range of letters."""
+LABELLED = re.compile(rf"(?:(?<!\w)([A-Z])[).:]*\s?(?:-\s)?)?{QUOTE.pattern}")
+
+
+class UnreadableError(DataError):
+    """A response from which no answer can be read; the message says why."""
+
+
+def plain(text: str) -> str:
+    """The text in Unicode's compatibility form, without marks of markdown and formulas, control and private characters.
+
+    Spaces and line breaks are single.
+    """
+    text = unicodedata.normalize("NFKC", text).translate(SAME_SIGNS)
+    text = "".join(c if c == "\n" or unicodedata.category(c)[0] != "C" else " " for c in text)
+    text = re.sub(r"[^\S\n]+", " ", re.sub(r"```\w*|[*`_$]+", " ", text))
+    return re.sub(r" ?\n[ \n]*", "\n", text).strip()
+
+
+def is_bare(text: str) -> bool:
+    """Whether a text is a single word or number, or letters only."""
+    words = re.findall(r"\w+", text)
+    return len(words) == 1 or (bool(words) and all(len(w) == 1 or w.casefold() == "and" for w in words))
+
+
+def read_word(text: str) -> str:
+    """The one answer word that a word or sentence of `plain` text names, or the answer beyond CLEVRER that it is.
+
+    Raises:
+        UnreadableError: no answer word, several different ones, a denial, a question, or a number that is not whole.
+    """
+    if BEYOND.fullmatch(bare := text.casefold().strip(" .!\"'")):
+        return bare
+    lower = text.casefold().replace("n't", " not ")
+    tokens = re.findall(r"[^\s,;:!?\"()\[\]{}/]+", re.sub(r"(?<=[a-z])-(?=[a-z])", " ", lower))
+    words = [_same(re.sub(r"^[.-]+(?!\d)|[.-]+$", "", token.strip("'<>"))) for token in tokens]
+    words = [w for w in words if w]
+    named = {w for w in words if w in ANSWERS or re.match(r"[.-]?\d", w)}
+    leading = re.match(r"(yes|no) ?[,.;:!-]", lower)
+    if leading and len(named & {"yes", "no"}) == 1 and not any(w[-1].isdigit() for w in named):
+        return leading[1]
+    if len(named) > 1:
+        raise UnreadableError(f"several answer words: {', '.join(sorted(named)[:4])}")
+    if not named & ANSWERS:
+        raise UnreadableError("no answer word")
+    if len(words) > 1 and ("?" in text or DENIALS & set(words) or "no" in words[:-1]):
+        raise UnreadableError("a question or a denial")
+    if re.search(r"[.!;]\s+\w|\n", text):
+        raise UnreadableError("more than one sentence")
+    return named.pop()
+
+
+def _same(word: str) -> str:
+    word = SAME_WORDS.get(word, word)
+    return word.lstrip("0") or "0" if re.fullmatch("[0-9]+", word) else word
+
+
+def read_letters(text: str, options: Sequence[str]) -> frozenset[str]:
+    """The letters that a `plain` text gives as right: alone, in a sentence, with or as the options' texts, or as judgements.
+
+    Raises:
+        UnreadableError: no letters, letters beyond the options, other words beside them, or a contradiction.
+    """
+    letters = option_letters(len(options))
+    bare = re.sub(r"\s+", " ", text).strip(" .,;:!\"'()[]{}<>")
+    if NONE.fullmatch(bare):
+        return frozenset()
+    if ALL.fullmatch(bare) or (len(options) == 2 and bare.casefold() == "both"):
+        return frozenset(letters)
+    if LETTERS.fullmatch(bare):
+        return _known(re.findall(r"\b[A-Z]\b", bare.upper()), letters)
+    if re.fullmatch("[A-Z]+", bare) and len(set(bare)) == len(bare):
+        return _known(bare, letters)
+    normal = [_normal(option) for option in options]
+    marked = _marked(text, normal)
+    judged = _judged(marked, normal, letters)
+    return _given(marked, normal, letters) if judged is None else judged
+
+
+def _known(found: Iterable[str], letters: str) -> frozenset[str]:
+    """The letters found.
+
+    Raises:
+        UnreadableError: some are beyond the options.
+    """
+    named = frozenset(found)
+    if beyond := sorted(named - set(letters)):
+        raise UnreadableError(f"{', '.join(beyond)}: the options end at {letters[-1]}")
+    return named
+
+
+def _marked(text: str, normal: Sequence[str]) -> str:
+    """The text with a mark in place of each quoted option; where one option's text is part of another's, of the longer one."""
+    text = OPINION.sub(" ", text.replace("it's", "it is").replace("It's", "It is"))
+    for quoted in sorted({n for n in normal if n}, key=len, reverse=True):
+        pattern = r"\W+".join(map(re.escape, quoted.split()))
+        mark = f" \ue000{normal.index(quoted)}\ue001"
+        text = re.sub(rf"(?<!\w){pattern}(?!\w)", mark, text, flags=re.IGNORECASE)
+    return re.sub(r" +", " ", text)
+
+
+def _quoted(match: re.Match[str], normal: Sequence[str], letters: str) -> str:
+    """The letter of a match of `LABELLED`.
+
+    Raises:
+        UnreadableError: the letter is that of another text, or there is none and several options have this text.
+    """
+    same = [letter for letter, n in zip(letters, normal, strict=True) if n == normal[int(match[2])]]
+    if match[1] is None and len(same) > 1:
+        raise UnreadableError(f"the text of options {', '.join(same)} without a letter")
+    if match[1] is not None and match[1] not in same:
+        raise UnreadableError(f"{match[1]} with the text of option {same[0]}")
+    return match[1] or same[0]
+
+
+def _judged(marked: str, normal: Sequence[str], letters: str) -> frozenset[str] | None:
+    """The letters judged right where each line or part of the text judges one option and none is left out; else None."""
+    for separators in (r"\n", r"[,;\n]", r"[,;\n]|\. "):
+        judged: list[tuple[str, bool]] = []
+        for part in (p for p in re.split(separators, marked) if re.search(r"\w", p)):
+            words = re.findall(r"\w+", QUOTE.sub(" ", part))
+            quotes = list(LABELLED.finditer(part))
+            about = {_quoted(q, normal, letters) for q in quotes} | {w for w in words if re.fullmatch("[A-Z]", w)}
+            verdict = VERDICTS.get(words[-1].casefold()) if words else None
+            between = [w for w in words[:-1] if w.casefold() not in JUDGING and w not in about]
+            if verdict is None or len(about) != 1 or between:
+                break
+            judged.append((about.pop(), verdict))
+        else:
+            if sorted(letter for letter, _ in judged) == list(letters):
+                return frozenset(letter for letter, right in judged if right)
+    return None
+
+
+def _given(marked: str, normal: Sequence[str], letters: str) -> frozenset[str]:
+    """The letters in a text of letters, marks of quoted options and words of `FILLERS` only."""
+    found = {_quoted(match, normal, letters) for match in LABELLED.finditer(marked)}
+    rest = re.findall(r"\w+", LABELLED.sub(" ", marked))
+    other = [w for w in rest if w.casefold() not in FILLERS and not re.fullmatch("[A-Z]", w)] or OTHER_SIGN.findall(
+        marked
+    )
+    if other:
+        raise UnreadableError(f"more than letters and options: {' '.join(other)[:40]}")
+    found |= _known([w for w in rest if re.fullmatch("[A-Z]", w)], letters)
+    if not found:
+        raise UnreadableError("no letters")
+    return frozenset(found)
+
+
+def _normal(option: str) -> str:
+    """The words of an option."""
+    return " ".join(re.findall(r"\w+", plain(option).casefold()))

@@ -1,0 +1,250 @@
+"""Reads the answers in the free text of language models, without guessing."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nsdr.clevrer.answers.answer_forms import UnreadableError, is_bare, plain, read_letters, read_word
+from nsdr.clevrer.answers.prompts import INSTRUCTIONS, option_letters
+from nsdr.clevrer.files.questions import Question
+from nsdr.world.nouns import ADJECTIVES, NOUNS
+
+__all__ = ["READ_AS", "Response", "read_response", "read_response_to"]
+
+READ_AS = ("tags", "boxed", "json", "label", "line", "bare", "text")
+"""Where an answer was found: between answer tags, in `\\boxed{}`, in JSON, after "Answer:", on the first or last line; or the
+whole response is a word or letters, or is a sentence or quotes options."""
+THINKING = re.compile(r"<\s*(?:(/)\s*)?think(?:ing)?\s*>", re.IGNORECASE)
+TAG = re.compile(r"<\s*(?:(/)\s*)?answers?\s*>", re.IGNORECASE)
+LAST_PAIR = re.compile(r"<\s*answers?\s*>[^<>]*<\s*/\s*answers?\s*>\s*\Z", re.IGNORECASE)
+LABEL = re.compile(
+    r"\b(final\s+)?(?:answers?|(?:correct|right)\s+(?:options?|choices?))(?:\s*[:=]|\s+(?:is|are)\b\s*:?)",
+    re.IGNORECASE,
+)
+RETRACTION = re.compile(r"\b(?:wait|actually|correction|oops|sorry|wrong|incorrect)\b|\bno,", re.IGNORECASE)
+REASON = re.compile(r"\b(?:because|since)\b", re.IGNORECASE)
+OTHER_LETTER = re.compile(rf"\b(?:[B-HJ-Z]|A(?! (?:{'|'.join((*ADJECTIVES, *NOUNS, 'collision'))})\b))\b")
+"""A letter that an explanation names; neither the pronoun "I" nor the article of "A red cube"."""
+FENCE = re.compile(r"```(?:json)?([^`]*)```", re.IGNORECASE)
+BOX = re.compile(r"\\boxed\s*\{")
+BOXED = re.compile(r"((?:[^{}]|\{(?:[^{}]|\{[^{}]*\})*\})*)\}")
+"""What stands in a box, with braces in braces."""
+LATEX_TEXT = re.compile(r"\\(?:text|textbf|mathrm|mathbf)\s*\{([^{}]*)\}")
+ANSWER_KEYS = ("answer", "answers", "final_answer")
+"""Keys of a JSON object that hold an answer."""
+Answer = str | frozenset[str]
+MAX_LENGTH = 100_000
+"""Longest response that is read (characters)."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """What was read in a response.
+
+    Attributes:
+        answer: the answer word of an open question, or the letters of the options given as right (none may be); None if it
+            cannot be read.
+        how: one of `READ_AS`, or "choices" where an EvalAI submission judges each one; "" if it cannot be read.
+        problem: why it cannot be read; "" if it can.
+    """
+
+    answer: Answer | None
+    how: str
+    problem: str
+
+
+def read_response(text: str, options: Sequence[str] = ()) -> Response:
+    """Read a model's answer.
+
+    What stands in `<think>` tags is passed over. Of several `<answer>` pairs or boxes the last one counts. A response that
+    contradicts itself, names several different words, has letters beyond the options or says more than an answer does is
+    not read.
+
+    >>> read_response("<think>A or B?</think><answer>A, C</answer>", ["it exits", "it enters", "it rests"])
+    Response(answer=frozenset({'A', 'C'}), how='tags', problem='')
+
+    Args:
+        text: the response.
+        options: texts of the options A, B, …; empty for an open question.
+
+    Raises:
+        DataError: more options than letters. No text raises.
+    """
+    option_letters(len(options))
+    if len(text) > MAX_LENGTH:
+        return Response(None, "", f"{len(text)} characters; at most {MAX_LENGTH} are read")
+
+    try:
+        answer, how = _Reader(options).read(text)
+    except UnreadableError as e:
+        return Response(None, "", str(e))
+    return Response(answer, how, "")
+
+
+def read_response_to(question: Question, text: str) -> Response:
+    """`read_response` with the options of a question."""
+    return read_response(text, [c.text for c in question.choices])
+
+
+class _Reader:
+    """Reads responses to an open question, or to one with options."""
+
+    def __init__(self, options: Sequence[str]) -> None:
+        self.options = options
+
+    def read(self, text: str) -> tuple[Answer, str]:
+        """The answer and where it was found."""
+        text = re.sub(r"<\|\w+\|>|</s>", "", _thought_through(text))  # without end-of-text tokens
+        for instruction in INSTRUCTIONS:  # a prompt that is repeated holds examples in tags
+            text = text.replace(instruction, "")
+        if not text.strip():
+            raise UnreadableError("an empty response")
+        if (inside := _tagged(text)) is not None:
+            return self.inside(inside), "tags"
+        if (inside := _boxed(text)) is not None:
+            return self.inside(inside), "boxed"
+        if (value := _json(text)) is not None:
+            return self.of_json(value), "json"
+        text = plain(text)
+        if labels := _labelled(text):
+            answers = {self.after_label(label) for label in labels}
+            if len(answers) > 1:
+                raise UnreadableError("several different answers")
+            return answers.pop(), "label"
+        try:
+            return self.words(text), "bare" if is_bare(text) else "text"
+        except UnreadableError:
+            lines = text.splitlines()
+            bare = [i for i, line in enumerate(lines) if is_bare(line)]
+            if not bare or bare[0] != bare[-1] or bare[0] not in (0, len(lines) - 1):
+                raise
+            return self.first(lines[bare[0]], "" if bare[0] else "\n".join(lines[1:])), "line"
+
+    def words(self, text: str) -> Answer:
+        """The answer that a `plain` text is."""
+        return read_letters(text, self.options) if self.options else read_word(text)
+
+    def inside(self, text: str) -> Answer:
+        """The answer in tags or a box, which may hold a box, JSON or a label itself."""
+        if not text.strip():
+            raise UnreadableError("an empty answer")
+        if (boxed := _boxed(text)) is not None:
+            text = boxed
+        if (value := _json(text)) is not None:
+            return self.of_json(value)
+        labels = _labelled(plain(text))
+        return self.after_label(labels[0]) if len(labels) == 1 else self.words(plain(text))
+
+    def after_label(self, text: str) -> Answer:
+        """The answer in all that follows a label, or in its first line up to a reason."""
+        try:
+            return self.words(text)
+        except UnreadableError:
+            first = REASON.split(text.splitlines()[0])[0] if text else ""
+            return self.first(first, text[len(first) :])
+
+    def first(self, first: str, rest: str) -> Answer:
+        """The answer of the first words, where the rest names no option beyond it, and takes no word back."""
+        answer = self.words(first)
+        if isinstance(answer, str) and RETRACTION.search(rest):
+            raise UnreadableError("a word, and then a text that may take it back")
+        if isinstance(answer, frozenset) and (others := set(OTHER_LETTER.findall(rest)) - answer):
+            raise UnreadableError(f"{', '.join(sorted(others))}, after an answer without it")
+        return answer
+
+    def of_json(self, value: Any) -> Answer:
+        """The answer of a JSON value, which may stand under an answer's key, or for an open question in a list of one."""
+        while True:
+            keys = [k for k in value if k.casefold() in ANSWER_KEYS] if isinstance(value, dict) else []
+            if len(keys) == 1:
+                value = value[keys[0]]
+            elif isinstance(value, list) and len(value) == 1 and not self.options:
+                value = value[0]
+            else:
+                break
+        if isinstance(value, dict):
+            if keys or not self.options or not all(isinstance(v, str | bool) for v in value.values()):
+                raise UnreadableError(f"a JSON object without one of the keys {', '.join(ANSWER_KEYS)}")
+            if len(value) < len(self.options):
+                raise UnreadableError(f"judgements of {len(value)} of {len(self.options)} options")
+            value = "\n".join(f"{key}: {str(v).lower()}" for key, v in value.items())
+        if isinstance(value, list):
+            if not self.options or not all(isinstance(v, str) and v.strip() for v in value):
+                raise UnreadableError("a JSON list that is not of letters or options")
+            parts = [read_letters(plain(v), self.options) for v in value]
+            if len(value) > 1 and any(len(part) != 1 for part in parts):
+                raise UnreadableError("a JSON list with several answers in one part")
+            return frozenset[str]().union(*parts)
+        if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
+            raise UnreadableError("a JSON value that is neither a text nor a whole number")
+        return self.words(plain(str(value)))
+
+
+def _thought_through(text: str) -> str:
+    """The text without its thinking.
+
+    An opening tag may be missing, because many templates put it in the prompt. One that is never closed reaches to an answer
+    pair that ends the text, or to the end.
+    """
+    kept, depth, start = list[str](), 0, 0
+    for tag in THINKING.finditer(text):
+        if not depth:
+            kept.append(text[start : tag.start()])
+        if not tag[1]:
+            depth += 1
+        elif depth:
+            depth -= 1
+        else:
+            kept.clear()
+        start = tag.end()
+    if not depth:
+        return "".join([*kept, text[start:]])
+    if last := LAST_PAIR.search(text, start):
+        return last[0]
+    if not "".join(kept).strip():
+        raise UnreadableError("it ends inside its thinking")
+    return "".join(kept)
+
+
+def _tagged(text: str) -> str | None:
+    """What stands in the last answer tags; they may lack either tag."""
+    tags = list(TAG.finditer(text))
+    if not tags:
+        return None
+    opening = next((i for i in reversed(range(len(tags))) if not tags[i][1]), None)
+    if opening is None:
+        return text[: tags[0].start()]
+    closing = tags[opening + 1].start() if opening + 1 < len(tags) else len(text)
+    return text[tags[opening].end() : closing]
+
+
+def _boxed(text: str) -> str | None:
+    """What stands in the last `\\boxed{}`."""
+    if not (boxes := list(BOX.finditer(text))):
+        return None
+    if closed := BOXED.match(text, boxes[-1].end()):
+        return LATEX_TEXT.sub(r"\1", closed[1])
+    raise UnreadableError("a box that is not closed")
+
+
+def _json(text: str) -> Any:
+    """The list, object or text that a response is in JSON, or that stands in its last code fence; None if there is none."""
+    fenced = FENCE.findall(text)
+    text = (fenced[-1] if fenced else text).strip()
+    if not text.startswith(("[", "{", '"')):
+        return None
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _labelled(text: str) -> list[str]:
+    """What stands between each "Answer:" or the like and the next; only the last "Final answer:" where there is one."""
+    labels = list(LABEL.finditer(text))
+    ends = [*(label.start() for label in labels[1:]), len(text)]
+    found = [(bool(label[1]), text[label.end() : end].strip()) for label, end in zip(labels, ends, strict=False)]
+    finals = [rest for final, rest in found if final]
+    return finals[-1:] or [rest for _, rest in found]

@@ -1,0 +1,347 @@
+"""CLEVRER's mask proposals: official JSON files (plain or gzipped), and compact NPZ files of many videos without masks."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypedDict
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
+from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.schema import LARGEST_ID, check_frame
+from nsdr.errors import DataError
+from nsdr.io.limits import check_limit, limits
+from nsdr.io.reading import parse_typed, read_json, read_npz, read_typed
+from nsdr.types import VideoProposals
+from nsdr.validation import Share, convert, expect
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, Color, Material, Shape, attribute_index, attributes_of
+
+__all__ = [
+    "compact_rows",
+    "ground_truth_of",
+    "parse_proposals",
+    "proposals_document",
+    "proposals_from_document",
+    "proposals_from_rows",
+    "read_compact_proposals",
+    "read_ground_truth",
+    "read_proposals",
+]
+
+SCORE_DECIMALS = 6
+"""Decimal places of scores in written files."""
+COMPACT_SCORE_STEPS = 255.0
+"""Steps per unit of score in compact files, which store scores as bytes."""
+COMPACT_CENTROID_STEPS_PER_PX = 64.0
+"""Steps per pixel of centroids in compact files."""
+COMPACT_ARRAYS = ("video", "frame", "attr", "score", "cx64", "cy64", "area", "box")
+"""Arrays of a compact file."""
+
+
+class _Mask(msgspec.Struct):
+    size: list[int]
+    counts: str
+
+
+class _Row(msgspec.Struct):
+    mask: _Mask
+    color: Color
+    material: Material
+    shape: Shape
+    score: Share
+
+
+class _Frame(msgspec.Struct):
+    frame_index: int
+    objects: list[_Row]
+
+
+class _File(msgspec.Struct):
+    frames: list[_Frame]
+    n_frames: int | None = None
+
+    def __post_init__(self) -> None:
+        expect(len(self.frames) > 0, ".frames", "at least 1", "none")
+        before = -1
+        for f, frame in enumerate(self.frames):  # the irregular video 7648 skips some
+            place = f".frames[{f}]"
+            check_frame(frame.frame_index, f"{place}.frame_index")
+            expect(frame.frame_index > before, f"{place}.frame_index", "ascending frames", frame.frame_index)
+            before = frame.frame_index
+            check_limit(len(frame.objects), "frame_objects", f"{place}.objects")
+            for i, row in enumerate(frame.objects):
+                size = row.mask.size
+                expect(
+                    size == [HEIGHT_PX, WIDTH_PX], f"{place}.objects[{i}].mask.size", f"[{HEIGHT_PX}, {WIDTH_PX}]", size
+                )
+        n, most = self.n_frames, limits().frames
+        expect(n is None or before < n <= most, ".n_frames", f"{before + 1} to {most}", n)
+
+
+def read_proposals(path: str | Path) -> VideoProposals:
+    """Read CLEVRER's `proposal_N.json` or the released code's `sim_N.json`, plain or gzipped.
+
+    Raises:
+        DataError: not a proposal file; names the file, the location in the file and what was expected there.
+    """
+    return _proposals_of(read_typed(path, _File), str(path))
+
+
+def parse_proposals(data: bytes, name: str) -> VideoProposals:
+    """Parse the bytes of a proposal file, JSON, plain or gzipped; errors are those of `proposals_from_document`."""
+    return _proposals_of(parse_typed(data, name, _File), name)
+
+
+def proposals_from_document(content: Any, name: str) -> VideoProposals:
+    """The proposals of a file's JSON document.
+
+    Args:
+        content: the document.
+        name: name of the file, for error messages.
+
+    Raises:
+        DataError: not a proposal file; names `name`, the location in the file and what was expected there.
+    """
+    return _proposals_of(convert(content, _File, f"{name}: "), name)
+
+
+def _proposals_of(content: _File, name: str) -> VideoProposals:
+    rows = [
+        (
+            frame.frame_index,
+            attribute_index(o.color, o.material, o.shape),
+            o.score,
+            o.mask.counts,
+            f"{name}: frames[{f}].objects[{i}].mask",
+        )
+        for f, frame in enumerate(content.frames)
+        for i, o in enumerate(frame.objects)
+    ]
+    indices = [frame.frame_index for frame in content.frames]
+    return _proposals(content.n_frames or indices[-1] + 1, rows, indices)
+
+
+def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
+    """Read and check the `ground_truth` block of a file of `processed_proposals`.
+
+    Returns:
+        The block, and the number of frames of the video.
+
+    Raises:
+        DataError: there is no such block, or it is malformed; names the file and the location in the file.
+    """
+    content = read_json(path)
+    return ground_truth_of(content, str(path)), content["frames"][-1]["frame_index"] + 1
+
+
+def ground_truth_of(content: Any, name: str) -> dict[str, Any]:
+    """The checked `ground_truth` block of a file of `processed_proposals`.
+
+    Args:
+        content: the file's JSON document.
+        name: name of the file, for error messages.
+
+    Raises:
+        DataError: there is no such block, or it is malformed; names `name` and the location in the file.
+    """
+    block: dict[str, Any] = convert(content, _WithTruth, f"{name}: ")["ground_truth"]
+    file: _File = convert(content, _File, f"{name}: ")
+    n_frames = file.frames[-1].frame_index + 1
+    # Events of irregular videos may lie behind the frames that the file has.
+    irregular = content.get("video_index") in IRREGULAR_VIDEOS
+    check_ground_truth(block, f"{name}: ground_truth", max(n_frames, VIDEO_FRAMES) if irregular else n_frames)
+    return block
+
+
+class _WithTruth(TypedDict):
+    ground_truth: dict[str, Any]
+
+
+def proposals_from_rows(
+    n_frames: int, rows: Sequence[tuple[int, int, float, str]], processed: Sequence[int] | None = None
+) -> VideoProposals:
+    """Make proposals from rows; rows with empty masks are dropped.
+
+    Args:
+        n_frames: number of frames of the video.
+        rows: (frame, attribute index, score, COCO run-length string), in any order.
+        processed: ascending frames that were processed; None for all.
+
+    Raises:
+        DataError: a mask that is damaged or of another size.
+    """
+    named = [(*row, f"frame {row[0]}, row {i}: mask") for i, row in enumerate(rows)]
+    return _proposals(n_frames, named, processed)
+
+
+def _proposals(
+    n_frames: int, rows: Sequence[tuple[int, int, float, str, str]], processed: Sequence[int] | None
+) -> VideoProposals:
+    """As `proposals_from_rows`, of rows that end with the location of the mask for error messages."""
+    kept, centroids, areas, boxes = [], [], [], []
+    for row in sorted(rows, key=lambda r: r[0]):
+        runs = runs_of_mask(row[3], HEIGHT_PX, WIDTH_PX, row[4])
+        centroid, area, box = numbers_of_runs(runs, HEIGHT_PX)
+        if area:
+            kept.append(row)
+            centroids.append(centroid)
+            areas.append(area)
+            boxes.append(box)
+    return VideoProposals(
+        n_frames,
+        np.array([r[0] for r in kept], np.int64),
+        np.array([r[1] for r in kept], np.int64),
+        np.array([r[2] for r in kept], np.float64),
+        np.array(centroids, np.float64).reshape(-1, 2),
+        np.array(areas, np.int64),
+        np.array(boxes, np.int64).reshape(-1, 4),
+        tuple(r[3] for r in kept),
+        None if processed is None or len(processed) == n_frames else np.array(processed, np.int64),
+    )
+
+
+def proposals_document(proposals: VideoProposals, video_index: int, video_filename: str) -> dict[str, Any]:
+    """The official JSON document of a video's proposals; inverse of `read_proposals`.
+
+    It lists the processed frames. Where the last frame is not one of them, `n_frames` is added to the official keys.
+
+    Raises:
+        DataError: the proposals have no masks.
+    """
+    if proposals.masks is None:
+        raise DataError("the proposals have no masks, which the official format needs")
+    indices = range(proposals.n_frames) if proposals.processed is None else proposals.processed.tolist()
+    frames: dict[int, dict[str, Any]] = {f: {"frame_index": f, "objects": []} for f in indices}
+    for i, mask in enumerate(proposals.masks):
+        frame = int(proposals.frame_index[i])
+        color, material, shape = attributes_of(int(proposals.attribute[i]))
+        frames[frame]["objects"].append(
+            {
+                "mask": {"size": [HEIGHT_PX, WIDTH_PX], "counts": mask},
+                "color": color,
+                "material": material,
+                "shape": shape,
+                "score": round(float(proposals.score[i]), SCORE_DECIMALS),
+                "video_index": video_index,
+                "frame_index": frame,
+            }
+        )
+    document = {"video_index": video_index, "video_filename": video_filename, "frames": list(frames.values())}
+    return document if proposals.n_frames - 1 in frames else document | {"n_frames": proposals.n_frames}
+
+
+def compact_rows(video: int, proposals: VideoProposals) -> dict[str, NDArray[Any]]:
+    """The arrays of a compact file for one video; inverse of `read_compact_proposals`, but for masks and rounding.
+
+    Args:
+        video: index of the video.
+        proposals: its N detections.
+
+    Returns:
+        The `COMPACT_ARRAYS` by name: (N,) integers, `box` (N, 4).
+    """
+    centroid = np.rint((proposals.centroid_px - PIXEL_CENTRE_PX) * COMPACT_CENTROID_STEPS_PER_PX)
+    return {
+        "video": np.full(len(proposals), video, np.uint32),
+        "frame": proposals.frame_index.astype(np.uint16),
+        "attr": proposals.attribute.astype(np.uint8),
+        "score": np.rint(proposals.score * COMPACT_SCORE_STEPS).astype(np.uint8),
+        "cx64": centroid[:, 0].astype(np.uint16),
+        "cy64": centroid[:, 1].astype(np.uint16),
+        "area": proposals.area_px.astype(np.uint32),
+        "box": proposals.box_xyxy_px.astype(np.uint16),
+    }
+
+
+def read_compact_proposals(
+    path: str | Path, n_frames: Mapping[int, int] | None = None
+) -> Iterator[tuple[int, VideoProposals]]:
+    """Read a compact NPZ file: proposals of many videos without masks, one row per detection.
+
+    Arrays: `video`, `frame`, `attr` (attribute index), `score` (0-255), `cx64` and `cy64` (mean pixel index in 1/64 px),
+    `area`, and `box` (left, top, right, bottom); rows are sorted by video and frame.
+
+    Args:
+        path: the NPZ file.
+        n_frames: number of frames by video index; others have 128, or more if rows show more.
+
+    Yields:
+        (video index, proposals without masks).
+
+    Raises:
+        DataError: a missing or malformed file, or values out of range; names the file, the array and the first wrong row.
+    """
+    a = _compact_arrays(path)
+    starts = np.flatnonzero(np.diff(a["video"].astype(np.int64), prepend=-1))
+    for start, stop in zip(starts, [*starts[1:], len(a["video"])], strict=True):
+        rows = slice(int(start), int(stop))
+        video = int(a["video"][start])
+        frame = a["frame"][rows].astype(np.int64)
+        shown_frames = max(VIDEO_FRAMES, int(frame[-1]) + 1)
+        length = (n_frames or {}).get(video, shown_frames)
+        if int(frame[-1]) >= length:
+            # The rows of an irregular video go beyond the frames that its truth counts.
+            if video not in IRREGULAR_VIDEOS:
+                raise DataError(
+                    f"{path}: frame: video {video} has {length} frames, row {int(stop) - 1} frame {frame[-1]}"
+                )
+            length = shown_frames
+        yield (
+            video,
+            VideoProposals(
+                length,
+                frame,
+                a["attr"][rows].astype(np.int64),
+                a["score"][rows] / COMPACT_SCORE_STEPS,
+                np.stack([a["cx64"][rows], a["cy64"][rows]], 1) / COMPACT_CENTROID_STEPS_PER_PX + PIXEL_CENTRE_PX,
+                a["area"][rows].astype(np.int64),
+                a["box"][rows].astype(np.int64),
+            ),
+        )
+
+
+def _compact_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a compact file, checked."""
+    a = read_npz(path)
+    missing = [name for name in COMPACT_ARRAYS if name not in a]
+    if missing:
+        raise DataError(f"{path}: not a compact proposal file: it has no {', '.join(missing)}")
+    n = len(a["video"]) if a["video"].ndim else 0
+    for name in COMPACT_ARRAYS:
+        shape = (n, 4) if name == "box" else (n,)
+        if a[name].shape != shape or a[name].dtype.kind not in "iu" or not n:
+            expected = f"whole numbers of the shape {shape}" if n else "at least 1 row"
+            raise DataError(f"{path}: {name}: expected {expected}, got {a[name].dtype} {a[name].shape}")
+    highest = {
+        "video": LARGEST_ID,
+        "frame": limits().frames - 1,
+        "attr": N_ATTRIBUTE_TRIPLES - 1,
+        "score": int(COMPACT_SCORE_STEPS),
+        "cx64": int(WIDTH_PX * COMPACT_CENTROID_STEPS_PER_PX),
+        "cy64": int(HEIGHT_PX * COMPACT_CENTROID_STEPS_PER_PX),
+        "area": HEIGHT_PX * WIDTH_PX,
+        "box": WIDTH_PX,
+    }
+    for name, end in highest.items():
+        start, low, high = int(name == "area"), a[name].min(), a[name].max()
+        if low < start or high > end:
+            raise DataError(f"{path}: {name}: expected {start} to {end}, found {low} to {high}")
+    left, top, right, bottom = a["box"].T
+    fits = (left < right) & (top < bottom) & (bottom <= HEIGHT_PX)
+    if not fits.all():
+        row = int(fits.argmin())
+        expected = f"left < right, top < bottom, bottom up to {HEIGHT_PX}"
+        raise DataError(f"{path}: box: row {row}: expected {expected}, got {a['box'][row].tolist()}")
+    place = a["video"].astype(np.int64) * limits().frames + a["frame"]
+    ascending = np.diff(place, prepend=0) >= 0
+    if not ascending.all():
+        row = int(ascending.argmin())
+        after, found = (f"video {a['video'][r]}, frame {a['frame'][r]}" for r in (row - 1, row))
+        raise DataError(f"{path}: row {row}: expected ascending videos and frames, got {found} after {after}")
+    per_frame = np.diff(np.flatnonzero(np.diff(place, prepend=-1, append=-1)))
+    check_limit(int(per_frame.max()), "frame_objects", f"{path}: detections in a frame")
+    return a

@@ -1,0 +1,222 @@
+"""Scenes from ground truth: CLEVRER's annotations and ground-truth blocks, and truth files of generated videos.
+
+The rules for what counts as visible, entering, moving and colliding are those that reproduce CLEVRER's answers.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nsdr.clevrer.files.annotations import check_annotation, check_truth, check_truth_blocks
+from nsdr.clevrer.files.schema import Id
+from nsdr.errors import DataError
+from nsdr.io.files import find_files
+from nsdr.io.reading import read_json
+from nsdr.types import Event, ObjectPhysics, Scene, SceneObject
+from nsdr.validation import convert
+from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
+from nsdr.world.timeline import VIDEO_FRAMES
+
+__all__ = [
+    "collisions_in_view",
+    "enter_exit_events",
+    "iterate_scenes",
+    "scene_from_annotation",
+    "scene_from_ground_truth",
+    "scene_from_truth",
+    "speed_world_per_s",
+]
+
+
+def enter_exit_events(visible: NDArray[np.bool_]) -> list[Event]:
+    """Entrances and exits, in order of object and frame.
+
+    An object enters at a visible frame after an invisible one, and exits at an invisible frame after a visible one.
+
+    Args:
+        visible: (n_objects, n_frames) bool.
+    """
+    events = []
+    change = np.diff(visible.astype(np.int8), axis=1)
+    for i, frame in np.argwhere(change != 0):
+        events.append(Event("in" if change[i, frame] > 0 else "out", int(frame) + 1, (int(i),)))
+    return events
+
+
+def collisions_in_view(collisions: Iterable[Event], visible: NDArray[np.bool_]) -> list[Event]:
+    """Observed collisions as counted by the ground truth.
+
+    A collision in which neither object is visible is dropped. If only one is visible, the collision is counted at the first
+    later frame in which both are, and dropped if there is none.
+
+    Args:
+        collisions: events at their physical frames.
+        visible: (n_objects, n_frames) bool.
+    """
+    kept = []
+    for event in collisions:
+        both = visible[event.objects[0]] & visible[event.objects[1]]
+        either = visible[event.objects[0]] | visible[event.objects[1]]
+        if event.frame >= len(both) or not either[event.frame]:
+            continue
+        if both[event.frame]:
+            kept.append(event)
+            continue
+        frames = np.flatnonzero(both[event.frame :])
+        if len(frames):
+            kept.append(Event("collision", event.frame + int(frames[0]), event.objects))
+    return kept
+
+
+def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
+    """The scene of an annotation, with observed events and motion.
+
+    Args:
+        annotation: content of an annotation file.
+
+    Raises:
+        DataError: a missing key or unknown attribute word.
+    """
+    try:
+        objects = _objects(annotation["object_property"], "object_id")
+        frames = annotation["motion_trajectory"]
+        visible, moving, velocity = _motion(frames, len(objects))
+        collisions = _collisions(annotation["collision"])
+    except (KeyError, TypeError, IndexError) as e:
+        raise DataError(f"not an annotation: {e!r}") from e
+    events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
+    physics = ObjectPhysics(velocity, 0.0)
+    return Scene(objects, len(frames), visible, moving, tuple(events), physics=physics)
+
+
+def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> Scene:
+    """The scene of a generated video's `truth_S.json`, with observed, unseen and counterfactual events and motion.
+
+    Args:
+        truth: `objects`, `frames` (7/5 of the video's), `collisions` and `counterfactual`.
+        n_frames: number of frames that the video shows; None takes the file's `n_frames`, or 128 if it has none.
+
+    Raises:
+        DataError: a missing key or unknown attribute word.
+    """
+    try:
+        objects = _objects(truth["objects"], "object_id")
+        n_frames = n_frames or truth.get("n_frames", VIDEO_FRAMES)
+        visible, moving, velocity = _motion(truth["frames"][:n_frames], len(objects))
+        collisions = _collisions(truth["collisions"])
+        counterfactual = {int(removed): tuple(_collisions(rows)) for removed, rows in truth["counterfactual"].items()}
+    except (KeyError, TypeError, IndexError) as e:
+        raise DataError(f"not a truth file: {e!r}") from e
+    events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
+    unseen = tuple(e for e in collisions if e.frame >= n_frames)
+    log_mass = _log_mass(truth["objects"])
+    covariance = None if log_mass is None else np.zeros((len(objects), len(objects)))
+    physics = ObjectPhysics(velocity, 0.0, log_mass, covariance)
+    return Scene(objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, physics=physics)
+
+
+def speed_world_per_s(step_world: NDArray[Any], frames: ArrayLike) -> NDArray[Any]:
+    """Speeds (...) of displacements on the ground (world units/s).
+
+    Args:
+        step_world: (..., 2) displacements (world units).
+        frames: number of frames that each displacement takes, broadcast against (...).
+    """
+    return np.asarray(np.linalg.norm(step_world / (np.asarray(frames) * FRAME_SECONDS), axis=-1))
+
+
+def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:
+    """The scene of a `ground_truth` block, with observed events; motion is not known.
+
+    Args:
+        block: `objects`, `in_outs` and `collisions`, from `read_ground_truth` or `read_truth`.
+        n_frames: number of frames of the video.
+
+    Raises:
+        DataError: a missing key or unknown attribute word.
+    """
+    try:
+        objects = _objects(block["objects"], "id")
+        events = [Event(e["type"], e["frame"], (e["object"],)) for e in block["in_outs"]]
+        events += [Event("collision", e["frame"], tuple(sorted(e["object"]))) for e in block["collisions"]]
+    except (KeyError, TypeError, IndexError) as e:
+        raise DataError(f"not a ground-truth block: {e!r}") from e
+    visible = np.ones((len(objects), n_frames), bool)
+    for i in range(len(objects)):
+        changes = sorted((e for e in events if e.kind != "collision" and e.objects == (i,)), key=lambda e: e.frame)
+        if changes:
+            visible[i, : changes[0].frame] = changes[0].kind == "out"
+        for event in changes:
+            visible[i, event.frame :] = event.kind == "in"
+    return Scene(objects, n_frames, visible, None, tuple(events))
+
+
+def _objects(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[SceneObject, ...]:
+    return tuple(SceneObject(o[key], o["color"], o["material"], o["shape"]) for o in rows)
+
+
+def _collisions(rows: Iterable[Mapping[str, Any]]) -> list[Event]:
+    return [Event("collision", c["frame_id"], tuple(sorted(c["object_ids"]))) for c in rows]
+
+
+def _log_mass(rows: Sequence[Mapping[str, Any]]) -> NDArray[np.floating[Any]] | None:
+    """(n,) by id; None where a row has no mass."""
+    if not all("mass" in o for o in rows):
+        return None
+    mass = [o["mass"] for o in sorted(rows, key=lambda o: int(o["object_id"]))]
+    wrong = [m for m in mass if type(m) not in (int, float) or not 0 < m < np.inf]
+    if wrong:
+        raise DataError(f"not a truth file: objects: mass: expected a positive number, got {wrong[0]!r:.60}")
+    return np.log(mass)
+
+
+def _motion(
+    frames: Sequence[Mapping[str, Any]], n: int
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.floating[Any]]]:
+    """Which objects are visible (n, F) and move (n, F), and velocities on the ground (n, F, 2), NaN for objects not listed."""
+    visible, moving = np.zeros((n, len(frames)), bool), np.zeros((n, len(frames)), bool)
+    velocity = np.full((n, len(frames), 2), np.nan, np.float32)
+    for f, frame in enumerate(frames):
+        for o in frame["objects"]:
+            i = o["object_id"]
+            vx, vy, _ = o["velocity"]
+            visible[i, f] = o["inside_camera_view"]
+            moving[i, f] = vx * vx + vy * vy > MOVING_SPEED_WORLD_PER_S**2
+            velocity[i, f] = vx, vy
+    return visible, moving, velocity
+
+
+def iterate_scenes(path: str | Path) -> Iterator[tuple[int, str, Scene]]:
+    """Yield index, video file name and scene of everything below a path.
+
+    Args:
+        path: a truth file (`truth_N.json`), an annotation file, or compact ground truth (`.json` or `.json.gz` with a list of
+            blocks); a folder stands for the truth files, or else the annotation files, below it.
+
+    Raises:
+        DataError: there is nothing of this kind, or a file cannot be read; names it.
+    """
+    path = Path(path)
+    if path.is_dir():
+        below = find_files(path, "truth_*.json") or find_files(path, "annotation_*.json")
+        if not below:
+            raise DataError(f"{path}: holds no truth_*.json and no annotation_*.json")
+        for file in below:
+            yield from iterate_scenes(file)
+        return
+    if not path.is_file():
+        raise DataError(f"{path}: no such file or folder")
+    content = read_json(path)
+    if isinstance(content, list):
+        for index, block in check_truth_blocks(content, str(path)).items():
+            yield index, f"video_{index:05d}.mp4", scene_from_ground_truth(block, block["n_frames"])
+    elif isinstance(content, dict) and "motion_trajectory" in content:
+        check_annotation(content, where=f"{path}: ")
+        yield content["scene_index"], content["video_filename"], scene_from_annotation(content)
+    else:
+        check_truth(content, where=f"{path}: ")
+        video: int = convert(content.get("scene_index"), Id, f"{path}: scene_index: ")
+        yield video, f"video_{video:05d}.mp4", scene_from_truth(content)

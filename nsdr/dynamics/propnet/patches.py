@@ -1,0 +1,128 @@
+"""What the paper's dynamics networks see of each object: its box, and patches of image and mask around it."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pycocotools import mask as rle
+
+from nsdr.dynamics.motion_states import MotionStates, extrapolate
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchModelConfig
+from nsdr.errors import DataError
+from nsdr.types import VideoProposals, VideoTracks
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
+
+__all__ = ["object_patches", "patch_boxes"]
+
+FloatArray = NDArray[np.floating[Any]]
+FAR = 3.0
+"""Boxes further out than this, in units of `BOX_SCALE`, stay there."""
+MAX_VALUE = 255
+"""Value of a cell that the mask fills."""
+
+
+def patch_boxes(
+    location_world: FloatArray,
+    box_px: FloatArray,
+    reliable: NDArray[np.bool_],
+    margin: int,
+    camera: Camera = CLEVRER_CAMERA,
+) -> FloatArray:
+    """Boxes as if nothing hid the objects, for patches: the centre's image, and the size that was last seen whole.
+
+    Args:
+        location_world: (..., F, 2).
+        box_px: (..., F, 4) as in `MotionStates`.
+        reliable: (..., F).
+        margin: frames before the first one, continued in a straight line.
+        camera: that took the video.
+
+    Returns:
+        (..., margin + F, 4) in units of `BOX_SCALE`.
+    """
+    position = extrapolate(location_world, margin)[..., : margin + location_world.shape[-2], :]
+    pixels = camera.pixels(on_ground(position))
+    every, size = np.arange(-margin, box_px.shape[-2]), np.zeros((*pixels.shape[:-1], 2))
+    for index in np.ndindex(*reliable.shape[:-1]):
+        seen = np.flatnonzero(reliable[index])
+        seen = seen if len(seen) else np.arange(box_px.shape[-2])
+        for axis in range(2):
+            size[(*index, slice(None), axis)] = np.interp(every, seen, box_px[index][seen, 2 + axis])
+    scaled = np.concatenate([pixels - np.array([WIDTH_PX / 2, HEIGHT_PX / 2]), size], -1) / np.array(BOX_SCALE)
+    return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
+
+
+def object_patches(
+    frames: Iterable[NDArray[np.uint8]],
+    proposals: VideoProposals,
+    tracks: VideoTracks,
+    states: MotionStates,
+    config: PatchModelConfig,
+) -> NDArray[np.uint8]:
+    """Patches around every object in every frame, of the object alone: what its mask leaves out is black.
+
+    Where an object is not seen whole, its patch of the nearest frame in which it is stands for it.
+
+    Args:
+        frames: F images (320, 480, 3) uint8 RGB.
+        proposals: the detections with their masks.
+        tracks: made from `proposals`.
+        states: made from `tracks`.
+        config: number and size of the cells.
+
+    Returns:
+        (n, F, 4, cells, cells) uint8: red, green, blue, and the share of each cell that the mask covers, in 0-255.
+
+    Raises:
+        DataError: the proposals have no masks, or not the tracks' detections, or there are fewer frames than the tracks have.
+    """
+    if proposals.masks is None:
+        raise DataError("patches of images need proposals with masks; give proposal_N.json files, or videos")
+    n, n_frames = states.present.shape
+    box = patch_boxes(states.location_world, states.box_px, states.reliable, 0, states.camera)
+    centre = box[..., :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
+    row_of = {_key(proposals, row): row for row in range(len(proposals))}
+    whole = np.where(states.reliable.any(1, keepdims=True), states.reliable, states.detected)
+    patches = np.zeros((n, n_frames, PATCH_CHANNELS, config.patch_cells, config.patch_cells), np.uint8)
+    detection = {(i, int(f)): k for i, t in enumerate(tracks.tracks) for k, f in enumerate(t.frame_index)}
+    count = 0
+    for f, frame in enumerate(frames):
+        if f >= n_frames:
+            break
+        count += 1
+        for i in np.flatnonzero(whole[:, f]).tolist():
+            row = row_of.get((f, *tracks.tracks[i].box_xyxy_px[detection[i, f]].tolist()))
+            if row is None:
+                raise DataError(f"frame {f}: the proposals have no detection of track {i}; give those it was made from")
+            mask = rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row].encode()})
+            patches[i, f] = _patch(frame, mask, centre[i, f], config)
+    if count < n_frames:
+        raise DataError(
+            f"the video has {count} frames, and the tracks have {n_frames}; give the video they were made from"
+        )
+    for i in range(n):
+        seen = np.flatnonzero(whole[i])
+        patches[i] = patches[i, seen[np.abs(seen - np.arange(n_frames)[:, None]).argmin(1)]]
+    return patches
+
+
+def _key(proposals: VideoProposals, row: int) -> tuple[int, ...]:
+    return (int(proposals.frame_index[row]), *proposals.box_xyxy_px[row].tolist())
+
+
+def _patch(
+    frame: NDArray[np.uint8], mask: NDArray[np.uint8], centre: NDArray[Any], config: PatchModelConfig
+) -> NDArray[np.uint8]:
+    """(4, cells, cells) around a position (column, row); outside the image everything is 0."""
+    side = round(config.patch_cells * config.cell_px)
+    low = np.floor(centre - side / 2).astype(int) - 1
+    left, top = np.clip(low, 0, (WIDTH_PX - 1, HEIGHT_PX - 1)).tolist()
+    right, bottom = np.clip(low + side + 3, (left + 1, top + 1), (WIDTH_PX, HEIGHT_PX)).tolist()
+    around, covered = frame[top:bottom, left:right], mask[top:bottom, left:right, None]
+    image = np.concatenate([around * covered, covered * np.uint8(MAX_VALUE)], -1)
+    move = np.array([[1.0, 0.0, left + side / 2 - centre[0]], [0.0, 1.0, top + side / 2 - centre[1]]])
+    cut = cv2.warpAffine(image, move, (side, side), borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 0))
+    cells = cv2.resize(cut, (config.patch_cells, config.patch_cells), interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(np.asarray(cells, np.uint8).transpose(2, 0, 1))

@@ -1,0 +1,161 @@
+"""Numbers about sets of answers: confidence intervals, calibration of probabilities, and halves of a question set."""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
+
+__all__ = [
+    "BINS",
+    "BLIND_HALVES",
+    "accuracy_interval",
+    "blind_text",
+    "by_halves",
+    "calibration",
+    "calibration_text",
+    "difference_interval",
+    "percent",
+    "wilson_interval",
+]
+
+Z_95 = 1.959964
+"""Standard normal quantile of a two-sided 95 % interval."""
+RESAMPLES = 2000
+"""Number of bootstrap samples, drawn with a fixed seed."""
+
+
+def wilson_interval(accuracy: float, n: int, z: float = Z_95) -> tuple[float, float]:
+    """Wilson's score interval (low, high) of a proportion 0-1 in `n` independent trials; `z` is a standard normal quantile.
+
+    Source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 1927.
+    """
+    if n == 0:
+        return 0.0, 1.0
+    centre = (accuracy + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * sqrt(accuracy * (1 - accuracy) / n + z * z / (4 * n * n))
+    return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
+def accuracy_interval(correct: Sequence[bool], scenes: Sequence[int]) -> tuple[float, float]:
+    """95 % interval (low, high) of the share that is correct: the wider of Wilson's and a bootstrap over scenes.
+
+    Answers about one video are not independent: one missed collision makes several of them wrong. The bootstrap draws whole
+    videos; Wilson's interval holds where all or nearly all are right.
+
+    Args:
+        correct: of each answer.
+        scenes: index of each answer's scene.
+    """
+    if not correct:
+        return 0.0, 1.0
+    low, high = _bootstrap(np.asarray(correct, float), scenes)
+    least, most = wilson_interval(sum(map(bool, correct)) / len(correct), len(correct))
+    return min(low, least), max(high, most)
+
+
+def difference_interval(first: Sequence[bool], second: Sequence[bool], scenes: Sequence[int]) -> tuple[float, float]:
+    """95 % interval (low, high) of the second system's accuracy minus the first one's on the same questions.
+
+    The wider of a bootstrap over scenes, which keeps both answers to a question together, and of Agresti and Min's interval of
+    independent questions, which holds for few scenes and few differences ("Simple improved confidence intervals for comparing
+    matched proportions", Statistics in Medicine 2005: Wald's interval after half a question is added to each of the four
+    outcomes). Where both are right on the same questions, it reaches as far as Wilson's of no difference in as many.
+
+    Args:
+        first, second: whether each system is right, for each question.
+        scenes: index of each question's scene.
+    """
+    difference = np.asarray(second, float) - np.asarray(first, float)
+    if not difference.any():
+        reach = wilson_interval(0.0, len(difference))[1]
+        return -reach, reach
+    low, high = _bootstrap(difference, scenes)
+    n = len(difference) + 2
+    centre = float(difference.sum()) / n
+    half = Z_95 * sqrt(((difference != 0).sum() + 1) / n - centre**2) / sqrt(n)
+    return max(min(low, centre - half), -1.0), min(max(high, centre + half), 1.0)
+
+
+def _bootstrap(values: NDArray[np.float64], scenes: Sequence[int]) -> tuple[float, float]:
+    """95 % interval (low, high) of the mean, by drawing whole scenes."""
+    index = np.unique(np.asarray(scenes), return_inverse=True)[1]
+    n = np.bincount(index).astype(float)
+    total = np.bincount(index, values)
+    drawn = np.random.default_rng(0).multinomial(len(n), np.full(len(n), 1 / len(n)), RESAMPLES)
+    low, high = np.quantile((drawn @ total) / (drawn @ n), [0.025, 0.975])
+    return float(low), float(high)
+
+
+BINS = 15
+"""Bins of equal width of the expected calibration error (Guo et al., On Calibration of Modern Neural Networks, ICML 2017)."""
+
+
+def calibration(probability: Sequence[float], true: Sequence[bool]) -> dict[str, Any]:
+    """Calibration of statements.
+
+    Args:
+        probability: of each statement, in 0-1; at least one.
+        true: whether it is true.
+
+    Returns:
+        `ece`, the expected calibration error: the distance of mean probability and share that is true, averaged over all
+        statements of `BINS` bins; `brier`, the Brier score; `n`, the number of statements; `bins`, for each that is not
+        empty the mean probability, the share that is true, and the number.
+    """
+    p, y = np.array(probability, float), np.array(true, float)
+    bin_of = np.minimum((p * BINS).astype(int), BINS - 1)
+    n = np.bincount(bin_of, minlength=BINS)
+    used = n > 0
+    mean, share = (np.bincount(bin_of, v, BINS)[used] / n[used] for v in (p, y))
+    bins = list(zip(mean.tolist(), share.tolist(), n[used].tolist(), strict=True))
+    ece = float(np.sum(n[used] * np.abs(mean - share)) / len(p))
+    return {"ece": ece, "brier": float(np.mean((p - y) ** 2)), "n": len(p), "bins": [list(row) for row in bins]}
+
+
+def calibration_text(table: Mapping[str, Any]) -> str:
+    """Error and Brier score of each question type of a table that has them: "descriptive 0.4 % (0.008), …"."""
+    found = ((kind, table[kind]["calibration"]) for kind in QUESTION_TYPES if "calibration" in table[kind])
+    return ", ".join(f"{kind} {100 * c['ece']:.1f} % ({c['brier']:.3f})" for kind, c in found)
+
+
+BLIND_HALVES = {"text alone right": True, "text alone wrong": False}
+"""Names of the halves by `Question.blind` and `Choice.blind`."""
+Row = Mapping[str, Any]
+
+
+def percent(row: Row, name: str, interval: str = "") -> str:
+    """A share (0-1) of a row in %, "-" for None; and its interval in the form `interval`, where that is measured."""
+    if row[name] is None:
+        return "-"
+    limits = row.get("interval" if name == "accuracy" else f"{name}_interval") if interval else None
+    return f"{100 * row[name]:.1f}" + (interval.format(*(100 * v for v in limits)) if limits else "")
+
+
+def by_halves(rows: Sequence[Row], accuracy: Callable[[Sequence[Row]], Row]) -> dict[str, dict[str, Row]]:
+    """Accuracies by `tags` (of `OPTION_TAGS`) and by `blind` (of `BLIND_HALVES`); without those that no row has.
+
+    Args:
+        rows: answers or options.
+        accuracy: of some of them.
+    """
+    halves = {}
+    if any("tag" in row for row in rows):
+        halves["tags"] = {tag: accuracy([r for r in rows if r.get("tag") == tag]) for tag in OPTION_TAGS}
+    if any("blind" in row for row in rows):
+        named = BLIND_HALVES.items()
+        halves["blind"] = {name: accuracy([r for r in rows if r.get("blind") == value]) for name, value in named}
+    return halves
+
+
+def blind_text(table: Mapping[str, Any]) -> str:
+    """Accuracies where the text alone is right / wrong, of each question type that has them: "predictive 99.0 / 97.5 %, …"."""
+    parts = []
+    for kind in QUESTION_TYPES:
+        if halves := table[kind].get("blind"):
+            name = "accuracy" if kind == "descriptive" else "per_option"
+            parts.append(f"{kind} {' / '.join(percent(halves[half], name) for half in BLIND_HALVES)} %")
+    return ", ".join(parts)

@@ -1,0 +1,1 @@
+"""Is a video one of CLEVRER's scenes, and where in its frames is the image?"""

@@ -1,0 +1,221 @@
+"""What speaks against a video being one of CLEVRER's scenes, in words."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.frame_parser.check.ground import COLUMNS, KEPT, ROWS, FloatArray, GroundFit, cells, corrected_levels
+from nsdr.frame_parser.check.shots import change
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+
+__all__ = ["Look", "Reason", "camera_motion", "marked_px", "reasons"]
+
+Reason = tuple[bool, str]
+"""Whether a video certainly is of another scene, and why."""
+NOISE_SPACING_PX = 3
+"""Every third row and column is looked at for noise, which saves time."""
+
+# The following values lie between the kinds of video that `python benchmarks/video_check.py CLIPS` prints with their figures.
+MAX_GROUND_DISTANCE, FOREIGN_GROUND_DISTANCE = 0.48, 1.0
+"""`GroundFit.distance` up to which the ground is CLEVRER's, and above which it certainly is not."""
+MIN_COLOR, FOREIGN_COLOR = 0.75, 0.5
+"""`GroundFit.color` down to which colours are CLEVRER's, and below which they certainly are not."""
+MIN_SATURATION = 8
+"""Largest difference between the channels of a pixel, below which a video is grey (levels of 255, sharp quantile)."""
+SATURATION_QUANTILE = 0.999
+MAX_TINT = 6.0
+"""`GroundFit.tint` up to which white is white (levels of 255)."""
+MAX_BRIGHTNESS, FOREIGN_BRIGHTNESS = 15.0, 112.0
+"""`GroundFit.brightness` up to which a video is as bright as CLEVRER's, and above which nothing is to be seen."""
+MIN_GAIN, MAX_GAIN = 0.8, 1.25
+"""`GroundFit.gain` of videos with CLEVRER's contrast."""
+MAX_NOISE, FOREIGN_NOISE = 4.0, 18.0
+"""Change of an unmoved pixel between sampled frames, up to which it is compression, and above which objects drown (levels)."""
+MIN_MOTION = 0.0005
+"""Share of pixels that changes at least between some sampled frames, if anything moves."""
+MAX_CAMERA_PX, FOREIGN_CAMERA_PX = 0.25, 1.2
+"""`camera_motion` up to which the camera stands still, and above which places mean nothing (pixels of 480x320)."""
+MAX_MARKED_PX = 200
+"""`marked_px` of an image without captions and logos."""
+
+CELL_PX = WIDTH_PX / COLUMNS
+"""Width and height of a cell (pixels of a 480x320 image)."""
+ROUNDS = 8
+"""Rounds of fitting and choosing the cells that fit best, as of `ground.fit_ground`."""
+SPACING = 2
+"""Every second frame is looked at, which saves time."""
+RIDGE = 1e-9
+"""Added to squares (levels squared), for frames that are all the same."""
+STROKE = np.ones((9, 9), np.uint8)
+"""Marks are thinner than this square, objects are not (pixels of 480x320)."""
+CONTRAST, TOUCHED = 25.0, 12.0
+"""Difference of brightness from the ground of a mark, and of anything that is not ground (levels of 255 at the reference's
+contrast)."""
+BORDER_PX = 6
+"""Objects that leave the image are thin at its border, which is not looked at (pixels)."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """The first seconds of a video.
+
+    Attributes:
+        frames: (F, height, width, 3) uint8 RGB, without bars.
+        seconds: how long they last.
+        image: (height, width, 3), their median, turned back if the video is turned.
+        reference: (32, 48, 3) scene without objects that it is compared with.
+        ground: how they compare.
+    """
+
+    frames: NDArray[np.uint8]
+    seconds: float
+    image: FloatArray
+    reference: FloatArray
+    ground: GroundFit
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether the ground certainly is not CLEVRER's."""
+        return abs(self.ground.brightness) > FOREIGN_BRIGHTNESS or self.ground.distance > FOREIGN_GROUND_DISTANCE
+
+    @property
+    def has_other_brightness(self) -> bool:
+        """Whether the ground is darker or brighter than CLEVRER's."""
+        return abs(self.ground.brightness) > MAX_BRIGHTNESS
+
+    @cached_property
+    def noise(self) -> float:
+        """Change of unmoved pixels from frame to frame (levels of 255)."""
+        sparse = self.frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX]
+        changes = [np.median(cv2.absdiff(a, b)) for a, b in pairwise(sparse)]
+        return float(np.median(changes)) if changes else 0.0
+
+    @cached_property
+    def levels(self) -> NDArray[np.uint8] | None:
+        """What each level has to become to have CLEVRER's exposure, (256,); None if they are right."""
+        if self.is_foreign or not (self.has_other_brightness or not MIN_GAIN < self.ground.gain < MAX_GAIN):
+            return None
+        return corrected_levels(self.frames, self.ground, may_be_right=not self.has_other_brightness)
+
+
+def reasons(look: Look) -> Iterator[Reason]:
+    """All that speaks against a video."""
+    yield from _of_the_ground(look)
+    if not look.is_foreign:
+        yield from _of_the_colors(look)
+    if len(look.frames) > 1:
+        if look.noise > MAX_NOISE:
+            yield look.noise > FOREIGN_NOISE, f"it is noisy: still pixels change by {look.noise:.0f} of 255 levels"
+        elif max(change(look.frames[0], frame) for frame in look.frames[1:]) < MIN_MOTION:
+            yield False, f"nothing moves in the first {look.seconds:.1f} s"
+    if not look.is_foreign and look.noise <= MAX_NOISE:
+        moved = camera_motion(look.frames)
+        if moved > MAX_CAMERA_PX:
+            text = f"the camera moves, by {moved:.1f} pixels of 480x320; it must stand still"
+            yield moved > FOREIGN_CAMERA_PX, text
+        elif marked_px(look.image, look.reference, look.ground) > MAX_MARKED_PX:
+            yield False, "a caption, logo or other marks are on the image; they may be taken for objects"
+
+
+def _of_the_ground(look: Look) -> Iterator[Reason]:
+    ground = look.ground
+    way = "darker" if ground.brightness < 0 else "brighter"
+    exposure = f"{way} than CLEVRER's videos by {abs(ground.brightness):.0f} of 255 levels"
+    corrected = "" if look.levels is None else "; corrected"
+    if abs(ground.brightness) > FOREIGN_BRIGHTNESS:
+        yield True, exposure
+        return
+    if look.is_foreign:
+        figure = f"{ground.distance:.1f} levels" if np.isfinite(ground.distance) else "no such pattern"
+        yield True, f"the background is not the empty scene ({figure}; at most {FOREIGN_GROUND_DISTANCE})"
+        return
+    if ground.distance > MAX_GROUND_DISTANCE:
+        why = "cropped, zoomed, tilted, or another camera or other lamps; positions and sizes may be wrong"
+        yield False, f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
+    if look.has_other_brightness:
+        yield False, exposure + corrected
+    elif not MIN_GAIN < ground.gain < MAX_GAIN:
+        why = corrected or ": cropped, or other levels"
+        yield False, f"the background has {ground.gain:.0%} of the contrast of the empty scene{why}"
+
+
+def _of_the_colors(look: Look) -> Iterator[Reason]:
+    ground = look.ground
+    spread = look.frames.max(3) - look.frames.min(3)
+    if ground.color < FOREIGN_COLOR and np.quantile(spread, SATURATION_QUANTILE) < MIN_SATURATION:
+        yield True, "it is in shades of grey"
+    elif ground.color < -FOREIGN_COLOR:
+        yield True, "its colours are exchanged, such as red and blue"
+    elif ground.color < MIN_COLOR:
+        text = "the colours of the background are not those of the empty scene; colours may be wrong"
+        yield ground.color < FOREIGN_COLOR, text
+    elif abs(ground.tint) > MAX_TINT:
+        yield False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong"
+
+
+def camera_motion(frames: NDArray[np.uint8]) -> float:
+    """How far the image moves from its usual place: median over frames (pixels of 480x320).
+
+    Each frame's difference from the median over time is fitted by a shift and a zoom of the median and a change of its
+    exposure, on the cells that fit best. A frame's motion counts as far as it explains the difference: objects and their
+    shadows make differences that no motion of the image explains.
+
+    Args:
+        frames: (F, height, width, 3) uint8.
+    """
+    images = np.stack([cells(frame).mean(2) for frame in frames[::SPACING]])
+    base = np.median(images, 0)
+    down, right = np.gradient(base)
+    y, x = np.mgrid[:ROWS, :COLUMNS] - np.array([ROWS - 1, COLUMNS - 1])[:, None, None] / 2
+    motion = np.stack([right, down, right * x + down * y], -1).reshape(base.size, -1)
+    exposure = np.stack([np.ones_like(base), base], -1).reshape(base.size, -1)
+    reach = np.array([1.0, 1.0, float(np.mean(x * x + y * y))])
+    distances = []
+    for image in images:
+        found, explained = _fitted((image - base).ravel(), motion, exposure)
+        distances.append(explained * float(np.sqrt(reach @ np.square(found))))
+    return CELL_PX * float(np.median(distances))
+
+
+def _fitted(difference: FloatArray, motion: FloatArray, exposure: FloatArray) -> tuple[FloatArray, float]:
+    """How much of each motion (N, 3) is in a difference (N,), and the share that motion explains beyond exposure (N, 2)."""
+    both = np.concatenate([motion, exposure], 1)
+    ground = np.arange(len(difference))
+    found = _least_squares(both, difference)
+    for _ in range(ROUNDS):
+        ground = np.argsort(np.abs(difference - both @ found))[: int(KEPT * len(difference))]
+        found = _least_squares(both[ground], difference[ground])
+    left = np.square(difference - both @ found)[ground].sum()
+    without = difference[ground] - exposure[ground] @ _least_squares(exposure[ground], difference[ground])
+    return found[: motion.shape[1]], max(1 - float(left / (np.square(without).sum() + RIDGE)), 0.0)
+
+
+def _least_squares(ways: FloatArray, difference: FloatArray) -> FloatArray:
+    return np.linalg.solve(ways.T @ ways + RIDGE * np.eye(ways.shape[1]), ways.T @ difference)
+
+
+def marked_px(image: FloatArray, reference: FloatArray, fit: GroundFit) -> int:
+    """Number of pixels, of 480x320, that are parts of thin marks on the ground.
+
+    Args:
+        image: (height, width, 3) median frame.
+        reference: (32, 48, 3) scene without objects.
+        fit: how they compare.
+    """
+    size = (WIDTH_PX, HEIGHT_PX)
+    ground = cv2.resize(reference.mean(2), size, interpolation=cv2.INTER_LINEAR)
+    found = cv2.resize(image.mean(2), size, interpolation=cv2.INTER_AREA)
+    difference = (found - fit.level) / fit.gain + fit.level - fit.brightness - ground
+    objects = cv2.dilate(_thick(np.abs(difference) > TOUCHED).astype(np.uint8), STROKE) > 0
+    bright, dark = difference > CONTRAST, difference < -CONTRAST
+    marks = (bright & ~_thick(bright) | dark & ~_thick(dark)) & ~objects
+    return int(marks[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX].sum())
+
+
+def _thick(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, STROKE)) > 0

@@ -1,0 +1,67 @@
+"""Where a video jumps: cuts, and the jump back of a clip that is repeated."""
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.world.timeline import FPS
+
+__all__ = ["change", "first_shot", "is_cut"]
+
+GRAY_SIZE = (120, 80)
+"""Width and height of the images that are compared (pixels)."""
+CHANGED = 15
+"""A pixel of the small images has changed when its brightness differs by more than this (levels of 255)."""
+SAME = 0.0005
+"""Frames of which a smaller share of pixels differs show the same: videos that were converted to another rate repeat frames."""
+MIN_CHANGE = 0.02
+"""Share of pixels that change at a cut at least. Where a clip of CLEVRER's begins again, 0.04 to 0.2 change."""
+JUMP = 5.0
+"""At a cut, at least so many times as many pixels change as between the frames before and between those after it.
+`python benchmarks/video_check.py --cuts CLIPS` prints the largest such ratio within clips: 1.3 at 25 frames a second, up to 3.9
+where frames were left out or repeated unevenly."""
+
+
+def change(frame: NDArray[np.uint8], following: NDArray[np.uint8]) -> float:
+    """Share of pixels (0-1) that differ between two frames (height, width, 3)."""
+    small = (cv2.resize(f, GRAY_SIZE, interpolation=cv2.INTER_AREA) for f in (frame, following))
+    first, second = (cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in small)
+    return float((cv2.absdiff(first, second) > CHANGED).mean())
+
+
+def is_cut(before: float, now: float, after: float) -> bool:
+    """Whether a frame begins a new shot, by the change to it, and those between the two frames before and from it on."""
+    return now > max(MIN_CHANGE, JUMP * before, JUMP * after)
+
+
+def first_shot(frames: Iterator[NDArray[np.uint8]], path: str | Path, max_frames: int) -> Iterator[NDArray[np.uint8]]:
+    """The frames (height, width, 3) before the first cut, at most `max_frames`; what is left out is warned of.
+
+    Frames that are repeated count as one for the changes.
+    """
+    before, now = 0.0, 0.0
+    last: NDArray[np.uint8] | None = None
+    held: list[NDArray[np.uint8]] = []
+    n = 0
+    for frame in frames:
+        after = 0.0 if last is None or frame is last else change(last, frame)
+        if after > SAME:
+            if n and is_cut(before, now, after):
+                what = f"a cut after {n} frames ({n / FPS:.1f} s)"
+                warnings.warn(f"{path}: {what}; only what is before it is used", stacklevel=2)
+                return
+            yield from held
+            n += len(held)
+            held, before, now, last = [], now, after, frame
+        if n + len(held) == max_frames:
+            yield from held
+            what = f"longer than {max_frames} frames ({max_frames / FPS:.1f} s)"
+            warnings.warn(f"{path}: {what}; the rest is left out (setting video.max_frames)", stacklevel=2)
+            return
+        held.append(frame)
+        last = frame if last is None else last
+    yield from held

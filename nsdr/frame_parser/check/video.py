@@ -1,0 +1,179 @@
+"""Is a video one of CLEVRER's scenes? A look at its first seconds, before the expensive work."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.errors import VideoError
+from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
+from nsdr.frame_parser.check.layout import find_layout, part_of
+from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
+from nsdr.frame_parser.check.shots import change, first_shot, is_cut
+from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
+from nsdr.validation import PositiveCount, Settings
+from nsdr.world.timeline import FPS
+
+__all__ = ["VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
+
+SAMPLED_SECONDS, SPACING_FRAMES = 2.56, 2
+"""The check looks at every second frame of this time."""
+MEDIAN_SPACING = 2
+"""Of these, every second one makes the median frame, which saves time."""
+
+TURNED_SHARE = 0.5
+"""A turned image fits if it leaves at most this share of the distance."""
+MIN_RANGE = 4.0
+"""Range of brightness of a frame below which it shows nothing (levels of 255)."""
+DARK, WHITE = 25.0, 230.0
+"""Brightness below which a flat background is called black, and above which white (levels of 255)."""
+
+
+@dataclass(frozen=True)
+class VideoConfig(Settings):
+    """What is expected of videos.
+
+    Attributes:
+        check: "refuse" raises an error for videos that are not of CLEVRER's scene, "warn" only warns of them, "off" does not
+            look. Padding is found unless it is "off".
+        background: image file of the scene without objects, for another camera or other lamps; "" for CLEVRER's.
+        max_frames: frames that are processed at most (at 25 per second).
+    """
+
+    check: Literal["refuse", "warn", "off"] = "refuse"
+    background: str = ""
+    max_frames: PositiveCount = 512
+
+
+@dataclass(frozen=True)
+class VideoCheck:
+    """What was found out about a video before it is processed.
+
+    Attributes:
+        refusals: why it certainly is not of CLEVRER's scene.
+        doubts: what else differs from CLEVRER's videos.
+        layout: where in the frames the image is.
+        levels: what each level of the image has to become, (256,) uint8; None where they are right.
+        ground: how the ground compares with the scene without objects; None where nothing is to be seen.
+    """
+
+    refusals: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    layout: Layout = field(default_factory=Layout)
+    levels: NDArray[np.uint8] | None = None
+    ground: GroundFit | None = None
+
+    @property
+    def kind(self) -> str:
+        """Class of the video: "in" (as CLEVRER's), "doubtful" or "out"."""
+        return "out" if self.refusals else "doubtful" if self.doubts else "in"
+
+
+def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoCheck:
+    """Look at a video's first seconds.
+
+    Raises:
+        VideoError: the file cannot be read, or the video is "out" and the configuration refuses such.
+        DataError: the background of the configuration cannot be read.
+    """
+    path, config = Path(path), config or VideoConfig()
+    if config.check == "off":
+        return VideoCheck()
+    check_is_video(path)
+    status = path.stat()
+    found = _looked_at(path, status.st_mtime_ns, status.st_size, config.background)
+    if found.kind == "out" and config.check == "refuse":
+        raise VideoError(
+            f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refusals)}. Expected: its grey ground, lamps and "
+            f"camera, upright, in colour, 480x320. --force goes on all the same (in Python, VideoConfig(check='warn')); "
+            "docs/other_cameras.md is about other scenes"
+        )
+    return found
+
+
+def clip_frames(path: str | Path, config: VideoConfig | None = None) -> Iterator[NDArray[np.uint8]]:
+    """The frames of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
+
+    Warns of everything that is doubtful.
+
+    Raises:
+        VideoError, DataError: as of `check_video`; before the first frame.
+    """
+    config = config or VideoConfig()
+    check = check_video(path, config)
+    for reason in (*check.refusals, *check.doubts):
+        warnings.warn(f"{path}: {reason}", stacklevel=2)
+    frames = read_frames(path, check.layout)
+    if config.check == "off":
+        yield from frames
+        return
+    shot = first_shot(_without_empty_start(frames, path), path, config.max_frames)
+    yield from shot if check.levels is None else (check.levels[frame] for frame in shot)
+
+
+def _without_empty_start(frames: Iterator[NDArray[np.uint8]], path: str | Path) -> Iterator[NDArray[np.uint8]]:
+    empty = 0
+    for frame in frames:
+        if not _is_empty(frame):
+            break
+        empty += 1
+    else:
+        return
+    if empty:
+        what = f"the first {empty} frames show nothing"
+        warnings.warn(f"{path}: {what}; they are left out, and frames counted from there", stacklevel=2)
+    yield frame
+    yield from frames
+
+
+def _is_empty(frame: NDArray[Any]) -> bool:
+    """Whether an image (height, width, 3) is of one colour."""
+    low, high = np.quantile(frame[::8, ::8].mean(2), [0.01, 0.99])
+    return bool(high - low < MIN_RANGE)
+
+
+@lru_cache(maxsize=64)
+def _looked_at(path: Path, _modified_ns: int, _size: int, background: str) -> VideoCheck:
+    """The check of a file; kept while it is the same."""
+    known = [read_background(background)] if background else list(references().values())
+    return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES), known)
+
+
+def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
+    """Compare a video's sample with images (32, 48, 3) of the scene without objects, of which one has to fit."""
+    start = next((k for k, frame in enumerate(sample.frames) if not _is_empty(frame)), None)
+    if start is None:
+        brightness = float(sample.frames[0].mean())
+        color = "black" if brightness < DARK else "white" if brightness > WHITE else "one flat colour"
+        return VideoCheck((f"the background is {color}",))
+    frames = _until_cut(sample.frames[start:])
+    median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
+    box, layout, expected, doubts = find_layout(median, sample.size_px, known)
+    image, frames = part_of(median, box), part_of(frames, box)
+    ground, reference = best_fit(image, expected)
+    refusals: list[str] = []
+    if ground.distance > MAX_GROUND_DISTANCE:
+        fits = {turn: best_fit(turned(image, turn), known) for turn in TURNS}
+        turn = min(fits, key=lambda t: fits[t][0].distance)
+        after, fitting = fits[turn]
+        if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
+            (doubts if turn == "mirrored" else refusals).append(f"it is {turn}")
+            image, ground, reference = turned(image, turn), after, fitting
+    seen = Look(frames, len(frames) * SPACING_FRAMES / FPS, image, reference, ground)
+    for is_certain, text in reasons(seen):
+        (refusals if is_certain else doubts).append(text)
+    return VideoCheck(tuple(refusals), tuple(doubts), layout, seen.levels, ground)
+
+
+def _until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    changes = [0.0, *(change(a, b) for a, b in pairwise(frames))]
+    for k in range(1, len(frames) - 1):
+        if is_cut(changes[k - 1], changes[k], changes[k + 1]):
+            return frames[:k]
+    return frames

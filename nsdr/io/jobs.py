@@ -1,0 +1,343 @@
+"""Many tasks, in this process, in several or on a Ray cluster; and jobs, whose finished outputs are kept between runs."""
+
+import json
+import logging
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait as wait_for
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from tqdm import tqdm
+
+from nsdr.errors import DataError
+from nsdr.io.device import available_cores
+from nsdr.io.files import locked, remove_partial_files, sync, write_json, writing
+
+__all__ = ["ENGINES", "FAILURES", "Job", "Outcome", "Summary", "run_in_order", "run_jobs", "run_tasks"]
+
+ENGINES = ("processes", "ray")
+RAY_RETRIES = 3
+"""Times that Ray does the task of a lost worker again."""
+RAY_TASKS_PER_CORE = 2
+"""Tasks handed to Ray per core, so that none waits for the next one."""
+PARENT_POLL_S = 1.0
+"""Time after which a worker looks whether its program still runs (s)."""
+LEDGER = ".fingerprints.jsonl"
+FAILURES = "failures.json"
+"""File with the error messages of a folder's failed jobs, by name."""
+Item = TypeVar("Item")
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Item]):
+    """What became of a task: its result, or the error's text."""
+
+    item: Item
+    result: Any = None
+    error: str | None = None
+
+
+def run_tasks(
+    function: Callable[[Item], Any], items: Sequence[Item], engine: str = "processes", workers: int = 0
+) -> Iterator[Outcome[Item]]:
+    """Do `function(item)` for all items; outcomes come as they end, in any order. One failure does not stop the rest.
+
+    When a process dies, the tasks that were in work are done again, one by one; a task whose process dies again fails.
+
+    Args:
+        function: travels to other processes, as do the items.
+        items: what to work on.
+        engine: "processes" of this machine, or "ray": the cluster that `RAY_ADDRESS` names or this program is connected
+            to, or else this machine.
+        workers: processes, which share the available CPU cores; 0 is one per core, 1 with "processes" works in this process.
+            With "ray", tasks at a time, each on one core; 0 keeps all of the cluster's cores busy.
+
+    Raises:
+        DataError: an unknown engine, or Ray is not installed.
+    """
+    if engine not in ENGINES:
+        raise DataError(f"engine is {engine!r}; expected one of {', '.join(ENGINES)}")
+    if workers < 0:
+        raise DataError(f"workers is {workers}; expected 0 for one per CPU core, or more")
+    if engine == "ray":
+        yield from _side_by_side(_Ray(workers), function, deque(items))
+    elif workers == 1 or len(items) <= 1:
+        for item in items:
+            yield _attempt(function, item)
+    else:
+        waiting, lost = deque(items), deque[Item]()
+        while waiting:
+            processes = min(workers or available_cores(), len(waiting))
+            lost += (yield from _side_by_side(_Processes(processes), function, waiting))[0]
+        for item in lost:
+            died, how = yield from _side_by_side(_Processes(1), function, deque([item]))
+            if died:
+                memory = "; it may need more memory than there is" if "SIGKILL" in how else ""
+                yield Outcome(item, error=f"its worker process died twice, the second time alone ({how}){memory}")
+
+
+def run_in_order(
+    function: Callable[[Item], Any], items: Sequence[Item], engine: str = "processes", workers: int = 0
+) -> Iterator[Any]:
+    """Results of `run_tasks` in the order of the items.
+
+    Raises:
+        DataError: a task failed.
+    """
+    results: dict[int, Any] = {}
+    following = 0
+    for outcome in run_tasks(partial(_numbered, function), list(enumerate(items)), engine, workers):
+        if outcome.error:
+            raise DataError(outcome.error)
+        results[outcome.item[0]] = outcome.result
+        while following in results:
+            yield results.pop(following)
+            following += 1
+
+
+def _numbered(function: Callable[[Item], Any], item: tuple[int, Item]) -> Any:
+    return function(item[1])
+
+
+def _attempt(function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
+    try:
+        return Outcome(item, function(item))
+    except Exception as e:
+        log.debug("task %r failed", item, exc_info=True)
+        return Outcome(item, error=f"{type(e).__name__}: {e}")
+
+
+def _side_by_side(
+    pool: "_Processes | _Ray", function: Callable[[Item], Any], waiting: deque[Item]
+) -> Generator[Outcome[Item], None, tuple[list[Item], str]]:
+    """Yields outcomes. Ends when a process dies, while items may still be waiting; returns those in work, and how it died."""
+    from loky.process_executor import BrokenProcessPool
+
+    running: dict[Future[Outcome[Item]], Item] = {}
+    with closing(pool):
+        while waiting or running:
+            try:
+                while waiting and len(running) < pool.most:
+                    future = pool.submit(function, waiting[0])
+                    running[future] = waiting.popleft()
+                for future in wait_for(running, return_when=FIRST_COMPLETED).done:
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        raise error
+                    item = running.pop(future)
+                    yield future.result() if error is None else Outcome(item, error=_untold(error))
+            except BrokenProcessPool as e:
+                lines = str(e).splitlines()
+                codes = [line.partition("exit codes of the workers are {")[2].strip("}") for line in lines]
+                how = next((f"exit code {code}" for code in codes if code), lines[0])
+                log.warning("a worker process died (%s)", how)
+                return list(running.values()), how
+    return [], ""
+
+
+def _untold(error: BaseException) -> str:
+    """The text of an error that did not happen in the task."""
+    reason = (str(error).strip().splitlines() or [type(error).__name__])[-1]
+    return f"it cannot be sent to or from its worker, or was lost ({reason}); workers need the same packages and files"
+
+
+class _Processes:
+    """Processes of this machine, each with its share of the cores."""
+
+    def __init__(self, workers: int) -> None:
+        from loky import ProcessPoolExecutor
+
+        threads, own = max(available_cores() // workers, 1), os.environ.get("OMP_NUM_THREADS", "")
+        environment = {"OMP_NUM_THREADS": str(min(threads, int(own)) if own.isdigit() else threads)}
+        self.most = workers
+        self._executor = ProcessPoolExecutor(
+            workers, initializer=_begin, initargs=(threads, os.getpid()), env=environment
+        )
+
+    def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[Outcome[Item]]":
+        future: Future[Outcome[Item]] = self._executor.submit(_attempt, function, item)
+        return future
+
+    def close(self) -> None:
+        self._executor.shutdown(kill_workers=True)
+
+
+def _begin(threads: int, program: int) -> None:
+    """The start of a worker: Ctrl-C is for the program alone, and the worker ends with it, even if that is killed."""
+    import cv2
+
+    def watch() -> None:
+        while os.getppid() == program:
+            time.sleep(PARENT_POLL_S)
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(threads)
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class _Ray:
+    """Workers of a Ray cluster, which does the tasks of lost ones again."""
+
+    def __init__(self, workers: int) -> None:
+        try:
+            import ray
+        except ImportError as e:
+            raise DataError("engine: ray needs Ray: pip install 'nsdr[ray]'") from e
+        if not ray.is_initialized():
+            ray.init(log_to_driver=False)
+        self.most = workers or RAY_TASKS_PER_CORE * max(int(ray.cluster_resources().get("CPU", 1)), 1)
+        self._ray, self._running = ray, dict[Any, Any]()
+        self._remote: Any = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_attempt_in)
+
+    def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[Outcome[Item]]":
+        reference = self._remote.remote(os.getcwd(), function, item)
+        future: Future[Outcome[Item]] = reference.future()
+        self._running[future] = reference
+        return future
+
+    def close(self) -> None:
+        for future, reference in self._running.items():
+            if not future.done() and self._ray.is_initialized():
+                self._ray.cancel(reference, force=True)
+
+
+def _attempt_in(folder: str, function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
+    """`_attempt` in this program's folder, for relative paths: Ray's workers start in that in which Ray was started."""
+    with suppress(OSError):  # machines that lack it share other, absolute, folders
+        os.chdir(folder)
+    return _attempt(function, item)
+
+
+@dataclass(frozen=True)
+class Job(Generic[Item]):
+    """A task that writes files.
+
+    Attributes:
+        name: for reports and `failures.json`.
+        item: what the task works on; picklable.
+        output: the file that the task writes last; its presence marks the task as finished.
+        fingerprint: of everything the output depends on (`nsdr.io.fingerprint`).
+    """
+
+    name: str
+    item: Item
+    output: Path
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What became of the jobs.
+
+    Attributes:
+        done: names of jobs done in this run.
+        skipped: names of jobs whose outputs were kept from an earlier run.
+        failed: error messages by name.
+    """
+
+    done: tuple[str, ...]
+    skipped: tuple[str, ...]
+    failed: Mapping[str, str]
+
+    def succeeded(self, jobs: Sequence[Job[Item]], folder: str | Path, keep_going: bool) -> list[Job[Item]]:
+        """The jobs that did not fail.
+
+        Raises:
+            DataError: some failed and `keep_going` is False, or all did; names how many, and the first one with its error.
+        """
+        left = [job for job in jobs if job.name not in self.failed]
+        if self.failed and not (keep_going and left):
+            name, message = min(self.failed.items())
+            remedy = "run the command again, or with --keep-going" if left else "nothing is left to go on with"
+            raise DataError(f"{folder}: {len(self.failed)} of {len(jobs)} failed, such as {name}: {message}; {remedy}")
+        return left
+
+
+def run_jobs(
+    function: Callable[[Item, Path], Any],
+    jobs: Sequence[Job[Item]],
+    folder: str | Path,
+    engine: str = "processes",
+    workers: int = 0,
+    unit: str = "video",
+    wait: bool = False,
+) -> Summary:
+    """Do `function(item, output)` for every job whose output is missing or was made under another fingerprint.
+
+    Fingerprints are kept in `folder/.fingerprints.jsonl`, error messages in `folder/failures.json`. A killed run goes on
+    where it stopped; one failure does not stop the others, and leaves an earlier output as it was.
+
+    Args:
+        function: as of `run_tasks`.
+        jobs: all of the work, finished or not; outputs lie below `folder`.
+        folder: where the outputs are written.
+        engine: "processes" or "ray".
+        workers: number of processes; 0 is one per CPU core.
+        unit: what a job is called in the progress bar.
+        wait: wait for another process that works in the folder, in place of an error.
+
+    Raises:
+        DataError: an unknown engine, another process works in the folder, or it cannot be written (no space left).
+    """
+    folder = Path(folder)
+    with locked(folder, wait=wait):
+        remove_partial_files(folder)
+        known = dict(_ledger(folder))
+        keys = {job.output: str(job.output.relative_to(folder)) for job in jobs}
+        skipped = [job for job in jobs if job.output.exists() and known.get(keys[job.output]) == job.fingerprint]
+        kept = {job.output for job in skipped}
+        left = [job for job in jobs if job.output not in kept]
+        done: list[str] = []
+        failed: dict[str, str] = {}
+        outcomes = run_tasks(partial(_do, function), left, engine, workers)
+        # From here on no earlier line vouches for what a kill may leave half replaced.
+        _append(folder, {keys[job.output]: "" for job in left})
+        for outcome in tqdm(outcomes, total=len(jobs), initial=len(skipped), unit=unit, desc=f"{unit}s"):
+            job = outcome.item
+            if outcome.error:
+                failed[job.name] = outcome.error
+                continue
+            done.append(job.name)
+            _append(folder, {keys[job.output]: job.fingerprint})
+        if failed:
+            write_json(folder / FAILURES, dict(sorted(failed.items())), indent=1)
+        else:
+            (folder / FAILURES).unlink(missing_ok=True)
+    return Summary(tuple(sorted(done)), tuple(job.name for job in skipped), failed)
+
+
+def _do(function: Callable[[Item, Path], Any], job: Job[Item]) -> None:
+    function(job.item, job.output)
+
+
+def _append(folder: Path, fingerprints: Mapping[str, str]) -> None:
+    """Write lines of the ledger to the disk, after what a kill or a full disk left unfinished."""
+    path = folder / LEDGER
+    lines = "".join(json.dumps([output, value]) + "\n" for output, value in fingerprints.items())
+    with writing(path):
+        with path.open("ab+") as ledger:
+            end = ledger.tell()
+            ledger.seek(max(end - 1, 0))
+            ledger.write((b"\n" if ledger.read() not in (b"", b"\n") else b"") + lines.encode())
+        sync(path)
+
+
+def _ledger(folder: Path) -> Iterator[tuple[str, str]]:
+    """(output, fingerprint) pairs, the newest last; a line that a kill left unfinished is passed over."""
+    path = folder / LEDGER
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
+        try:
+            output, value = json.loads(line)
+        except (TypeError, ValueError):
+            continue
+        yield output, value

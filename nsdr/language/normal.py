@@ -1,0 +1,339 @@
+"""The normal form of a text: one spelling, one word for each meaning, noun phrases found, the question before its clauses.
+
+"When the metallic ball comes into view, how many blocks aren't moving?" becomes "how many cubes be stationary when the metal
+sphere enter". The network reads normal forms, and so do the rules (english.rules). Spellings, words and phrases are in
+spellings.txt, lexicon.txt and phrases.txt.
+"""
+
+import re
+import string
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib.resources import files
+
+from nsdr.language.slots import CATEGORY, Slot, in_order
+from nsdr.language.texts import english
+from nsdr.world.nouns import ADJECTIVES, NOUNS
+from nsdr.world.vocabulary import ATTRIBUTES
+
+__all__ = [
+    "AMBIGUOUS",
+    "FUNCTION_WORDS",
+    "MEANINGS",
+    "OTHER_WORDS",
+    "Normal",
+    "corrected",
+    "normal_form",
+    "replacements",
+    "rewritten",
+]
+
+MIN_CORRECTED_LETTERS = 4
+"""Shorter words are not corrected, and only to words that are longer or among the lexicon's SHORT ones."""
+LONG_LETTERS = 7
+"""Misspelt words are corrected to any known word of at least so many letters."""
+_TOKEN = re.compile(r"'s\b|[^\W_]+|[,.;:]")
+_BREAKS = frozenset(",.;:")
+_ORDERS = ("first", "second", "last")
+
+
+@cache
+def replacements(name: str) -> tuple[tuple[re.Pattern[str], str], ...]:
+    """(pattern, replacement) of the file `NAME.txt`, in its order; see the head of phrases.txt for the notation."""
+    names: dict[str, str] = {}
+    found = []
+    for line in _lines(name):
+        if line.startswith("<") and " = " in line:
+            key, _, value = line.partition(" = ")
+            names[key] = value
+            continue
+        pattern, arrow, replacement = line.partition(" =>")
+        assert arrow, f"{name}.txt: no replacement: {line}"
+        for key in reversed(names):
+            pattern = pattern.replace(key, names[key])
+        found.append((re.compile(pattern), f" {replacement.strip()} "))
+    return tuple(found)
+
+
+def _lines(name: str) -> list[str]:
+    text = files("nsdr.language").joinpath(f"{name}.txt").read_text("utf-8")
+    return [line for line in text.splitlines() if line and not line.startswith("#")]
+
+
+def rewritten(text: str, name: str) -> str:
+    """A text with the replacements of the file `NAME.txt`."""
+    for pattern, replacement in replacements(name):
+        changed = pattern.sub(replacement, text)
+        if changed != text:
+            text = " ".join(changed.split())
+    return text
+
+
+def _word_lists(name: str) -> dict[str, list[str]]:
+    """The words of each head of the file `NAME.txt`."""
+    found: dict[str, list[str]] = {}
+    for line in _lines(name):
+        if not line.startswith(" "):
+            head, _, line = line.partition(":")
+        found[head] = [*found.get(head, []), *line.split()]
+    return found
+
+
+_LEXICON, _MEANINGS = _word_lists("lexicon"), _word_lists("meanings")
+QUESTION_STARTS = frozenset(_LEXICON.pop("QUESTION"))
+CLAUSE_STARTS = frozenset(_LEXICON.pop("CLAUSE"))
+_SHORT = frozenset(_LEXICON.pop("SHORT"))
+OTHER_WORDS = frozenset(_LEXICON.pop("OTHER"))
+"""Words that are near to known ones and mean something else; they are not corrected."""
+FUNCTION_WORDS = frozenset(_MEANINGS.pop("FUNCTION"))
+"""Words of normal forms that say nothing by themselves."""
+AMBIGUOUS = frozenset(_MEANINGS.pop("AMBIGUOUS"))
+"""Words of texts that the phrases rewrite in one of several senses."""
+MEANINGS = {word: meaning for meaning, words in _MEANINGS.items() for word in words}
+"""Words of normal forms that a program must express, and what they mean."""
+FORMS = {word: form for form, words in _LEXICON.items() for word in words}
+"""Word -> its normal form."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """A text in normal form.
+
+    Attributes:
+        words: words and noun phrases in order.
+        corrections: misspelt words with what they were read as.
+        left_out: unknown words that were ignored.
+    """
+
+    words: tuple[str | Slot, ...]
+    corrections: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The words, separated by spaces; what the network reads."""
+        return " ".join(w if isinstance(w, str) else w.text for w in self.words)
+
+    @property
+    def forms(self) -> tuple[str, ...]:
+        """The words, with the form of each noun phrase ("N", "NS", "O", "OS" or "A") in its place."""
+        return tuple(w if isinstance(w, str) else w.form for w in self.words)
+
+
+def normal_form(text: str, keep_unknown: bool = False) -> Normal:
+    """The normal form of a text.
+
+    Args:
+        text: English text.
+        keep_unknown: leave unknown words as they are; they are corrected or left out otherwise.
+    """
+    return _normal(text, keep_unknown)
+
+
+@lru_cache(maxsize=1 << 12)
+def _normal(text: str, keep_unknown: bool) -> Normal:
+    words, corrections, left_out = _known_words(text, keep_unknown)
+    parts = _in_order(_with_noun_phrases(words))
+    slots = iter([part for part in parts if isinstance(part, Slot)])
+    forms = frozenset(("N", "NS", "O", "OS", "A"))
+    found = _phrases_rewritten(" ".join(part if isinstance(part, str) else part.form for part in parts))
+    return Normal(tuple(next(slots) if word in forms else word for word in found), corrections, left_out)
+
+
+@lru_cache(maxsize=1 << 15)
+def _phrases_rewritten(text: str) -> tuple[str, ...]:
+    return tuple(rewritten(text, "phrases").split())
+
+
+def _known_words(text: str, keep_unknown: bool) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
+    """Normal forms of the words, the corrected words, and those that are left out."""
+    text = rewritten(re.sub("[\u2018\u2019`]", "'", text.lower()), "spellings")
+    words: list[str] = []
+    corrections: list[tuple[str, str]] = []
+    left_out: list[str] = []
+    for word in _TOKEN.findall(text):
+        known = word if word in _KNOWN or word in _BREAKS or keep_unknown else corrected(word)
+        if not known:
+            left_out.append(word)
+            continue
+        if known != word:
+            corrections.append((word, known))
+        words += FORMS.get(known, known).split()
+    return words, tuple(corrections), tuple(left_out)
+
+
+@lru_cache(maxsize=1 << 12)
+def corrected(word: str) -> str:
+    """The only known word that a misspelt word can be; "" if there is none or several.
+
+    One letter may be wrong, missing, too much, or two neighbours exchanged; the first letter must be right, and all be Latin.
+    """
+    if len(word) < MIN_CORRECTED_LETTERS or word in OTHER_WORDS or not word.isascii():
+        return ""
+    near: set[str] = set()
+    for i in range(1, len(word) + 1):
+        head, tail = word[:i], word[i:]
+        near.update(head + letter + tail for letter in string.ascii_lowercase)
+        if tail:
+            near.add(head + tail[1:])
+            near.update(head + letter + tail[1:] for letter in string.ascii_lowercase)
+        if len(tail) > 1:
+            near.add(head + tail[1] + tail[0] + tail[2:])
+    found = sorted(near & _CORRECTABLE, key=lambda candidate: candidate[-1] != word[-1])  # "sphers" is plural
+    meanings = {_meaning(candidate) for candidate in found}
+    return found[0] if len(meanings) == 1 else ""
+
+
+def _meaning(word: str) -> object:
+    return NOUNS.get(word, ("",))[:1] if word in NOUNS else ADJECTIVES.get(word) or FORMS.get(word, word)
+
+
+def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
+    """Words with noun phrases and attribute words joined; "that be red" and "made of metal" join their noun phrase."""
+    parts: list[str | Slot] = []
+    attributes: list[str] = []
+    for word in words:
+        if word in ADJECTIVES:
+            attributes.append(ADJECTIVES[word])
+            continue
+        if word in NOUNS or (word in ("one", "ones") and attributes):
+            shape, form = NOUNS.get(word) or ("", "NS" if word == "ones" else "N")
+            _append_slot(parts, form, [*attributes, *([shape] if shape else [])])
+            attributes = []
+            continue
+        if attributes and word != ",":
+            _append_slot(parts, "A", attributes)
+            attributes = []
+        if word != "," or not attributes:
+            parts.append(word)
+    if attributes:
+        _append_slot(parts, "A", attributes)
+    return _with_postmodifiers(parts)
+
+
+def _append_slot(parts: list[str | Slot], form: str, words: Sequence[str]) -> None:
+    """Append a noun phrase; words that name an attribute twice stay apart, so that no rule fits."""
+    if len({CATEGORY[w] for w in words}) < len(words):
+        parts += [Slot("A", (word,)) for word in words]
+        return
+    parts.append(Slot(form if words else {"N": "O", "NS": "OS"}[form], in_order(words)))
+
+
+_POSTMODIFIERS = (
+    ("that", "be", "made", "of"),
+    ("which", "be", "made", "of"),
+    ("made", "of"),
+    ("made", "out", "of"),
+    ("made", "from"),
+    ("that", "be"),
+    ("which", "be"),
+    (),
+)
+
+
+def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
+    i = 0
+    while i < len(parts):
+        noun = parts[i]
+        for words in _POSTMODIFIERS:
+            end = i + 1 + len(words)
+            attribute = parts[end] if end < len(parts) else ""
+            if not words and (i == 0 or parts[i - 1] not in ("any", "no")):  # "anything red"
+                continue
+            if not isinstance(noun, Slot) or noun.form == "A" or not isinstance(attribute, Slot):
+                continue
+            if attribute.form == "A" and tuple(parts[i + 1 : end]) == words:
+                joined: list[str | Slot] = []
+                _append_slot(joined, "NS" if noun.form.endswith("S") else "N", (*noun.words, *attribute.words))
+                parts[i : end + 1] = joined
+                break
+        i += 1
+    return parts
+
+
+def _in_order(parts: list[str | Slot]) -> list[str | Slot]:
+    """The question first and a clause in front of it last; without commas and stops."""
+    parts = _without_front(parts)
+    split = _question_start(parts) if parts and parts[0] in CLAUSE_STARTS else 0
+    ordered = [*parts[split:], *parts[:split]]
+    return [part for part in ordered if part not in _BREAKS]
+
+
+def _without_front(parts: list[str | Slot]) -> list[str | Slot]:
+    """A text with what stands before its first break in the place of "it", "its", "then" or "that", if that refers to it.
+
+    "The cube: what is its color?" becomes "what is the cube's color", "The cube enters; what moves then?" "what moves when
+    the cube enters".
+    """
+    end = next((i for i, part in enumerate(parts) if part in _BREAKS), 0)
+    front, rest = parts[:end], [part for part in parts[end:] if part not in _BREAKS]
+    while front and front[0] in ("regarding", "about", "concerning", "consider", "there", "be", "for"):
+        front = front[1:]
+    if front[1:2] == ["to"] and front[0] in _ORDERS:
+        front = [front[0], Slot("O", ()), *front[1:]]
+    if not any(isinstance(part, Slot) for part in front) or set(front) & (
+        QUESTION_STARTS - {"be", "do", "have", "when"}
+    ):
+        return parts
+    if front[0] in ("we", "you", "i"):
+        return [*rest, "if", *front] if {"what", "which"}.intersection(rest) else parts
+    if front[0] in ("a", "one", "any", *_ORDERS) or isinstance(front[0], Slot):
+        front = ["the", *front[front[0] in ("a", "one", "any") :]]
+    if front[0] != "the":
+        return parts
+    if {"it", "its"}.intersection(rest):
+        if front[2:3] == ["be"] and isinstance(front[1], Slot):  # "an object is moving: what is its color"
+            front = [*front[:2], "that", *front[2:]]
+        forms = {"it": front, "its": [*front, "'s"]}
+        return [found for part in rest for found in (forms.get(part, [part]) if isinstance(part, str) else [part])]
+    if len(rest) == 1 and rest[0] in ATTRIBUTES:
+        return ["the", *rest, "of", *front]
+    if rest[-1:] == ["responsible"]:
+        return [*rest, "for", *front]
+    if rest[-2:] == ["for", "that"]:
+        return [*rest[:-1], *front]
+    for words in (["then"], *(["at", that, time] for that in ("that", "the") for time in ("time", "point", "moment"))):
+        if rest[-len(words) :] == words:
+            return [*rest[: -len(words)], "when", *front]
+    return parts
+
+
+def _question_start(parts: Sequence[str | Slot]) -> int:
+    for i in range(2, len(parts)):
+        if parts[i - 1] in _BREAKS and parts[i] in QUESTION_STARTS:
+            return i
+    for i in range(2, len(parts)):
+        is_subject = parts[i] == "the" or isinstance(parts[i], Slot)
+        if parts[i - 1] in _BREAKS and is_subject and {"what", "which"}.intersection(parts[i:]):
+            return i
+    for i in range(2, len(parts)):
+        if parts[i] in ("how", "what", "which", "why"):
+            return i
+        follows = parts[i + 1] if i + 1 < len(parts) else ""
+        if parts[i] in ("be", "do") and parts[i - 1] != "there" and follows in ("there", "any", "a", "no"):
+            return i
+    return 0
+
+
+def _words_of_patterns() -> set[str]:
+    found: set[str] = set()
+    for pattern, _ in replacements("phrases"):
+        found.update(re.findall(r"(?<![\\A-Za-z])[a-z]+", re.sub(r"\\[a-zA-Z]", " ", pattern.pattern)))
+    return found
+
+
+_CENTRAL = frozenset(
+    FORMS.keys()
+    | {word for form in FORMS.values() for word in form.split()}
+    | ADJECTIVES.keys()
+    | NOUNS.keys()
+    | english().words
+)
+_KNOWN = frozenset({"one", "ones"} | FUNCTION_WORDS | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
+"""All words that a text may have."""
+_CORRECTABLE = frozenset(
+    {word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in _SHORT}
+    | {word for word in _KNOWN if len(word) >= LONG_LETTERS}
+)
+"""Words that misspelt ones are corrected to."""

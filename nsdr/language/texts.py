@@ -1,0 +1,163 @@
+"""Texts with their programs: CLEVRER's wordings at random, other wordings at random, and any program in words."""
+
+import random
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from nsdr.errors import ProgramError
+from nsdr.io.reading import parse_json
+from nsdr.language.choosing import Chooser
+from nsdr.language.rules import Pair, Rules, load_rules
+from nsdr.language.slots import CATEGORY, Slot, in_order, text_of, with_filters
+from nsdr.symbolic.program import CHOICE_KINDS, Program, ProgramSource
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
+
+__all__ = [
+    "START_SYMBOLS",
+    "TEXT_KINDS",
+    "clevrer",
+    "described",
+    "draw_wording",
+    "english",
+    "in_words",
+    "kind_of",
+    "random_words",
+    "read_paraphrases",
+    "sample",
+    "vocabulary",
+]
+
+START_SYMBOLS = {"descriptive": "DESCRIPTIVE", "multiple_choice": "MULTIPLE", "choice": "CHOICE"}
+"""The symbol of each kind of text, in all sets of rules."""
+TEXT_KINDS = tuple(START_SYMBOLS)
+"""The three kinds of text, each with its own network (paper, section 4.3)."""
+WORD_PROBABILITIES = {"color": 0.5, "material": 0.5, "shape": 0.6}
+"""Probability that a single object is described by each attribute in drawn texts (0-1). Without any, the colour is used."""
+BARE_PROBABILITIES = {"one": 0.0, "counted": 0.4, "moves": 0.3, "enters": 0.8}
+"""Probability that a noun phrase has no attribute words in CLEVRER's texts, by what it is used for (0-1)."""
+BARE_WORDING_PROBABILITIES = {"one": 0.15, "counted": 0.4}
+"""The same for other wordings."""
+MAX_TOKENS = 40
+"""Longest program of another wording that is drawn (tokens)."""
+
+
+def english() -> Rules:
+    """The rules of texts in normal form."""
+    return load_rules("nsdr.language", "english")
+
+
+def clevrer() -> Rules:
+    """The rules of CLEVRER's own texts, and of those beyond it that the generator asks."""
+    return load_rules("nsdr.language", "clevrer", "beyond")
+
+
+def random_words(rng: random.Random) -> tuple[str, ...]:
+    """Random attribute words of a single object, at least one."""
+    used = [name for name, probability in WORD_PROBABILITIES.items() if rng.random() < probability]
+    return tuple(rng.choice(ATTRIBUTES[name]) for name in used or ["color"])
+
+
+class _RandomWords:
+    def __init__(self, rng: random.Random, bare: dict[str, float]) -> None:
+        self.rng, self.bare = rng, bare
+
+    def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        if use == "attribute":
+            return (self.rng.choice(COLORS + MATERIALS),)
+        if self.rng.random() < self.bare[use]:
+            return ()
+        named = ATTRIBUTES.get(without, ())
+        return tuple(word for word in random_words(self.rng) if word not in named)
+
+
+def sample(kind: str, rng: random.Random) -> Pair:
+    """A random text of CLEVRER's wordings and its program's tokens.
+
+    Objects are described by random attribute words, so that a text need not fit any scene.
+
+    Args:
+        kind: "descriptive", "multiple_choice" or "choice".
+        rng: draws the text.
+    """
+    return clevrer().draw(START_SYMBOLS[kind], rng, _RandomWords(rng, BARE_PROBABILITIES))
+
+
+def draw_wording(kind: str, rng: random.Random) -> Pair:
+    """A random text of a kind in normal form, and its program's tokens."""
+    while True:
+        text, tokens = english().draw(START_SYMBOLS[kind], rng, _RandomWords(rng, BARE_WORDING_PROBABILITIES))
+        if len(tokens) <= MAX_TOKENS:
+            return text, tokens
+
+
+@cache
+def vocabulary() -> tuple[str, ...]:
+    """All words of normal forms."""
+    nouns = {f"{shape}{ending}" for shape in (*ATTRIBUTES["shape"], "object") for ending in ("", "s")}
+    return tuple(sorted(english().words | nouns | {*COLORS, *MATERIALS}))
+
+
+def described(words: Sequence[str], plural: bool = False) -> Pair:
+    """A noun phrase such as "red metal cube" and its filters; without a shape word the noun is "object"."""
+    slot = Slot("NS" if plural else "N", tuple(words))
+    return slot.text, with_filters([slot]) or []
+
+
+def kind_of(program: Program) -> str:
+    """The kind of text that a program stands for."""
+    if program.needs_choice:
+        return "multiple_choice"
+    return "choice" if program.result in CHOICE_KINDS else "descriptive"
+
+
+def in_words(program: ProgramSource) -> str:
+    """The question or choice that a program stands for, such as "How many moving red cubes are there when the video ends?".
+
+    It is read as that program again, for all programs of CLEVRER's texts and their other wordings.
+
+    Raises:
+        ProgramError: the program is not well-formed, or none that a question or choice stands for.
+    """
+    parsed = Program.parse(program)
+    rules = load_rules("nsdr.language", "clevrer", "beyond", "written")
+    tokens, slots = _with_slots(parsed.tokens)
+    forms = [("N", "NS", "A") if words else ("O", "OS", "") for words in slots]
+    try:
+        found = rules.write(START_SYMBOLS[kind_of(parsed)], tokens, forms)
+    except RecursionError:  # hundreds of objects within each other
+        found = None
+    if found is None:
+        raise ProgramError("no question or choice stands for the program")
+    text = text_of([w if isinstance(w, str) else Slot("NS" if w[0] == "NS" else "N", slots[w[1]]) for w in found])
+    return text[:1].upper() + text[1:]
+
+
+def _with_slots(program: Sequence[str]) -> tuple[list[str], list[tuple[str, ...]]]:
+    """A program with `#i` after each `objects` for the filters that follow, and the attribute words of each slot."""
+    tokens: list[str] = []
+    slots: list[tuple[str, ...]] = []
+    rest = list(program)
+    while rest:
+        tokens.append(rest.pop(0))
+        if tokens[-1] != "objects":
+            continue
+        words: list[str] = []
+        while rest and rest[1:2] == [f"filter_{CATEGORY.get(rest[0])}"]:
+            words.append(rest[0])
+            del rest[:2]
+        if len({CATEGORY[w] for w in words}) < len(words):
+            raise ProgramError("no question or choice stands for the program")
+        found = in_order(words)
+        slots += [] if found in slots else [found]
+        tokens.append(f"#{slots.index(found)}")
+    return tokens, slots
+
+
+def read_paraphrases() -> list[dict[str, Any]]:
+    """206 texts written by hand: rows of `kind`, `text` and `program` (postfix tokens). The rules were tuned on them."""
+    content: list[dict[str, Any]] = parse_json(
+        files("nsdr.language").joinpath("paraphrases.json").read_bytes(), "paraphrases.json"
+    )
+    return content

@@ -1,0 +1,97 @@
+"""What question parsers have in common, and a question with its choices as programs."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from nsdr.errors import EndpointError, NsdrError, QuestionError
+from nsdr.question_parser.suggestions import suggestion
+from nsdr.symbolic import Program
+from nsdr.symbolic.program import ProgramSource
+from nsdr.types import Scene
+
+__all__ = ["Parser", "read_programs"]
+
+
+class Parser(ABC):
+    """Turns texts into programs."""
+
+    @abstractmethod
+    def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
+        """Programs of many texts of one kind; for a text that has none, the error of `parse`.
+
+        Raises:
+            EndpointError: the server of the parser fails, whatever the texts are.
+        """
+
+    def parse(self, text: str, kind: str = "descriptive") -> Program:
+        """The program of one text.
+
+        Args:
+            text: a question or choice in English.
+            kind: "descriptive", "multiple_choice" or "choice".
+
+        Raises:
+            QuestionError: an unknown kind, an empty text, an unknown word or character, a text of another kind, or one that no
+                program stands for.
+            DataError: a text longer than `Limits.text_characters`.
+        """
+        (program,) = self.parse_batch([text], kind)
+        if isinstance(program, NsdrError):
+            raise program
+        return program
+
+
+def read_programs(
+    parser: Parser,
+    question: str,
+    choices: Sequence[str] | None = None,
+    program: ProgramSource | None = None,
+    choice_programs: Sequence[ProgramSource] | None = None,
+    scene: Scene | None = None,
+) -> tuple[Program, list[Program | NsdrError] | None]:
+    """The program of a question, and those of its choices (None for a descriptive question) or why one has none.
+
+    Args:
+        parser: of the texts that have no given program.
+        question: text of the question.
+        choices: texts of the choices of a multiple-choice question.
+        program, choice_programs: programs in place of parsing the texts.
+        scene: whose objects suggestions may name; None for none.
+
+    Raises:
+        QuestionError: the question fits no program (names the nearest texts that do), a multiple-choice question has no choices
+            or the reverse, there are not as many programs as choices, or a text stands in place of a list.
+        ProgramError: a given program is malformed.
+    """
+    for name, given in (("choices", choices), ("choice_programs", choice_programs)):
+        if isinstance(given, str):
+            raise QuestionError(f"{name}: expected a list, such as [{given!r:.60}], got a text")
+    multiple_choice = bool(choices) or bool(choice_programs)
+    if program is not None:
+        parsed = Program.parse(program)
+    else:
+        found = _parsed(parser, question, "multiple_choice" if multiple_choice else "descriptive", scene)
+        if isinstance(found, QuestionError):
+            raise found
+        parsed = found
+    if parsed.needs_choice != multiple_choice:
+        missing = "give choices with it" if parsed.needs_choice else "ask it without choices"
+        kind = "a multiple-choice" if parsed.needs_choice else "a descriptive"
+        raise QuestionError(f"{question or str(parsed)!r} is {kind} question; {missing}")
+    if not multiple_choice:
+        return parsed, None
+    if choice_programs is not None:
+        if choices is not None and len(choices) != len(choice_programs):
+            raise QuestionError(f"{len(choices)} choices but {len(choice_programs)} choice programs")
+        return parsed, [Program.parse(p) for p in choice_programs]
+    return parsed, [_parsed(parser, choice, "choice", scene) for choice in choices or ()]
+
+
+def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
+    """The text's program, or why it has none and the nearest texts that have one."""
+    try:
+        return parser.parse(text, kind)
+    except QuestionError as e:
+        if isinstance(e, EndpointError):  # of the parser, whatever the text is
+            raise
+        return QuestionError(f"{e}{suggestion(text, scene, kind)}")

@@ -1,0 +1,160 @@
+"""Programs of texts by rules alone: exact, without torch, in milliseconds.
+
+The text, in normal form, must have one reading by the rules (`nsdr.language`). So no word is lost, none is invented, and their
+order matters. What has no reading is refused, with what is understood without some of its words.
+"""
+
+import unicodedata
+import warnings
+from collections.abc import Iterator, Sequence
+
+from nsdr.errors import NsdrError, ProgramError, QuestionError
+from nsdr.io.limits import check_limit
+from nsdr.language.normal import normal_form, rewritten
+from nsdr.language.rules import load_rules
+from nsdr.language.texts import START_SYMBOLS, TEXT_KINDS, english, in_words
+from nsdr.question_parser.base import Parser
+from nsdr.question_parser.tokenizer import split_words
+from nsdr.symbolic.program import Program
+
+__all__ = ["REMEDY", "GrammarParser", "NoReadingError", "another_kind", "check_text", "extension_readings", "readings"]
+
+REMEDY = 'word it like a CLEVRER question, such as "How many cubes enter the scene?" (docs/questions.md)'
+PUNCTUATION = frozenset("'\u2018\u2019\",.;:?!-()/&\u2013\u2014\u201c\u201d\u2026")
+"""Characters of a text beside letters, digits and spaces."""
+MAX_UNUSED = 4
+"""Longest sequence of words that a refusal names as not used."""
+MAX_EXPLAINED_WORDS = 30
+"""Refusals of longer texts do not say which words were not used."""
+EXTENSION_SYMBOLS = {"descriptive": "BEYOND", "multiple_choice": "WHATIF"}
+"""The symbol of each kind of text beyond CLEVRER; choices are CLEVRER's own."""
+
+
+class NoReadingError(QuestionError):
+    """The rules have no reading of a text, as any kind of text."""
+
+
+class GrammarParser(Parser):
+    """Parses texts by rules.
+
+    Args:
+        extensions: also parse questions beyond CLEVRER (english_beyond.rules).
+    """
+
+    def __init__(self, extensions: bool = False) -> None:
+        self.extensions = extensions
+
+    def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
+        """As of `Parser`; misspelt words that are corrected are warned of."""
+        found: list[Program | NsdrError] = []
+        for text in texts:
+            try:
+                check_text(text, kind)
+                found.append(self._parsed(text, kind))
+            except NsdrError as e:
+                found.append(e)
+        return found
+
+    def _parsed(self, text: str, kind: str) -> Program:
+        programs = extension_readings(text, kind) if self.extensions else []
+        if not programs:
+            normal = normal_form(text)
+            if normal.left_out:
+                raise NoReadingError(f"unknown word {normal.left_out[0]!r}: {_refusal(text, kind)}")
+            for word, known in normal.corrections:
+                warnings.warn(f"{text!r}: read {word!r} as {known!r}", stacklevel=5)
+            programs = readings(text, kind)
+        if len(programs) > 1:
+            texts = " or as ".join(repr(_said(program)) for program in programs)
+            raise QuestionError(f"{text!r} can be read as {texts}; {REMEDY}")
+        if programs:
+            return Program.parse(programs[0])
+        if any(readings(text, other) for other in TEXT_KINDS):
+            raise another_kind(text, kind)
+        raise NoReadingError(_refusal(text, kind))
+
+
+def check_text(text: str, kind: str) -> None:
+    """Refuse texts that are no questions or choices.
+
+    Raises:
+        QuestionError: an unknown kind, an empty text, or a character such as an emoji or a control character; names it.
+        DataError: more characters than `Limits.text_characters`.
+    """
+    if kind not in TEXT_KINDS:
+        raise QuestionError(f"kind is {kind!r}; expected one of {', '.join(TEXT_KINDS)}")
+    check_limit(len(text), "text_characters", "the text")
+    for character in text:
+        if not (character.isalnum() or character.isspace() or character in PUNCTUATION):
+            name = unicodedata.name(character, f"U+{ord(character):04X}").lower()
+            raise QuestionError(
+                f"{text!r:.80}: has the character {character!r} ({name}); use words and punctuation only"
+            )
+    if not split_words(text):
+        raise QuestionError(f"the text {text!r} is empty")
+
+
+def readings(text: str, kind: str) -> list[list[str]]:
+    """The programs of a text as a "descriptive" or "multiple_choice" question or as a "choice"; unknown words are left out."""
+    return english().read(START_SYMBOLS[kind], normal_form(text).words)
+
+
+def extension_readings(text: str, kind: str) -> list[list[str]]:
+    """The programs of a text that asks for more than CLEVRER's questions do; empty if it is none.
+
+    Words that no rule has, misspelt ones among them, leave no reading.
+    """
+    if kind not in EXTENSION_SYMBOLS:
+        return []
+    normal = normal_form(rewritten(text.lower(), "spellings_beyond"), keep_unknown=True)
+    return load_rules("nsdr.language", "english", "english_beyond").read(EXTENSION_SYMBOLS[kind], normal.words)
+
+
+def another_kind(text: str, kind: str) -> QuestionError:
+    """The error of a text of another kind than it is parsed as."""
+    remedy = {
+        "descriptive": "give choices with it if it is a multiple-choice question",
+        "multiple_choice": "ask it without choices if it is a descriptive question",
+        "choice": 'a choice names an object or event, such as "the presence of the red cube"',
+    }
+    name = {"descriptive": "descriptive question", "multiple_choice": "multiple-choice question"}.get(kind, kind)
+    return QuestionError(f"{text!r} is not a {name}; {remedy[kind]}, or {REMEDY}")
+
+
+def _refusal(text: str, kind: str) -> str:
+    """Why a text has no reading: what is understood without some of its words, and these words."""
+    near = min(_near_readings(text, kind), key=lambda row: len(row[1]), default=None)
+    if near is None:
+        return f"{text!r} fits no program; {REMEDY}"
+    program, unused = near
+    words, were = ("words", "were") if len(unused) > 1 else ("word", "was")
+    why = f"the {words} {' '.join(unused)!r} {were} not used"
+    return f"{text!r} fits no program (understood: {_said(program)}; {why}); {REMEDY}"
+
+
+def _near_readings(text: str, kind: str) -> Iterator[tuple[list[str], list[str]]]:
+    """Readings of the text without a few words in sequence, and without its unknown words, with these words."""
+    unknown = set(normal_form(text).left_out)
+    words = text.split()
+    if len(words) > MAX_EXPLAINED_WORDS:
+        return
+    is_unknown = [bool(unknown.intersection(split_words(word))) for word in words]
+    known = [word for word, is_out in zip(words, is_unknown, strict=True) if not is_out]
+    left_out = [word.strip(",.;:?!") for word, is_out in zip(words, is_unknown, strict=True) if is_out]
+    lengths = [0] if unknown else range(1, min(MAX_UNUSED, len(known) - 1) + 1)
+    for length in lengths:
+        nearest = []
+        for start in range(len(known) - length + 1 if length else 1):
+            unused = [word.strip(",.;:?!") for word in known[start : start + length]]
+            for program in readings(" ".join([*known[:start], *known[start + length :]]), kind):
+                nearest.append((program, left_out or unused))
+        if nearest:
+            yield from nearest
+            return
+
+
+def _said(tokens: Sequence[str]) -> str:
+    try:
+        return in_words(tokens).rstrip("?")
+    except ProgramError:
+        return " ".join(tokens)

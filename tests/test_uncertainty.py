@@ -1,0 +1,277 @@
+"""Uncertain collisions, and the probabilities of answers that follow from them."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainCollision, load, save
+from nsdr.baselines.recording import keep_recording
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
+from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.evaluation import calibration, evaluate, format_table
+from nsdr.evaluation.experiments import markdown_table
+from nsdr.symbolic import format_probability
+from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
+from nsdr.types import DynamicsPrediction, Rollout, SceneObject
+from nsdr.types.answers import ChoiceAnswer
+
+HIT = Event("collision", 20, (0, 1))
+MAYBE = Event("collision", 80, (0, 2))
+COUNT = "events objects filter_collision count"
+RED_CUBE, BLUE, GREEN = (
+    f"objects {word} filter_{kind} unique" for word, kind in (("cube", "shape"), ("blue", "color"), ("green", "color"))
+)
+RED_SPHERE = "objects red filter_color sphere filter_shape unique"
+WITHOUT_BLUE = f"all_events {BLUE} get_counterfact belong_to"
+
+
+def possible(one: str, other: str) -> str:
+    return f"all_events {one} filter_collision {other} filter_collision unique"
+
+
+@pytest.fixture
+def unsure(small_scene: Scene) -> Scene:
+    """The first collision happens with 75 %, another one with 25 %."""
+    return replace(small_scene, uncertain=(UncertainCollision(HIT, 0.75), UncertainCollision(MAYBE, 0.25)))
+
+
+def test_uncertain_collisions_are_checked(small_scene: Scene) -> None:
+    with pytest.raises(DataError, match=r"UncertainCollision.probability: expected a number from 0 to 1, got 1.5"):
+        UncertainCollision(HIT, 1.5)
+    with pytest.raises(DataError, match=r"UncertainCollision.event: expected a collision at a frame"):
+        UncertainCollision(Event("in", 3, (0,)), 0.5)
+    with pytest.raises(DataError, match=r"Scene.uncertain: expected removed objects from 0 to 3, got 4"):
+        replace(small_scene, uncertain=(UncertainCollision(HIT, 0.5, 4),))
+    with pytest.raises(DataError, match="expected objects from 0 to 3 at a frame"):
+        replace(small_scene, uncertain=(UncertainCollision(Event("collision", 3, (0, 7)), 0.5),))
+
+
+@pytest.mark.parametrize("ending", [".json", ".npz"])
+def test_uncertain_collisions_survive_saving_and_old_files_have_none(unsure: Scene, tmp_path, ending: str) -> None:
+    scene = replace(unsure, uncertain=(*unsure.uncertain, UncertainCollision(HIT, 0.5, 3)))
+    path = tmp_path / f"scene{ending}"
+    save(scene, path)
+    assert load(Scene, path) == scene
+    save(replace(scene, uncertain=None), path)
+    if ending == ".json":
+        path.write_text(path.read_text().replace(', "uncertain": null', "").replace(',"uncertain":null', ""))
+        assert "uncertain" not in path.read_text()
+    assert load(Scene, path).uncertain is None
+
+
+def test_files_of_earlier_versions_are_read(unsure: Scene, tmp_path) -> None:
+    save(unsure, tmp_path / "scene.json")
+    text = (tmp_path / "scene.json").read_text().replace("UncertainCollision", "Doubt")
+    (tmp_path / "scene.json").write_text(text.replace('"uncertain"', '"doubts"'))
+    assert load(Scene, tmp_path / "scene.json") == unsure
+
+
+def test_scenes_keep_the_uncertain_collisions_of_rollouts_that_are_in_view() -> None:
+    objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(("red", "blue", "green")))
+    visible = np.ones((3, 12), bool)
+    visible[:2, 3:6] = False
+    seen, later, hidden = Event("collision", 8, (0, 1)), Event("collision", 11, (0, 2)), Event("collision", 4, (0, 1))
+    rollout = Rollout(
+        np.zeros((3, 12, 2)),
+        visible,
+        (seen,),
+        uncertain=(UncertainCollision(seen, 0.7), UncertainCollision(later, 0.2), UncertainCollision(hidden, 0.3)),
+    )
+    without = replace(rollout, collisions=(), uncertain=(UncertainCollision(seen, 0.4, 2),))
+    prediction = DynamicsPrediction(objects, 10, rollout, {2: without})
+    assert scene_from_prediction(prediction).uncertain == (
+        UncertainCollision(seen, 0.7),
+        UncertainCollision(later, 0.2),
+        UncertainCollision(seen, 0.4, 2),
+    )
+    unknown = replace(prediction, counterfactual={2: replace(without, uncertain=None)})
+    assert scene_from_prediction(unknown).uncertain is None
+    assert keep_recording(scene_from_prediction(prediction)).uncertain is None
+
+
+def test_possible_scenes_have_each_collision_as_often_as_its_probability_says(small_scene: Scene) -> None:
+    later = Event("collision", 140, (0, 3))
+    uncertain = (
+        UncertainCollision(HIT, 0.75),
+        UncertainCollision(MAYBE, 0.25),
+        UncertainCollision(later, 0.5),
+        UncertainCollision(HIT, 0.125, 2),
+    )
+    drawn = possible_scenes(replace(small_scene, uncertain=uncertain))
+    assert sum(n for n, _ in drawn) == N_DRAWS
+
+    def share(has) -> float:
+        return sum(n for n, scene in drawn if has(scene)) / N_DRAWS
+
+    assert share(lambda s: HIT in s.events) == 0.75
+    assert share(lambda s: MAYBE in s.events) == 0.25
+    assert share(lambda s: later in s.unseen) == 0.5
+    assert share(lambda s: HIT in s.counterfactual[2]) == 0.125
+    assert share(lambda s: HIT in s.counterfactual[3]) == 1.0  # that is certain
+    assert all(s.uncertain is None for _, s in drawn)
+
+
+def test_an_answer_is_as_probable_as_the_worlds_that_give_it(unsure: Scene, small_scene: Scene) -> None:
+    executor = Executor(unsure)
+    answer = executor.answer(COUNT)
+    assert answer.answer == "2"  # of the most probable world
+    assert answer.probability == pytest.approx(0.75 * 0.75 + 0.25 * 0.25, abs=0.03)
+    assert executor.answer("objects count").probability == 1.0
+    assert Executor(small_scene).answer(COUNT).probability is None
+
+
+def test_worlds_in_which_the_program_fails_are_left_out(unsure: Scene) -> None:
+    partner = f"events {RED_CUBE} filter_collision unique {RED_CUBE} get_col_partner query_color"
+    answer = Executor(unsure).answer(partner)
+    assert answer.answer == "blue"
+    assert answer.probability == pytest.approx(0.9, abs=0.01)  # with both or none, nothing is unique
+
+
+def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) -> None:
+    """Red cube and green cylinder: the collision is not in the scene, but possible."""
+    partner = f"events {GREEN} filter_collision {RED_CUBE} filter_collision unique {GREEN} get_col_partner query_color"
+    why = f"events events {GREEN} filter_collision {RED_CUBE} filter_collision unique filter_ancestor belong_to"
+    choices = [("the blue sphere", BLUE), ("the red cube", RED_CUBE)]
+    likely = Executor(replace(small_scene, uncertain=(UncertainCollision(MAYBE, 0.3),)))
+    answer = likely.answer(partner)
+    assert (answer.answer, answer.probability) == ("red", 1.0)
+    assert [c.answer for c in likely.judge(why, choices).choices] == ["correct", "correct"]
+    for uncertain in (
+        None,
+        (),
+        (UncertainCollision(MAYBE, 0.03),),
+        (UncertainCollision(Event("collision", 80, (0, 3)), 0.3),),
+    ):
+        executor = Executor(replace(small_scene, uncertain=uncertain))
+        with pytest.raises(ExecutionError, match="there is no collision"):
+            executor.answer(partner)
+        with pytest.raises(ExecutionError):
+            executor.judge(why, choices)
+
+
+def test_what_a_choice_supposes_is_taken_to_have_happened(small_scene: Scene) -> None:
+    """The blue sphere's collision with the red cube may have come from a collision that is not in the scene, but possible."""
+    why = f"events events {RED_CUBE} filter_collision {BLUE} filter_collision unique filter_ancestor belong_to"
+    choices = [
+        ("the collision", f"events {RED_CUBE} filter_collision {RED_SPHERE} filter_collision unique"),
+        ("green", GREEN),
+    ]
+    before = Event("collision", 10, (0, 3))
+
+    def first(*uncertain: UncertainCollision) -> ChoiceAnswer:
+        return Executor(replace(small_scene, uncertain=uncertain)).judge(why, choices).choices[0]
+
+    likely = first(UncertainCollision(before, 0.3))
+    assert (likely.answer, likely.error, likely.probability) == ("correct", "", 1.0)
+    assert before in {e for step in likely.trace for e in step.events}
+    half = first(UncertainCollision(before, 0.3), UncertainCollision(Event("collision", 15, (0, 3)), 0.3))
+    assert half.answer == "correct"  # in worlds with both, the choice fits two collisions
+    for uncertain in ((), (UncertainCollision(before, 0.03),)):
+        assert "there is no collision" in str(first(*uncertain).error)
+
+
+def test_worlds_are_drawn_once(unsure: Scene, monkeypatch) -> None:
+    calls = []
+    real = possible_scenes
+    monkeypatch.setattr("nsdr.symbolic.uncertainty.possible_scenes", lambda s: calls.append(s) or real(s))
+    executor = Executor(unsure)
+    answer = executor.answer(COUNT)
+    judged = executor.judge(WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))])
+    assert pickle.loads(pickle.dumps(answer)) == answer
+    assert judged.choices[0].probability == executor.answer("objects count").probability == 1.0
+    assert len(calls) == 1
+
+
+def test_a_choice_has_the_probability_that_it_is_correct(small_scene: Scene) -> None:
+    uncertain = (
+        UncertainCollision(Event("collision", 30, (0, 2)), 0.75, 1),
+        UncertainCollision(Event("collision", 30, (0, 3)), 0.25, 1),
+    )
+    executor = Executor(replace(small_scene, uncertain=uncertain))
+    single = executor.judge(WITHOUT_BLUE, [("b", possible(RED_CUBE, RED_SPHERE))]).choices
+    assert [(c.answer, c.probability) for c in single] == [("wrong", 0.25)]
+    negated = executor.judge(WITHOUT_BLUE + " negate", [("b", possible(RED_CUBE, RED_SPHERE))]).choices
+    assert [(c.answer, c.probability) for c in negated] == [("correct", 0.75)]
+    failing = executor.judge(WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", "all_events unique")]).choices
+    assert [(c.answer, c.probability) for c in failing] == [("correct", 0.75), (None, None)]
+
+
+def test_nothing_is_stated_of_events_that_are_not_simulated(unsure: Scene) -> None:
+    exits = f"all_events {RED_CUBE} filter_out unique"
+    executor = Executor(unsure)
+    for question in (WITHOUT_BLUE, "unseen_events belong_to"):
+        [exit_, collision] = executor.judge(question, [("a", exits), ("b", possible(RED_CUBE, GREEN))]).choices
+        assert exit_.answer == "wrong"
+        assert exit_.probability is None
+        assert collision.probability is not None
+
+
+def test_one_of_two_predictions_is_correct(small_scene: Scene) -> None:
+    scores = np.zeros((4, 4))
+    scores[0, 2] = scores[2, 0] = 0.1
+    scores[0, 3] = scores[3, 0] = 0.3
+    choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))]
+    scene = replace(small_scene, unseen_scores=scores, uncertain=())
+    first, second = Executor(scene).judge("unseen_events belong_to", choices).choices
+    assert (first.answer, second.answer) == ("wrong", "correct")
+    assert second.probability == pytest.approx(0.3 * 0.9 / (0.3 * 0.9 + 0.1 * 0.7))
+    assert first.probability == pytest.approx(1 - second.probability)
+    nothing = Executor(replace(scene, unseen_scores=np.zeros((4, 4)))).judge("unseen_events belong_to", choices).choices
+    assert [c.probability for c in nothing] == [0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("answer", "probability", "text"),
+    [
+        ("correct", 0.98, " (98 %)"),
+        ("wrong", 0.02, " (98 %)"),
+        ("correct", 1.0, " (>99 %)"),
+        ("correct", 0.001, " (<1 %)"),
+        ("correct", None, ""),
+        (None, 0.5, ""),
+    ],
+)
+def test_probabilities_in_words(answer: str | None, probability: float | None, text: str) -> None:
+    assert format_probability(ChoiceAnswer("a", answer, (), (), probability=probability)) == text
+
+
+def test_calibration_of_statements() -> None:
+    perfect = calibration([0.25] * 4 + [1.0] * 2, [True, False, False, False, True, True])
+    assert perfect["ece"] == pytest.approx(0.0)
+    assert perfect["brier"] == pytest.approx((0.75**2 + 3 * 0.25**2) / 6)
+    assert perfect["bins"] == [[0.25, 0.25, 4], [1.0, 1.0, 2]]
+    sure = calibration([1.0, 1.0, 0.0, 0.0], [True, False, False, False])
+    assert sure["ece"] == pytest.approx(0.5 * 0.5)
+
+
+def test_reports_have_the_calibration_of_answers_and_options(unsure: Scene) -> None:
+    choices = (
+        Choice(0, "a", tuple(possible(RED_CUBE, GREEN).split()), "correct"),
+        Choice(1, "b", tuple(possible(RED_CUBE, RED_SPHERE).split()), "correct"),
+    )
+    questions = (
+        Question(0, "How many?", "descriptive", "count", tuple(COUNT.split()), "2", ()),
+        Question(1, "Without blue?", "counterfactual", None, tuple(WITHOUT_BLUE.split()), None, choices),
+    )
+    report = evaluate([(SceneQuestions(7, "video_00007.mp4", questions), Executor(unsure))])
+    descriptive, counterfactual = report["results"]
+    p = descriptive["probability"]
+    assert report["descriptive"]["calibration"]["bins"] == [[p, 1.0, 1]]
+    assert [c["probability"] for c in counterfactual["choices"]] == [1.0, 0.0]
+    assert report["counterfactual"]["calibration"]["brier"] == 0.5  # the second option was judged wrong, and is correct
+    assert "calibration" not in report["explanatory"]
+    text = f"expected calibration error (Brier score): descriptive {100 * (1 - p):.1f} %"
+    assert text in format_table(report)
+
+
+def test_tables_of_experiments_say_how_calibrated_their_rows_are() -> None:
+    table = {"descriptive": {"accuracy": 0.9, "n": 7, "calibration": {"ece": 0.0123, "brier": 0.05}}}
+    for kind in ("explanatory", "predictive", "counterfactual"):
+        table[kind] = {"per_option": None, "per_question": None, "n_questions": 0}
+    row = {"settings": {"name": "ours"}, "table": table}
+    plain = {"settings": {"name": "published"}, "table": table | {"descriptive": {"accuracy": 0.9, "n": 7}}}
+    text = markdown_table("title", "command", [row, plain])
+    assert text.endswith("(Brier score):\n\n- ours: descriptive 1.2 % (0.050)\n")
+    assert "calibration" not in markdown_table("title", "command", [plain])
