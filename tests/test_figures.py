@@ -17,6 +17,7 @@ from nsdr.visualize import program_curve, question_figure, sample_image, trainin
 from nsdr.visualize.samples import RIGHT_COLOR, WRONG_COLOR, _lines
 
 ROOT = Path(__file__).parent.parent
+ABLATION = ROOT / "results" / "question_parser_ablation.csv"
 
 
 def bars(axes) -> list[list[float]]:
@@ -98,8 +99,9 @@ def test_a_sample_marks_answers_by_the_ground_truth() -> None:
 def test_the_command_writes_each_figure_whose_input_is_given(tmp_path, capsys) -> None:
     output = tmp_path / "new"
     samples = ["--samples", str(QUESTIONS), "--videos", str(VIDEO.parent), "--show", "500002:13", "500002:14"]
-    assert main(["figures", "--questions", str(QUESTIONS), *samples, "-o", str(output)]) == 0
-    names = ["question_distribution.png", "sample_500002.jpg"]
+    both = ["--questions", str(QUESTIONS), "--ablation", str(ABLATION)]
+    assert main(["figures", *both, *samples, "-o", str(output)]) == 0
+    names = ["question_distribution.png", "program_curve.png", "sample_500002.jpg"]
     assert capsys.readouterr().out.splitlines() == [str(output / name) for name in names]
     for name in names:
         assert cv2.imread(str(output / name)).std() > 5
@@ -108,7 +110,8 @@ def test_the_command_writes_each_figure_whose_input_is_given(tmp_path, capsys) -
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "expected some of --questions, --samples and --runs"),
+        ([], "expected some of --questions, --ablation, --samples and --runs"),
+        (["--ablation", "QUESTIONS"], "not the CSV file of an ablation"),
         (["--questions", "QUESTIONS", "--show", "1:2"], "--show would do nothing without --samples; leave it out"),
         (["--samples", "QUESTIONS"], "--samples needs --videos FOLDER and --show SCENE:QUESTION"),
         (

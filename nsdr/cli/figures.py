@@ -1,5 +1,6 @@
 """`nsdr figures`: question sets and sample results as the paper shows them, and training curves."""
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,8 @@ from nsdr.io.files import check_installed, check_output_folder
 
 __all__ = ["figures"]
 
-DISTRIBUTION, SAMPLE, TRAINING = "question_distribution.png", "sample_{:05d}.jpg", "training_curves.png"
+DISTRIBUTION, CURVE = "question_distribution.png", "program_curve.png"
+SAMPLE, TRAINING = "sample_{:05d}.jpg", "training_curves.png"
 """Names of the files."""
 METRICS = "metrics.jsonl"
 """File of a run folder with a line of numbers for each of some steps."""
@@ -19,6 +21,7 @@ METRICS = "metrics.jsonl"
 def figures_options(parser: Any) -> None:
     add = parser.add_argument
     add("--questions", default="", help="question file whose distribution is drawn beside the release's")
+    add("--ablation", default="", help="ablation.csv of `nsdr train question-parser --ablation`, whose curve is drawn")
     add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
     add("--videos", default="", help="samples: folder of their videos")
     add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
@@ -38,14 +41,16 @@ def figures(options: Any) -> int:
         raise DataError(f"{', '.join(given)} would do nothing without --samples; leave it out")
     if options.samples and not (options.videos and options.show):
         raise DataError("--samples needs --videos FOLDER and --show SCENE:QUESTION")
-    if not (options.questions or options.samples or options.runs):
-        raise DataError("nsdr figures: expected some of --questions, --samples and --runs")
+    if not (options.questions or options.ablation or options.samples or options.runs):
+        raise DataError("nsdr figures: expected some of --questions, --ablation, --samples and --runs")
     check_output_folder(options.output)
     check_installed("matplotlib", "figures need matplotlib", "visualize")
     output = Path(options.output)
     chosen = _chosen(options.samples, options.show) if options.samples else {}
     if options.questions:
         _write_distribution(options.questions, output / DISTRIBUTION)
+    if options.ablation:
+        _write_curve(options.ablation, output / CURVE)
     if options.runs:
         _write_training(options.runs, output / TRAINING)
     if chosen:
@@ -68,6 +73,18 @@ def _write_distribution(questions: str, path: Path) -> None:
 
 def _total(scenes: Any) -> int:
     return sum(len(scene.questions) for scene in scenes)
+
+
+def _write_curve(ablation: str, path: Path) -> None:
+    from nsdr.io.reading import read_text
+    from nsdr.visualize.distributions import program_curve
+
+    try:
+        figure = program_curve(list(csv.DictReader(read_text(ablation).splitlines())))
+    except (KeyError, ValueError, TypeError, csv.Error) as e:
+        message = f"{ablation}: not the CSV file of an ablation ({e}); see `nsdr train question-parser --ablation`"
+        raise DataError(message) from e
+    _write(path, figure)
 
 
 def _write_training(runs: list[str], path: Path) -> None:
