@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
+from nsdr.validation import convert, expect
 
 __all__ = ["check_mask", "mask_numbers"]
 
@@ -32,11 +33,8 @@ def check_mask(size: object, counts: object, height: int, width: int, where: str
     Raises:
         DataError: the mask is of another size or damaged; names the location.
     """
-    if not isinstance(size, list) or size != [height, width]:
-        raise DataError(f"{where}.size: expected [{height}, {width}], got {size!r:.60}")
-    if not isinstance(counts, str):
-        raise DataError(f"{where}.counts: expected str, got {counts!r:.60}")
-    runs_of_mask(counts, height, width, where)
+    expect(size == [height, width], f"{where}.size", f"[{height}, {width}]", size)
+    runs_of_mask(convert(counts, str, f"{where}.counts: "), height, width, where)
 
 
 def runs_of_mask(counts: str, height: int, width: int, where: str) -> NDArray[np.int64]:
