@@ -42,8 +42,7 @@ def parse_videos(
         output: folder to write; `failures.json` in it names what failed and why.
         checkpoint: weights.
         settings: of perception; None for the defaults.
-        engine: "processes" or "ray".
-        workers: number of processes; 0 is one per CPU core.
+        engine, workers: as of `nsdr.io.jobs.run_tasks`.
         device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Raises:
@@ -85,11 +84,10 @@ def predict_dynamics(
     if form not in FORMATS:
         raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
     source = Path(proposals)
-    found: dict[str, tuple[str, Any]]
     if source.is_file():
-        found = {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(source)}
+        found: dict[str, Any] = {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(source)}
     else:
-        names = ("proposal_*.json", "proposal_*.json.gz", "sim_*.json", "sim_*.json.gz")
+        names = (f"{stem}_*.json{end}" for stem in ("proposal", "sim") for end in ("", ".gz"))
         found = _by_number({str(p.relative_to(source)): p for name in names for p in find_files(source, name)})
     if not found:
         raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")

@@ -57,11 +57,7 @@ def write_controls(
         kinds: some of `CONTROLS`.
         seed: of the exchange, as of `exchange`.
         limit: the first n videos and their questions only; 0 for all.
-        workers: number of processes; 0 is one per CPU core.
-        engine: "processes" or "ray".
-
-    Returns:
-        What became of the videos of each kind.
+        workers, engine: as of `nsdr.io.jobs.run_tasks`.
 
     Raises:
         DataError: an unknown kind, no videos, fewer than 2 to exchange, `output` is `root` or below its videos, or PyAV is

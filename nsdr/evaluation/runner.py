@@ -5,7 +5,7 @@ report byte for byte. Evaluations may share the folder: one that needs scenes of
 them, and what was made is never replaced by a scene of other inputs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -186,7 +186,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     questions, data = selected_questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        made = _official(questions, Path(config.data), config.collisions)
+        made = ((s, _official(config, s.scene_index)) for s in tqdm(questions, desc="scenes", unit="scene"))
     else:
         scenes = _scenes(config, settings, device, questions, data)
         made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
@@ -356,11 +356,8 @@ def _executor(scene: Scene | SceneJob | NsdrError, config: EvaluationConfig) -> 
     return Executor(asked, data_set_rules=config.data_set_rules)
 
 
-def _official(
-    questions: Sequence[SceneQuestions], folder: Path, collisions: str
-) -> Iterator[tuple[SceneQuestions, Executor | NsdrError]]:
-    for s in tqdm(questions, desc="scenes", unit="scene"):
-        try:
-            yield s, Executor(prediction_file(folder, s.scene_index), "official", collisions)
-        except NsdrError as e:
-            yield s, e
+def _official(config: EvaluationConfig, scene_index: int) -> Executor | NsdrError:
+    try:
+        return Executor(prediction_file(Path(config.data), scene_index), "official", config.collisions)
+    except NsdrError as e:
+        return e
