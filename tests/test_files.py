@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 
 from nsdr import DataError
+from nsdr.clevrer.answers.answer_files import read_submission, submission_document, write_submission
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.download import download
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.annotations import check_ground_truth, read_annotation, write_annotation
 from nsdr.clevrer.files.proposals import read_ground_truth
 from nsdr.clevrer.files.questions import Choice, read_questions, without_answers, write_questions
-from nsdr.clevrer.files.submissions import read_submission, submission_document, write_submission
 from nsdr.cli.main import main
 from nsdr.evaluation import EvaluationConfig, evaluate, format_table, run_evaluation
 from nsdr.symbolic import Executor

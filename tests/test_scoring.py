@@ -21,9 +21,8 @@ from nsdr.clevrer import (
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
-from nsdr.evaluation.comparison import compare_reports, format_comparison
 from nsdr.evaluation.controls import exchange, write_controls
-from nsdr.evaluation.measures import difference_interval
+from nsdr.evaluation.measures import compare_reports, difference_interval, format_comparison
 from nsdr.evaluation.responses import format_report, reference_rows, score_responses
 from nsdr.io.video import sample_frames, write_video
 

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from pycocotools import mask as rle
 
 from nsdr import DataError, Event, Rollout, Scene, SceneObject, VideoError, VideoProposals, load
+from nsdr.clevrer.answers.answer_files import read_submission
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.files.annotations import check_truth, check_truth_blocks
@@ -22,7 +23,6 @@ from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.predictions import predictions_from_document
 from nsdr.clevrer.files.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
 from nsdr.clevrer.files.questions import read_questions
-from nsdr.clevrer.files.submissions import read_submission
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import VARIABLE
 from nsdr.io.video import read_video, write_video

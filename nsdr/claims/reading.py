@@ -16,8 +16,7 @@ from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
 from nsdr.language.slots import Slot
 from nsdr.symbolic.phrases import indefinite
-from nsdr.world.nouns import ADJECTIVES, NOUNS
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
 
 __all__ = ["read_sentence", "written"]
 

@@ -3,7 +3,10 @@ from .answers.answer_files import (
     GivenAnswer as GivenAnswer,
     read_answers as read_answers,
     read_given as read_given,
+    read_submission as read_submission,
+    submission_document as submission_document,
     write_responses as write_responses,
+    write_submission as write_submission,
 )
 from .answers.prompts import (
     NO_OPTION as NO_OPTION,
@@ -74,9 +77,4 @@ from .files.scenes import (
     scene_from_ground_truth as scene_from_ground_truth,
     scene_from_truth as scene_from_truth,
     speed_world_per_s as speed_world_per_s,
-)
-from .files.submissions import (
-    read_submission as read_submission,
-    submission_document as submission_document,
-    write_submission as write_submission,
 )

@@ -14,8 +14,7 @@ from importlib.resources import files
 
 from nsdr.language.slots import CATEGORY, Slot, in_order
 from nsdr.language.texts import english
-from nsdr.world.nouns import ADJECTIVES, NOUNS
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
 
 __all__ = [
     "AMBIGUOUS",

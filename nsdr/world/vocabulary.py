@@ -3,11 +3,13 @@
 from typing import Literal, get_args
 
 __all__ = [
+    "ADJECTIVES",
     "ATTRIBUTES",
     "COLORS",
     "COLORS_RGB",
     "DIRECTIONS",
     "MATERIALS",
+    "NOUNS",
     "N_ATTRIBUTE_TRIPLES",
     "SHAPES",
     "SPEED_UNIT",
@@ -56,3 +58,22 @@ def attributes_of(index: int) -> tuple[str, str, str]:
     rest, shape = divmod(index, len(SHAPES))
     color, material = divmod(rest, len(MATERIALS))
     return COLORS[color], MATERIALS[material], SHAPES[shape]
+
+
+ADJECTIVES = {
+    **{w: w for name in ("color", "material") for w in ATTRIBUTES[name]},
+    **{"grey": "gray", "metallic": "metal", "shiny": "metal", "rubbery": "rubber", "matte": "rubber", "matt": "rubber"},
+    **{"cubic": "cube", "cubical": "cube", "spherical": "sphere", "cylindrical": "cylinder"},
+}
+"""Attribute words before a noun, and what they mean."""
+
+NOUNS = {
+    **{form: (shape, "N") for shape in ATTRIBUTES["shape"] for form in (shape,)},
+    **{f"{shape}s": (shape, "NS") for shape in ATTRIBUTES["shape"]},
+    **{"ball": ("sphere", "N"), "balls": ("sphere", "NS"), "block": ("cube", "N"), "blocks": ("cube", "NS")},
+    **{"box": ("cube", "N"), "boxes": ("cube", "NS")},
+    **{"tube": ("cylinder", "N"), "tubes": ("cylinder", "NS"), "orb": ("sphere", "N"), "orbs": ("sphere", "NS")},
+    **dict.fromkeys(("object", "thing", "item", "obj"), ("", "N")),
+    **dict.fromkeys(("objects", "things", "items", "objs"), ("", "NS")),
+}
+"""Nouns for objects: their shape, or "" for any, and whether they are singular (N) or plural (NS)."""

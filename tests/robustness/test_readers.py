@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from nsdr import Scene, load
+from nsdr.clevrer.answers.answer_files import read_submission
 from nsdr.clevrer.dataset import read_manifest
 from nsdr.clevrer.files.annotations import read_annotation, read_truth
 from nsdr.clevrer.files.parsed_programs import with_parsed_programs
@@ -17,7 +18,6 @@ from nsdr.clevrer.files.predictions import read_predictions, scene_from_predicti
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
-from nsdr.clevrer.files.submissions import read_submission
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json, read_npz, read_yaml
 from tests.robustness.case import Change, text_writer

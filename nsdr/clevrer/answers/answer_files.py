@@ -8,19 +8,28 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NotRequired, TypedDict
 
 from nsdr.clevrer.answers.answer_forms import UnreadableError
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.answers.responses import Response, read_response_to
 from nsdr.clevrer.files.questions import Question
-from nsdr.clevrer.files.submissions import read_submission
+from nsdr.clevrer.files.schema import Id, check_unique
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
-from nsdr.io.reading import parse_json_lines, read_json_bytes
-from nsdr.validation import shown
+from nsdr.io.files import atomic_path, write_json
+from nsdr.io.reading import parse_json_lines, read_json_bytes, read_typed
+from nsdr.validation import expect, shown
 
-__all__ = ["RESPONSE_KEYS", "GivenAnswer", "read_answers", "read_given", "write_responses"]
+__all__ = [
+    "RESPONSE_KEYS",
+    "GivenAnswer",
+    "read_answers",
+    "read_given",
+    "read_submission",
+    "submission_document",
+    "write_responses",
+    "write_submission",
+]
 
 RESPONSE_KEYS = ("response", "prediction", "answer")
 """Keys of a row that may hold the response; the first one that a row has counts."""
@@ -186,3 +195,63 @@ def _number(value: Any, where: str) -> int:
     if not re.fullmatch(r"[0-9]{1,9}", str(value)) or isinstance(value, bool):
         raise DataError(f"{where}: {shown(value)}; expected a whole number from 0")
     return int(value)
+
+
+class _Choice(TypedDict):
+    choice_id: Id
+    answer: Literal["correct", "wrong"]
+
+
+class _Question(TypedDict):
+    question_id: Id
+    answer: NotRequired[str]
+    choices: NotRequired[list[_Choice]]
+
+
+class _Scene(TypedDict):
+    scene_index: Id
+    questions: list[_Question]
+
+
+def submission_document(results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Make a submission from results, with scenes and questions in ascending order.
+
+    Args:
+        results: rows as listed by `nsdr.evaluation.score.evaluate`: `scene_index`, `question_id`, and `answer` or
+            `choices: [{choice_id, answer}]`. A row with neither is submitted as the answer "error".
+    """
+    scenes: dict[int, list[dict[str, Any]]] = {}
+    for result in results:
+        row: dict[str, Any] = {"question_id": result["question_id"]}
+        if "choices" in result:
+            row["choices"] = [{"choice_id": c["choice_id"], "answer": c["answer"]} for c in result["choices"]]
+        else:
+            row["answer"] = str(result.get("answer", "error"))
+        scenes.setdefault(result["scene_index"], []).append(row)
+    return [
+        {"scene_index": scene, "questions": sorted(rows, key=lambda r: int(r["question_id"]))}
+        for scene, rows in sorted(scenes.items())
+    ]
+
+
+def write_submission(path: str | Path, results: Iterable[Mapping[str, Any]]) -> None:
+    """Write `submission_document(results)`, atomically."""
+    write_json(path, submission_document(results))
+
+
+def read_submission(path: str | Path) -> list[dict[str, Any]]:
+    """Read and check a submission file.
+
+    Raises:
+        DataError: names the file, the location in the file and what was expected there.
+    """
+    content: list[dict[str, Any]] = read_typed(path, list[_Scene])
+    check_unique([scene["scene_index"] for scene in content], f"{path}: ", ".scene_index")
+    for s, scene in enumerate(content):
+        place = f"{path}: [{s}].questions"
+        check_unique([q["question_id"] for q in scene["questions"]], place, ".question_id")
+        for q, question in enumerate(scene["questions"]):
+            has_answer = "answer" in question or "choices" in question
+            expect(has_answer, f"{place}[{q}]", "'answer' or, for a question with options, 'choices'", "neither")
+            check_unique([c["choice_id"] for c in question.get("choices", ())], f"{place}[{q}].choices", ".choice_id")
+    return content

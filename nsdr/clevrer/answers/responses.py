@@ -9,7 +9,7 @@ from typing import Any
 from nsdr.clevrer.answers.answer_forms import UnreadableError, is_bare, plain, read_letters, read_word
 from nsdr.clevrer.answers.prompts import INSTRUCTIONS, option_letters
 from nsdr.clevrer.files.questions import Question
-from nsdr.world.nouns import ADJECTIVES, NOUNS
+from nsdr.world.vocabulary import ADJECTIVES, NOUNS
 
 __all__ = ["READ_AS", "Response", "read_response", "read_response_to"]
 
