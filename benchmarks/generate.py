@@ -12,9 +12,9 @@ from functools import partial
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
-from nsdr.generate.records import solids_at, truth_document
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
+from nsdr.generate.scene_files import solids_at, truth_document
 from nsdr.generate.statistics import count_scenes, write_statistics
 from nsdr.io.jobs import run_tasks
 from nsdr.world.camera import Camera

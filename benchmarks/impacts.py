@@ -1,4 +1,4 @@
-"""How often the report says rightly who hits whom, by the two thresholds of `nsdr.visualize.impacts`.
+"""How often the report says rightly who hits whom, by the two thresholds of `nsdr.visualize.event_words`.
 
 `python benchmarks/impacts.py FOLDER [--limit N] [--dynamics NAME]`
 
@@ -16,7 +16,7 @@ import numpy as np
 from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.pipeline import Pipeline
 from nsdr.types import Event, Rollout
-from nsdr.visualize import impacts
+from nsdr.visualize import event_words as impacts
 
 TRUE_RATIO = 0.5
 """Approach speeds with a larger ratio are unclear in truth."""

@@ -28,7 +28,7 @@ from nsdr.dynamics.interventions import resolve
 from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate_perturbed
 from nsdr.generate.physics import Body, SceneConfig, SimulatedScene, Simulator, simulate_scene
-from nsdr.generate.records import truth_document
+from nsdr.generate.scene_files import truth_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import atomic_path
 from nsdr.tracking.truth_tracks import tracks_from_motion

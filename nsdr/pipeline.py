@@ -1,5 +1,6 @@
 """The whole system: a video and a question go in, an answer with its trace comes out."""
 
+import sys
 import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels
 from nsdr.dynamics.interventions import simulate_removal
-from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
+from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, clip_frames
@@ -70,12 +71,14 @@ class PipelineConfig(Settings):
         check_release_size(self.camera)
 
     def versions(self) -> dict[str, int]:
-        """Versions of the stages that make a scene; what was made by others is stale."""
+        """Versions of the stages that make a scene, that of a plug-in's module (0 if it has none) too; others are stale."""
         from nsdr import dynamics, frame_parser, tracking
         from nsdr.dynamics import physics, propnet
 
         backend = physics if self.dynamics.backend == "physics" else propnet
-        return {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
+        stages = {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
+        plugin = sys.modules[BACKENDS[self.dynamics.backend].__module__]
+        return {**stages, plugin.__name__: getattr(plugin, "VERSION", 0)}
 
 
 def pipeline_settings(

@@ -25,7 +25,7 @@ from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.questions.candidates import EXTENSION_KINDS, changed_questions
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
-from nsdr.generate.records import annotation_document, truth_document
+from nsdr.generate.scene_files import annotation_document, truth_document
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.language.texts import clevrer, described

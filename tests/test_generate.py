@@ -21,10 +21,10 @@ from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_d
 from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.generate.records import truth_document
 from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
+from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import count_scenes, released_statistics
 from nsdr.io.reading import read_json
 from nsdr.io.video import read_video

@@ -25,7 +25,7 @@ from nsdr.clevrer.files.predictions import (
     read_predictions,
     scene_from_predictions,
 )
-from nsdr.clevrer.files.velocity_rule import sampled_velocity, velocity_collisions
+from nsdr.clevrer.velocity_rule import sampled_velocity, velocity_collisions
 from nsdr.cli.main import main
 from nsdr.io.files import write_json
 

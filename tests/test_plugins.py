@@ -68,7 +68,7 @@ def test_an_installed_source_is_used_by_name(package, tmp_path) -> None:
 
 def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
     assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--dynamics", "zebra"]) == 2
-    assert "dynamics backend 'zebra': expected physics, state, paper" in capsys.readouterr().err
+    assert "dynamics backend (or YAML file) 'zebra': expected one of physics, state, paper" in capsys.readouterr().err
     parts: Registry[object] = Registry("part", "nsdr.nothing", {"broken": "nsdr.nowhere:thing"})
     with pytest.raises(nsdr.DataError, match=r"part 'broken': cannot load nsdr\.nowhere:thing"):
         parts["broken"]

@@ -26,7 +26,7 @@ from nsdr.generate.questions.selection import (
     generate_questions,
     select_questions,
 )
-from nsdr.generate.records import truth_document
+from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.language.texts import clevrer, described
 from nsdr.world.camera import Camera

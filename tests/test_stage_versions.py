@@ -24,9 +24,9 @@ from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.generate.physics.scene import simulate_scene
-from nsdr.generate.records import solids_at
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
+from nsdr.generate.scene_files import solids_at
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.video import read_frames
 from nsdr.types import Event

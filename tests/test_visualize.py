@@ -19,8 +19,8 @@ from nsdr.io.video import read_video
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import DynamicsPrediction, Rollout
 from nsdr.visualize import annotated_image, report, stroboscopic_image, write_annotated_image, write_report
+from nsdr.visualize.event_words import event_text, hitter
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-from nsdr.visualize.impacts import event_text, hitter
 from nsdr.world.vocabulary import COLORS
 
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from nsdr.apps.clips import Clip
 from nsdr.types import Answer, Scene, Simulation, TraceStep
+from nsdr.visualize.event_words import change_text, interventions_text
 from nsdr.visualize.html_parts import answer_html, summary_html, thumbnail
-from nsdr.visualize.impacts import change_text, interventions_text
 from nsdr.visualize.timeline import TIMELINE_STYLE
 
 __all__ = ["STYLE", "answer_panel", "difference_panel", "notes_panel", "rests_on"]

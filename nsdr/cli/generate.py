@@ -18,7 +18,7 @@ from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
-from nsdr.generate.records import truth_document
+from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import write_question_statistics
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json

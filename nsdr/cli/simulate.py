@@ -155,7 +155,7 @@ def _added(text: str) -> Add:
 
 def _report(s: Simulation) -> Iterator[str]:
     """What differs, line by line."""
-    from nsdr.visualize.impacts import change_text, interventions_text
+    from nsdr.visualize.event_words import change_text, interventions_text
 
     yield interventions_text(s)
     differences = s.differences()

@@ -65,7 +65,7 @@ class BackendConfig(Settings):
 BackendFactory = Callable[[Path, BackendConfig], DynamicsBackend]
 """(checkpoint folder, settings) -> the backend with its weights."""
 BACKENDS: Registry[BackendFactory] = Registry(
-    "dynamics backend",
+    "dynamics backend (or YAML file)",
     "nsdr.dynamics",
     {
         "physics": "nsdr.dynamics.registry:_physics",
@@ -137,8 +137,7 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
         config = parse_config(BackendConfig, ["--config", str(settings)], "nsdr")
     else:
         config = BackendConfig(str(settings))
-    if config.backend not in BACKENDS.names():
-        raise DataError(f"dynamics backend {config.backend!r}: expected {', '.join(BACKENDS.names())} or a YAML file")
+    BACKENDS.check(config.backend)
     if config.backend in PATCH_CHECKPOINTS and not config.shortcut:
         raise DataError(f"shortcut: false does nothing with dynamics {config.backend!r}, which has no shortcut")
     if config.weights and config.backend not in PATCH_CHECKPOINTS:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.files.velocity_rule import velocity_collisions as grid_collisions
+from nsdr.clevrer.velocity_rule import velocity_collisions as grid_collisions
 from nsdr.dynamics.base import VideoPixels
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError

@@ -26,9 +26,9 @@ from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import Candidates, QuestionConfig, find_candidates, select_questions
-from nsdr.generate.records import annotation_document, frame_masks, proposal_document, solids_at, truth_document
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
+from nsdr.generate.scene_files import annotation_document, frame_masks, proposal_document, solids_at, truth_document
 from nsdr.generate.statistics import count_scenes, write_question_statistics, write_statistics
 from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint

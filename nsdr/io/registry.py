@@ -42,16 +42,20 @@ class Registry(Generic[T]):
         """All names: built-in, registered and those of installed packages."""
         return list(dict.fromkeys([*self._parts, *(e.name for e in entry_points(group=self.group))]))
 
+    def check(self, name: str) -> None:
+        """Refuse an unknown name, without importing anything; raises `DataError`."""
+        if name not in self.names():
+            raise DataError(f"{self.what} {name!r}: expected one of {', '.join(self.names())}")
+
     def __getitem__(self, name: str) -> T:
         """The part of a name.
 
         Raises:
             DataError: no such name, or its package cannot be imported.
         """
+        self.check(name)
         installed = {e.name: e.value for e in entry_points(group=self.group)}
-        part: Any = self._parts.get(name) or installed.get(name)
-        if part is None:
-            raise DataError(f"{self.what} {name!r}: expected one of {', '.join(self.names())}")
+        part: Any = self._parts.get(name) or installed[name]
         if isinstance(part, str):
             module, _, attribute = part.partition(":")
             try:

@@ -1,7 +1,7 @@
 """The normal form of a text: one spelling, one word for each meaning, noun phrases found, the question before its clauses.
 
 "When the metallic ball comes into view, how many blocks aren't moving?" becomes "how many cubes be stationary when the metal
-sphere enter". The network reads normal forms, and so do the rules (english.rules). Spellings, words and phrases are in
+sphere enter". The network reads normal forms, and so do the rules (read_english.rules). Spellings, words and phrases are in
 spellings.txt, lexicon.txt and phrases.txt.
 """
 

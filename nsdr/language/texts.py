@@ -45,12 +45,12 @@ MAX_TOKENS = 40
 
 def english() -> Rules:
     """The rules of texts in normal form."""
-    return load_rules("nsdr.language", "english")
+    return load_rules("nsdr.language", "read_english")
 
 
 def clevrer() -> Rules:
     """The rules of CLEVRER's own texts, and of those beyond it that the generator asks."""
-    return load_rules("nsdr.language", "clevrer", "beyond")
+    return load_rules("nsdr.language", "write_clevrer", "write_beyond")
 
 
 def random_words(rng: random.Random) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ def in_words(program: ProgramSource) -> str:
         ProgramError: the program is not well-formed, or none that a question or choice stands for.
     """
     parsed = Program.parse(program)
-    rules = load_rules("nsdr.language", "clevrer", "beyond", "written")
+    rules = load_rules("nsdr.language", "write_clevrer", "write_beyond", "write_other")
     tokens, slots = _with_slots(parsed.tokens)
     forms = [("N", "NS", "A") if words else ("O", "OS", "") for words in slots]
     try:

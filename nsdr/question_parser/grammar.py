@@ -38,7 +38,7 @@ class GrammarParser(Parser):
     """Parses texts by rules.
 
     Args:
-        extensions: also parse questions beyond CLEVRER (english_beyond.rules).
+        extensions: also parse questions beyond CLEVRER (read_beyond.rules).
     """
 
     def __init__(self, extensions: bool = False) -> None:
@@ -107,7 +107,7 @@ def extension_readings(text: str, kind: str) -> list[list[str]]:
     if kind not in EXTENSION_SYMBOLS:
         return []
     normal = normal_form(rewritten(text.lower(), "spellings_beyond"), keep_unknown=True)
-    return load_rules("nsdr.language", "english", "english_beyond").read(EXTENSION_SYMBOLS[kind], normal.words)
+    return load_rules("nsdr.language", "read_english", "read_beyond").read(EXTENSION_SYMBOLS[kind], normal.words)
 
 
 def another_kind(text: str, kind: str) -> QuestionError:

@@ -21,7 +21,7 @@ SYMBOLS = {
     "multiple_choice": ("EXPLANATORY", "PREDICTIVE", "COUNTERFACTUAL"),
     "choice": ("PRESENCE", "COLLISION", "ENTRANCE", "EXIT", "HAPPENS"),
 }
-"""Symbols of clevrer.rules whose contents are compared with a text, by kind of text."""
+"""Symbols of write_clevrer.rules whose contents are compared with a text, by kind of text."""
 ANY_NAMES = (("red", "cube"), ("blue", "sphere"))
 """Objects of the suggestions where neither a scene nor the text names any."""
 FUNCTION_WEIGHT = 0.2

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 from nsdr.clevrer.files.predictions import SAMPLE_FRAMES, Described, Prediction, PredictionFile
-from nsdr.clevrer.files.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
+from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity, velocity_collisions
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import Event, SceneObject

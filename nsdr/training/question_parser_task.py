@@ -52,7 +52,7 @@ class QuestionParserTraining(Settings):
         questions: question file in CLEVRER's format to train on; "" draws texts from the grammar.
         samples: n, to train on n descriptive, n multiple-choice and 4n choice programs only (paper); 0 for all.
         initial: folder of a checkpoint to start from, whose words must be the same; "" starts from random weights.
-        paraphrase: probability that a training text is drawn from the rules of other wordings (english.rules).
+        paraphrase: probability that a training text is drawn from the rules of other wordings (read_english.rules).
         other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
             another kind, half have their words shuffled, or one left out or put in.
         evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.

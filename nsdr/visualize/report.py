@@ -15,9 +15,9 @@ from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.types import Answer, DynamicsPrediction, Event, Remove, Scene, Simulation
 from nsdr.visualize.annotate import annotated_image, write_annotated_video
+from nsdr.visualize.event_words import change_text, event_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
-from nsdr.visualize.impacts import change_text, event_text
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.visualize.strobe import EVERY, stroboscopic_image
 from nsdr.visualize.timeline import TIMELINE_STYLE, spans, timeline_html

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from nsdr.pipeline import Perception
 from nsdr.types import Event, Scene
+from nsdr.visualize.event_words import event_text, percent
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
-from nsdr.visualize.impacts import event_text, percent
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.timeline import FPS, horizon_frame
 from nsdr.world.vocabulary import COLORS_RGB

@@ -31,7 +31,7 @@ __all__ = ["MotionDataset", "read_image_dataset", "read_motion_dataset"]
 
 Row = dict[str, NDArray[Any]]
 
-VERSION = 1
+DATA_VERSION = 1
 """Of the rows of a `MotionDataset`, which are kept: raised when they change."""
 MIN_OBJECTS = 2
 """Scenes with fewer tracked objects are skipped: they hold no pair."""
@@ -113,7 +113,7 @@ def read_motion_dataset(
     Raises:
         DataError: a missing or unreadable file, a video without truth, or no scene that fits.
     """
-    made_from = fingerprint(inputs=[Path(proposals), Path(truth)], config=[VERSION, tracking.VERSION, limit])
+    made_from = fingerprint(inputs=[Path(proposals), Path(truth)], config=[DATA_VERSION, tracking.VERSION, limit])
     kept = None if cache is None else _kept(Path(cache), made_from)
     if kept is not None and kept.keys() == MotionDataset.__dataclass_fields__.keys():
         return MotionDataset(**kept)
@@ -182,7 +182,7 @@ def read_image_dataset(
 def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchModelConfig) -> Row:
     """A video's row of the data set, made with its patches where it is not kept; nothing for a video that does not fit."""
     video, annotation = Path(split.video(index)), split.annotation(index)
-    settings = [VERSION, tracking.VERSION, [config.patch_cells, config.cell_px], annotation]
+    settings = [DATA_VERSION, tracking.VERSION, [config.patch_cells, config.cell_px], annotation]
     made_from = fingerprint(inputs=[video, split.raw_proposals(index)], config=settings)
     kept = _kept(path, made_from)
     if kept is not None:

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 EXTENSION_KINDS = ("speed", "direction", "is_faster", "faster", "extreme_speed", "is_heavier", "heavier", "heaviest")
-"""Subtypes of the descriptive questions beyond CLEVRER; in capitals their symbols in beyond.rules."""
+"""Subtypes of the descriptive questions beyond CLEVRER; in capitals their symbols in write_beyond.rules."""
 
 DESCRIPTION_WEIGHTS = {
     ("color",): 1.0,
