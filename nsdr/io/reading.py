@@ -149,12 +149,15 @@ def parse_json(data: bytes, name: str, error: ErrorKind = DataError, unique: boo
         DataError: not JSON, or it holds NaN, Infinity or characters that are not Unicode; names `name`.
     """
     with _named(name, "JSON file", error):
-        text = (_gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data).decode("utf-8-sig")
-        hook = _refuse_twice if unique else None
-        value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=hook)
-        if "\\ud" in text or "\\uD" in text:
-            json.dumps(value, ensure_ascii=False).encode()  # lone surrogates cannot be encoded
-        return value
+        return _parsed(_gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data, unique)
+
+
+def _parsed(data: bytes, unique: bool = False) -> Any:
+    text = data.decode("utf-8-sig")
+    value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_twice if unique else None)
+    if "\\ud" in text or "\\uD" in text:
+        json.dumps(value, ensure_ascii=False).encode()  # lone surrogates cannot be encoded
+    return value
 
 
 def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
@@ -184,7 +187,9 @@ def parse_typed(data: bytes, name: str, kind: Any) -> Any:
     try:
         return _decoder(kind).decode(content.removeprefix(codecs.BOM_UTF8))
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
-        return convert(parse_json(content, name), kind, f"{name}: ")  # says what is wrong, and where
+        with _named(name, "JSON file", DataError):
+            value = _parsed(content)
+        return convert(value, kind, f"{name}: ")  # says what is wrong, and where
 
 
 @lru_cache(maxsize=32)
