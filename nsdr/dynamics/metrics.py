@@ -8,12 +8,13 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.types import Event, Rollout
+from nsdr.world.timeline import SAME_EVENT_FRAMES
 
 __all__ = ["collision_scores", "rollout_errors"]
 
 
 def collision_scores(
-    pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]], tolerance_frames: int = 3
+    pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]], tolerance_frames: int = SAME_EVENT_FRAMES
 ) -> dict[str, float]:
     """Precision, recall and F1 of (predicted, true) collisions: same pair, frames at most `tolerance_frames` apart."""
     right = predicted_total = true_total = 0

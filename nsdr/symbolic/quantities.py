@@ -14,6 +14,7 @@ from nsdr.errors import DataError, ExecutionError
 from nsdr.types import Event, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
+from nsdr.world.timeline import SAME_EVENT_FRAMES
 from nsdr.world.vocabulary import DIRECTIONS
 
 __all__ = ["CHANGES", "Quantities", "Simulate"]
@@ -35,9 +36,6 @@ CLEAR_DEGREES = 30.0
 """A motion is in a direction if it is at most this far from it (degrees); beyond, no single word describes it."""
 SURE = 1.645
 """Differences are taken for real if they exceed this many standard deviations: 95 % of a normal distribution is below."""
-COLLISION_FRAMES = 3
-"""Within this many frames of an object's collision its speed and direction are those of before or after: collisions at most so
-many frames apart count as the same in `nsdr.dynamics.metrics.collision_scores`."""
 
 
 class Quantities:
@@ -137,7 +135,7 @@ class Quantities:
             raise ExecutionError(f"the speed of the {name} changes; ask for a time, such as 'when the video begins'")
         if not self._scene.visible[i, self._in_video(frame)]:
             raise ExecutionError(f"the {name} is not in the image at frame {frame}")
-        near = [hit for hit in self._collision_frames(i) if abs(hit - frame) <= COLLISION_FRAMES]
+        near = [hit for hit in self._collision_frames(i) if abs(hit - frame) <= SAME_EVENT_FRAMES]
         if near:
             where = f"at frame {near[0]}, where its velocity changes"
             raise ExecutionError(f"the {name} collides {where}; ask for another time than frame {frame}")

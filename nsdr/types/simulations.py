@@ -9,11 +9,9 @@ from nsdr.types.interventions import Intervention
 from nsdr.types.scenes import Event, Rollout, Scene
 from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import Array, Checked, Count, FloatArray, PositiveCount, Share, expect
+from nsdr.world.timeline import SAME_EVENT_FRAMES
 
 __all__ = ["EventChange", "Simulation"]
-
-SAME_FRAMES = 3
-"""Events at most this many frames apart are at the same time, as in `nsdr.dynamics.metrics.collision_scores`."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,7 @@ class Simulation(ArrayHolder):
         for key in before.keys() | after.keys():
             old, new = before.get(key, []), after.get(key, [])
             for a, b in zip(old, new, strict=False):
-                if abs(a.frame - b.frame) > SAME_FRAMES:
+                if abs(a.frame - b.frame) > SAME_EVENT_FRAMES:
                     changes.append(EventChange("other frame", b, a.frame, self._probability(b)))
             changes += [EventChange("no longer", e, e.frame, self._probability(e)) for e in old[len(new) :]]
             changes += [EventChange("new", e, None, self._probability(e)) for e in new[len(old) :]]
