@@ -136,8 +136,8 @@ def test_bad_lists_of_truth_blocks() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d["frames"].pop(), "frames: expected 128 or more, got 127"),
-        (lambda d: d.update(n_frames=129), "frames: expected 129 or more, got 128"),
+        (lambda d: d["frames"].pop(), "n_frames: expected at most 127, the number of frames, got 128"),
+        (lambda d: d.update(n_frames=129), "n_frames: expected at most 128, the number of frames, got 129"),
         (lambda d: d["frames"][5]["objects"].pop(), r"frames\[5\]\.objects: expected object_id 0 to 1, each once, got \[0\]"),
         (lambda d: d["frames"][5]["objects"][1].update(object_id=0), r"frames\[5\]\.objects: .*each once, got \[0, 0\]"),
         (lambda d: d["frames"][5]["objects"][1].update(velocity=[1e300, 0, 0]), r"velocity\[0\]: expected a number from -1000"),

@@ -120,7 +120,7 @@ def _overview(arguments: list[str]) -> int:
         return 0
     asked = arguments[:1] in (["--help"], ["-h"])
     group = {n: row for n, row in COMMANDS.items() if arguments and n.startswith(f"{arguments[0]} ")}
-    if arguments and not asked and not (group and arguments[1:2] in ([], ["--help"], ["-h"])):
+    if arguments and not asked and not (group and arguments[1:2] in (["--help"], ["-h"])):
         known = ", ".join(group or COMMANDS)
         raise DataError(f"nsdr: unknown command {' '.join(arguments[: 1 + bool(group)])!r}; expected one of {known}")
     print("nsdr COMMAND …: answers questions about videos of colliding objects. --help shows a command's options,")

@@ -184,6 +184,7 @@ def parse_typed(data: bytes, name: str, kind: Any) -> Any:
     """As `read_typed`, from bytes; `name` says where they come from."""
     with _named(name, "JSON file", DataError):
         content = _gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data
+        content.decode()  # msgspec does not look at what no type asks for
     try:
         return _decoder(kind).decode(content.removeprefix(codecs.BOM_UTF8))
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):

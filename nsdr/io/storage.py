@@ -159,7 +159,7 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
     if "map" in tree:
         rows = convert(tree["map"], list[tuple[int, Any]], f"{place}.map: ")
         return {k: _decoded(v, arrays, f"{where}.map[{i}][1]") for i, (k, v) in enumerate(rows)}
-    if "dtype" in tree:
+    if "dtype" in tree or "values" in tree:
         stored: _StoredArray = convert(tree, _StoredArray, f"{place}.")
         return stored.array(place)
     content: dict[Any, Any] = {OLD_KEYS.get(k, k): v for k, v in tree.items()}
@@ -176,6 +176,8 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
     for key in content:
         if key not in {f.name for f in known}:
             raise DataError(f"{place}: unknown key {shown(key)} of a {name}")
+    if isinstance(content.get("n_frames"), int):
+        check_limit(content["n_frames"], "frames", f"{place}.n_frames")
     decoded: dict[str, Any] = {key: _decoded(v, arrays, f"{where}.{key}") for key, v in content.items()}
     try:
         value = kind(**decoded)
@@ -183,5 +185,4 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
             check_fields(value, f"{name}.")
     except DataError as e:
         raise DataError(f"{place}: {e}" if where else str(e)) from e
-    check_limit(getattr(value, "n_frames", 0), "frames", f"{place}.n_frames")
     return value

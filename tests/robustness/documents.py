@@ -36,7 +36,7 @@ def _named(prefix: str, key: str) -> list[str]:
     return [f"{prefix}.{key}: object id", *(f"{prefix}.{name}: word" for name in ("color", "material", "shape"))]
 
 
-OF_ONE_QUESTION = ("unknown token", "program underflow", "empty program", "program too long", "row missing")
+OF_ONE_QUESTION = ("unknown token", "program underflow", "row missing")
 """Changes that are found when the question is answered, by its scene and number."""
 
 

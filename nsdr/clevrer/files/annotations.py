@@ -200,7 +200,7 @@ def check_truth(truth: Any, motion: bool = False, where: str = "") -> None:
     n, frames = len(content["objects"]), content["frames"]
     _check_frames(frames, n, f"{where}frames")
     n_frames = content.get("n_frames", VIDEO_FRAMES)
-    expect(len(frames) >= n_frames, f"{where}frames", f"{n_frames} or more", len(frames))
+    expect(n_frames <= len(frames), f"{where}n_frames", f"at most {len(frames)}, the number of frames", n_frames)
     _check_collisions(content["collisions"], n, f"{where}collisions", len(frames))
     for removed, rows in content["counterfactual"].items():
         place = f"{where}counterfactual.{removed}"
