@@ -31,7 +31,7 @@ from nsdr.generate.physics import Body, SceneConfig, SimulatedScene, Simulator, 
 from nsdr.generate.scene_files import truth_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import atomic_path
-from nsdr.tracking.truth_tracks import tracks_from_motion
+from nsdr.tracking.tracker import tracks_from_motion
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.timeline import VIDEO_FRAMES, horizon_frame

@@ -249,7 +249,7 @@ def test_importing_the_package_loads_no_heavy_module() -> None:
 
 
 def test_annotations_become_the_tracks_of_a_perfect_tracker() -> None:
-    from nsdr.tracking.truth_tracks import tracks_from_annotation
+    from nsdr.tracking.tracker import tracks_from_annotation
 
     def row(x: float, shown: bool) -> dict[str, object]:
         return {"object_id": 0, "location": [x, 0.0, 0.2], "orientation": [0.0, 0.0, 0.0], "inside_camera_view": shown}

@@ -34,7 +34,7 @@ from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.grammar import extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import explain, format_trace
-from nsdr.tracking.truth_tracks import tracks_from_motion
+from nsdr.tracking.tracker import tracks_from_motion
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import LOG_MASS_STD

@@ -18,8 +18,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.storage import load, save
 from nsdr.pipeline import pipeline_settings
 from nsdr.tracking.localization import expected_size, ground_location, outline, size_ratio, size_warning
-from nsdr.tracking.tracker import track
-from nsdr.tracking.truth_tracks import tracks_from_motion
+from nsdr.tracking.tracker import track, tracks_from_motion
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS

@@ -134,9 +134,8 @@ def _chosen(samples: str, show: list[str]) -> dict[Any, list[Any]]:
 
 def _write_samples(options: Any, chosen: dict[Any, list[Any]], output: Path) -> None:
     from nsdr.pipeline import Pipeline
-    from nsdr.visualize.annotate import write_image
+    from nsdr.visualize.annotate import stroboscopic_image, write_image
     from nsdr.visualize.samples import sample_image
-    from nsdr.visualize.strobe import stroboscopic_image
 
     pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings_of(options), device=options.device)
     for scene, questions in chosen.items():

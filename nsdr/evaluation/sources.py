@@ -13,7 +13,7 @@ from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_t
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.registry import Registry
-from nsdr.tracking.truth_tracks import tracks_from_annotation
+from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.types import Scene
 from nsdr.validation import expect
 

@@ -16,13 +16,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
+from typing import Protocol, TypeVar
 
-from nsdr.language.choosing import AtRandom, Chooser, Phrases, Replay
 from nsdr.language.slots import SLOT_FORMS, Slot, filled, text_of, with_filters
 from nsdr.language.writing import Writer
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["Pair", "Rules", "load_rules"]
+__all__ = [
+    "Chooser",
+    "Pair",
+    "Phrases",
+    "Rules",
+    "load_rules",
+]
 
 Pair = tuple[str, list[str]]
 """A text or a part of one, and its postfix tokens."""
@@ -33,6 +39,65 @@ OPTION_PROBABILITY = 0.6
 """Probability that a drawn text has what a rule permits to leave out (0-1)."""
 _TOKEN = re.compile(r"[()\[\]|]|[^\s()\[\]|]+")
 _HEAD = re.compile(r"([A-Z_]+)(?:\*(\d+))?: *(.*)")
+
+
+T = TypeVar("T")
+
+
+class Chooser(Protocol):
+    """Makes the choices of texts that are drawn."""
+
+    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """One of several contents; `weights` are their relative frequencies."""
+        ...
+
+    def vary(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """One of several wordings; `weights` are their relative frequencies."""
+        ...
+
+
+class Phrases(Protocol):
+    """Describes objects in drawn texts."""
+
+    def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        """Attribute words in the order color, material, shape, possibly none.
+
+        Args:
+            choose: makes the choices.
+            use: how the text uses them: "one" (a single object), "attribute" (the words alone) or, of a class of objects,
+                "counted", "moves" (the one object of it that moves or rests) or "enters" (the one that enters or exits).
+            without: attribute that must not be among the words; "" for none.
+        """
+        ...
+
+
+class AtRandom:
+    """Draws everything."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
+
+    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """One of several, at random."""
+        return self.rng.choices(options, weights)[0]
+
+    vary = pick
+
+
+class Replay(AtRandom):
+    """Repeats a recorded path of picks, then takes the first option of every further one; wordings are drawn at random."""
+
+    def __init__(self, path: list[tuple[int, int]], rng: random.Random) -> None:
+        super().__init__(rng)
+        self.path, self.depth = path, 0
+
+    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """The recorded one, or the first one, which is recorded."""
+        if self.depth == len(self.path):
+            self.path.append((0, len(options)))
+        index = self.path[self.depth][0]
+        self.depth += 1
+        return options[index]
 
 
 @dataclass(frozen=True)

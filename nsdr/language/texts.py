@@ -8,8 +8,7 @@ from typing import Any
 
 from nsdr.errors import ProgramError
 from nsdr.io.reading import parse_json
-from nsdr.language.choosing import Chooser
-from nsdr.language.rules import Pair, Rules, load_rules
+from nsdr.language.rules import Chooser, Pair, Rules, load_rules
 from nsdr.language.slots import CATEGORY, Slot, in_order, text_of, with_filters
 from nsdr.symbolic.program import CHOICE_KINDS, Program, ProgramSource
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS

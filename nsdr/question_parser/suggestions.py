@@ -6,8 +6,8 @@ from difflib import SequenceMatcher
 from itertools import combinations
 
 from nsdr.errors import ExecutionError
-from nsdr.language.choosing import Chooser
 from nsdr.language.normal import FUNCTION_WORDS, MEANINGS, normal_form
+from nsdr.language.rules import Chooser
 from nsdr.language.slots import Slot
 from nsdr.language.texts import clevrer, described
 from nsdr.symbolic import Executor
@@ -33,7 +33,7 @@ COMPARED = 60
 
 
 class _Names:
-    """Descriptions of objects; implements `nsdr.language.choosing.Phrases`."""
+    """Descriptions of objects; implements `nsdr.language.rules.Phrases`."""
 
     def __init__(self, names: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> None:
         self.names, self.classes = list(names), classes

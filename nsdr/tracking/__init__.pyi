@@ -1,6 +1,10 @@
 from .localization import ground_location as ground_location, outline as outline
-from .tracker import TrackerConfig as TrackerConfig, track as track
-from .truth_tracks import tracks_from_annotation as tracks_from_annotation, tracks_from_motion as tracks_from_motion
+from .tracker import (
+    TrackerConfig as TrackerConfig,
+    track as track,
+    tracks_from_annotation as tracks_from_annotation,
+    tracks_from_motion as tracks_from_motion,
+)
 from .visibility import (
     cut_sides as cut_sides,
     hidden_sides as hidden_sides,

@@ -1,8 +1,9 @@
-"""Proposals of single frames -> tracks of objects through the video."""
+"""Proposals of single frames -> tracks of objects through the video; and tracks from annotations, as a perfect tracker's."""
 
 import math
 import warnings
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,10 +15,16 @@ from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.validation import Count, Settings, Share
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import SHAPES, attributes_of
 
-__all__ = ["TrackerConfig", "track"]
+__all__ = [
+    "TrackerConfig",
+    "track",
+    "tracks_from_annotation",
+    "tracks_from_motion",
+]
 
 GATE_WORLD, GATE_WORLD_PER_FRAME = 0.25, 0.1
 """Largest distance between a proposal and a tracklet's predicted position, and its growth with each frame since the
@@ -254,3 +261,49 @@ def _identities(proposals: VideoProposals, tracklets: list[list[int]]) -> dict[i
         for row in tracklet:
             by_identity[identity].setdefault(int(proposals.frame_index[row]), row)
     return {identity: [rows[f] for f in sorted(rows)] for identity, rows in by_identity.items()}
+
+
+def tracks_from_annotation(annotation: Mapping[str, Any]) -> VideoTracks:
+    """True positions of all objects in the frames where they are in view, with the boxes of their outlines and score 1.
+
+    Objects that are never in view are left out.
+
+    Args:
+        annotation: validated content of an annotation file.
+    """
+    return tracks_from_motion(annotation["object_property"], annotation["motion_trajectory"])
+
+
+def tracks_from_motion(
+    objects: Sequence[Mapping[str, Any]], frames: Sequence[Mapping[str, Any]], camera: Camera = CLEVRER_CAMERA
+) -> VideoTracks:
+    """Tracks as of `tracks_from_annotation`, from the lists of objects and frames of an annotation or a truth file.
+
+    Args:
+        objects: `object_id`, `color`, `material` and `shape` of each object.
+        frames: for each frame, `objects` with `object_id`, `inside_camera_view`, `location` (x, y, z in world units) and
+            `orientation` (radians).
+        camera: that took the video.
+    """
+    size = np.array([WIDTH_PX, HEIGHT_PX])
+    tracks: list[Track] = []
+    for properties in sorted(objects, key=lambda p: int(p["object_id"])):
+        words = (properties["color"], properties["material"], properties["shape"])
+        seen, positions, boxes = [], [], []
+        for f, frame in enumerate(frames):
+            row = next((o for o in frame["objects"] if o["object_id"] == properties["object_id"]), None)
+            if row is None or not row["inside_camera_view"]:
+                continue
+            outline = camera.pixels(surface_points(words[2], row["orientation"][2]) + np.array(row["location"]))
+            low, high = np.clip(np.floor(outline.min(0)), 0, size), np.clip(np.ceil(outline.max(0)), 0, size)
+            if np.isfinite(outline).all() and (high > low).all():
+                seen.append(f)
+                positions.append(row["location"][:2])
+                boxes.append([*low, *high])
+        if seen:
+            box = np.array(boxes, int)
+            centre = (box[:, :2] + box[:, 2:]) / 2
+            scene_object = SceneObject(len(tracks), *words)
+            location = np.array(positions, float)
+            tracks.append(Track(scene_object, np.array(seen), location, centre, box, np.ones(len(seen))))
+    return VideoTracks(len(frames), tuple(tracks), camera)

@@ -1,5 +1,6 @@
 from .annotate import (
     annotated_image as annotated_image,
+    stroboscopic_image as stroboscopic_image,
     write_annotated_image as write_annotated_image,
     write_annotated_video as write_annotated_video,
 )
@@ -11,4 +12,3 @@ from .distributions import (
 from .figures import causal_figure as causal_figure, figure_png as figure_png, plan_figure as plan_figure
 from .report import write_report as write_report
 from .samples import sample_image as sample_image
-from .strobe import stroboscopic_image as stroboscopic_image

@@ -14,12 +14,11 @@ from nsdr.dynamics.interventions import simulate_removal
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.types import Answer, DynamicsPrediction, Event, Remove, Scene, Simulation
-from nsdr.visualize.annotate import annotated_image, write_annotated_video
+from nsdr.visualize.annotate import STROBE_EVERY, annotated_image, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text, event_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
-from nsdr.visualize.strobe import EVERY, stroboscopic_image
 from nsdr.visualize.timeline import TIMELINE_STYLE, spans, timeline_html
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -148,8 +147,8 @@ def _pictures(frames: NDArray[np.uint8], perception: Perception) -> list[str]:
     image = annotated_image(frames[last], last, perception.proposals, perception.tracks, perception.scene)
     figures = [figure_html(jpeg(image), "Frame parser and tracker: masks, ids and trails; stars mark collisions.")]
     if perception.proposals is not None:
-        strobe = stroboscopic_image(frames, perception.proposals, perception.tracks, EVERY)
-        caption = f"The video as a stroboscopic image: one copy every {EVERY} frames."
+        strobe = stroboscopic_image(frames, perception.proposals, perception.tracks, STROBE_EVERY)
+        caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
         figures.insert(0, figure_html(jpeg(strobe), caption))
     return figures
 

@@ -10,8 +10,7 @@ from itertools import combinations
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import OPTION_TAGS
 from nsdr.errors import ExecutionError
-from nsdr.language.choosing import Chooser
-from nsdr.language.rules import Pair
+from nsdr.language.rules import Chooser, Pair
 from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
 from nsdr.symbolic.quantities import Simulate
@@ -110,7 +109,7 @@ class MultipleChoice:
 
 
 class SceneWords:
-    """Descriptions of a scene's objects and classes; implements `nsdr.language.choosing.Phrases`."""
+    """Descriptions of a scene's objects and classes; implements `nsdr.language.rules.Phrases`."""
 
     def __init__(self, scene: Scene, rng: random.Random) -> None:
         self.rng = rng
