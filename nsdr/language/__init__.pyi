@@ -1,6 +1,11 @@
-from .choosing import Chooser as Chooser, Phrases as Phrases
 from .normal import Normal as Normal, normal_form as normal_form
-from .rules import Pair as Pair, Rules as Rules, load_rules as load_rules
+from .rules import (
+    Chooser as Chooser,
+    Pair as Pair,
+    Phrases as Phrases,
+    Rules as Rules,
+    load_rules as load_rules,
+)
 from .slots import Slot as Slot
 from .texts import (
     TEXT_KINDS as TEXT_KINDS,
