@@ -414,7 +414,7 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     physics = load_backend(folder, file)
     assert isinstance(physics, PhysicsPredictor)
     assert (physics.horizon_frame, physics.shortcut, physics.config.runs) == (150, False, 7)
-    with pytest.raises(DataError, match="'magic': expected physics, state, paper"):
+    with pytest.raises(DataError, match="'magic': expected one of physics, state, paper"):
         load_backend(folder, "magic")
     with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, velocity_paper, got"):
         load_backend(folder, BackendConfig(collisions="none"))
