@@ -1,5 +1,6 @@
 """`nsdr train PART` and `nsdr extract-features`: their arguments are fields of a configuration."""
 
+import argparse
 import logging
 import re
 from importlib import import_module
@@ -29,14 +30,19 @@ def train(arguments: list[str]) -> int:
 
 
 def extract_features(arguments: list[str]) -> int:
-    """Extract features of videos for the baselines; `-o` is short for `--output`."""
-    from nsdr.baselines.features.extraction import FeatureExtraction, extract_features as extract
+    """Extract features of videos for the baselines, or make them of annotations (`--from truth`); `-o` is short for `--output`."""
+    from nsdr.baselines.features.extraction import FeatureExtraction, TruthExtraction, extract_features as extract
     from nsdr.io.configuration import parse_config
     from nsdr.io.files import check_output_folder
 
-    given = ["--output" if a == "-o" else a for a in arguments if a != KEEP_GOING]
-    extraction = parse_config(FeatureExtraction, given, "nsdr extract-features")
+    own = argparse.ArgumentParser("nsdr extract-features", add_help=False, allow_abbrev=False)
+    own.add_argument("--from", dest="source", choices=("videos", "truth"), default="videos")
+    own.add_argument(KEEP_GOING, action="store_true")
+    options, rest = own.parse_known_args(arguments)
+    given = ["--output" if a == "-o" else a for a in rest]
+    kind = TruthExtraction if options.source == "truth" else FeatureExtraction
+    extraction = parse_config(kind, given, "nsdr extract-features")
     check_output_folder(extraction.output)
-    count = extract(extraction, KEEP_GOING in arguments)
+    count = extract(extraction, options.keep_going)
     print(f"{extraction.output}: features of {count} videos")
     return left_out(extraction.output)
