@@ -91,7 +91,13 @@ def export_options(parser: Any) -> None:
     add("root", help="the data set's folder: generated, or in the official layout")
     add("--format", required=True, help="grpo, chat, parquet, webdataset, or an installed one")
     add("-o", "--output", required=True, help="folder to write")
-    add("--split", nargs="+", default=[], help="which splits (default: train and validation, as far as they are there)")
+    add(
+        "--split",
+        dest="splits",
+        nargs="+",
+        default=[],
+        help="which splits (default: train and validation, as far as they are there)",
+    )
     add("--questions", default="", help="question file of the one --split, in place of the data set's")
     add("--videos", default="copy", help="copy, link, or none (paths only)")
     add("--limit", type=NonNegativeInt, default=0, help="first n videos of each split; 0 for all")
@@ -110,20 +116,7 @@ def export(options: Any) -> int:
     """`nsdr export`."""
     from nsdr.generate.export import ExportConfig, export_dataset
 
-    o = options
-    config = ExportConfig(
-        o.root,
-        o.output,
-        o.format,
-        tuple(o.split),
-        o.questions,
-        o.videos,
-        o.limit,
-        o.shard_mb,
-        o.license,
-        o.reasoning,
-        o.scenes,
-    )
+    config = ExportConfig(**{**vars(options), "splits": tuple(options.splits)})
     for name, summary in export_dataset(config).items():
-        print(f"{o.output}: {name}: {summary.questions} questions about {summary.videos} videos")
+        print(f"{options.output}: {name}: {summary.questions} questions about {summary.videos} videos")
     return 0
