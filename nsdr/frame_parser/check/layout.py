@@ -91,19 +91,19 @@ def find_layout(
     inner = content_box(median)
     image = part_of(median, inner)
     left, top, right, bottom = np.multiply(inner, np.tile(np.divide(size_px, median.shape[1::-1]), 2))
-    doubts: list[str] = []
+    warned: list[str] = []
     box: Box | None = None
     if image.shape != median.shape:
         x0, y0, x1, y1 = box = round(left), round(top), round(right), round(bottom)
         remains = f"{x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
-        doubts.append(f"bars around the image are cut off: {remains}")
+        warned.append(f"bars around the image are cut off: {remains}")
     aspect = (right - left) / (bottom - top)
     if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
-        return inner, Layout(box, stretched=True), known, doubts
+        return inner, Layout(box, stretched=True), known, warned
     middle = [_middle_of(reference, aspect) for reference in known]
     shape = f"an image of {aspect:.2f}:1, not {ASPECT:g}:1"
     if best_fit(image, known)[0].distance <= best_fit(image, middle)[0].distance:
-        doubts.append(f"{shape}: taken as stretched, and stretched back")
-        return inner, Layout(box, stretched=True), known, doubts
-    doubts.append(f"{shape}: taken as the middle of one; what was cut off is not seen")
-    return inner, Layout(box), middle, doubts
+        warned.append(f"{shape}: taken as stretched, and stretched back")
+        return inner, Layout(box, stretched=True), known, warned
+    warned.append(f"{shape}: taken as the middle of one; what was cut off is not seen")
+    return inner, Layout(box), middle, warned
