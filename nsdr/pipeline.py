@@ -203,8 +203,8 @@ class Pipeline:
             DataError: unknown settings or device.
         """
         if not isinstance(config, PipelineConfig):
-            config = pipeline_settings(config or "", dynamics if isinstance(dynamics, str | Path) else "")
-        if isinstance(dynamics, BackendConfig) or dynamics:
+            config = pipeline_settings(config or "")
+        if dynamics:
             config = replace(config, dynamics=backend_settings(dynamics))
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
