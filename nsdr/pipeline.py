@@ -131,11 +131,6 @@ class Perception:
     scene: Scene
 
     @property
-    def scene_with_dynamics(self) -> Scene:
-        """The scene with its trajectories, as `nsdr parse-video` saves it."""
-        return replace(self.scene, dynamics=self.dynamics)
-
-    @property
     def camera(self) -> Camera:
         """That took the video; CLEVRER's where no tracks tell."""
         return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
@@ -152,7 +147,6 @@ class Pipeline:
         dynamics: `predict(VideoTracks, collisions or None) -> DynamicsPrediction`.
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
-        semantics: of the executor.
         video: what is expected of videos; None for CLEVRER's.
         camera: that took the videos.
     """
@@ -163,7 +157,6 @@ class Pipeline:
         dynamics: DynamicsBackend,
         question_parser: Parser,
         tracker: TrackerConfig | None = None,
-        semantics: str = "paper",
         video: VideoConfig | None = None,
         camera: Camera = CLEVRER_CAMERA,
     ) -> None:
@@ -171,7 +164,6 @@ class Pipeline:
         self.dynamics = dynamics
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
-        self.semantics = semantics
         self.video = video or VideoConfig()
         self.camera = camera
         self.progress = False
@@ -374,7 +366,7 @@ class Pipeline:
             """Of the video, and after it, for questions "what if"."""
             return self.simulate(video_or_scene, [change], from_frame).changed.collisions  # type: ignore[arg-type]
 
-        executor = Executor(scene, self.semantics, simulate=collisions_with if given is None else None)
+        executor = Executor(scene, simulate=collisions_with if given is None else None)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]

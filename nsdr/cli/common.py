@@ -15,7 +15,6 @@ from nsdr.io.jobs import ENGINES, FAILURES
 from nsdr.io.reading import read_json
 
 __all__ = [
-    "SPLITS",
     "check_outputs",
     "configured",
     "failures_line",
@@ -31,7 +30,6 @@ __all__ = [
 ]
 
 Config = TypeVar("Config")
-SPLITS = ["train", "validation", "test"]
 PARTLY = 1
 """Exit status: a part of the work failed."""
 KEEP_GOING = "--keep-going"

@@ -4,7 +4,8 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt, PositiveInt
 
-from nsdr.cli.common import SPLITS, left_out, shared_options
+from nsdr.clevrer.dataset import CLEVRER, SPLITS
+from nsdr.cli.common import left_out, shared_options
 from nsdr.io.files import check_output_folder
 
 __all__ = ["data_download", "data_frames", "data_motion", "data_verify", "export"]
@@ -18,8 +19,6 @@ def data_verify_options(parser: Any) -> None:
 
 def data_verify(options: Any) -> int:
     """`nsdr data verify`: how many files of each kind there are; status 1 if some are missing."""
-    from nsdr.clevrer.dataset import CLEVRER
-
     rows, complete = CLEVRER(options.root).inventory(), True
     print(f"{'split':<12}{'kind':<14}{'found':>7}{'expected':>10}  first missing")
     for row in rows:
@@ -34,7 +33,7 @@ def data_verify(options: Any) -> int:
 def data_download_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="folder to write to")
-    add("--split", required=True, choices=SPLITS, help="which videos")
+    add("--split", required=True, choices=[*SPLITS], help="which videos")
     kinds = ["videos", "annotations", "questions"]
     add("--what", nargs="+", default=kinds, help="videos, annotations, questions (default: all)")
 
@@ -71,7 +70,7 @@ def data_motion_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="the data set's folder")
     add("-o", "--output", required=True, help="folder to write")
-    add("--split", default="train", choices=SPLITS, help="which videos (default: train)")
+    add("--split", default="train", choices=[*SPLITS], help="which videos (default: train)")
     shared_options(parser, "work", "failures")
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt, NotEmptyStr
 
+from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
-from nsdr.cli.common import SPLITS, check_outputs, failures_line, shared_options
+from nsdr.cli.common import check_outputs, failures_line, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_output_folder
 
@@ -119,7 +120,7 @@ def score(options: Any) -> int:
 def controls_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="data set in the official layout")
-    add("--split", default="validation", choices=SPLITS, help="which videos")
+    add("--split", default="validation", choices=[*SPLITS], help="which videos")
     add("--kinds", nargs="+", default=["blind", "reversed", "shuffled"], help="which controls")
     add("--seed", type=NonNegativeInt, default=0, help="shuffled: which exchange of videos")
     add("--limit", type=NonNegativeInt, default=0, help="the first n videos and their questions; 0 for all")
