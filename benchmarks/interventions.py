@@ -27,7 +27,9 @@ from nsdr import Add, DataError, Event, Freeze, Move, Remove, SceneObject, SetMa
 from nsdr.dynamics.interventions import resolve
 from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate_perturbed
-from nsdr.generate.physics import Body, SceneConfig, SimulatedScene, Simulator, simulate_scene
+from nsdr.generate.physics.bullet import Body, Simulator
+from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
+from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.scene_files import truth_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import atomic_path

@@ -339,37 +339,10 @@ def test_seeds_have_no_scene_in_common(tmp_path) -> None:
     assert len(set(motions)) == 6
 
 
-def test_shards_are_data_sets_of_their_own(tmp_path) -> None:
-    scene = SceneConfig(objects={2: 1.0}, participants=2, n_frames=12)
-    config = DatasetConfig(
-        str(tmp_path / "all"),
-        2,
-        7,
-        splits={"train": 1},
-        renderer="none",
-        masks=False,
-        questions=None,
-        scene=scene,
-        workers=1,
-    )
-    assert generate_dataset(replace(config, shards=2)) == tmp_path / "all"
-    generate_dataset(replace(config, output=str(tmp_path / "part"), first_shard=1))
-    generate_dataset(replace(config, output=str(tmp_path / "single"), seed=8))
-    second = "shard_00001/truth/train/truth_00001.json"
-    assert read_json(tmp_path / "all" / second)["seed"] == 8_000_001
-    assert sorted(p.name for p in (tmp_path / "all").iterdir()) == ["shard_00000", "shard_00001"]
-    for name in ("all", "part"):
-        assert files_of(tmp_path / name / "shard_00001") == files_of(tmp_path / "single")
-
-
-def test_shards_have_seeds_that_fit() -> None:
-    last = DatasetConfig("out", seed=LARGEST_SEED - 1, shards=2)
-    assert [shard.seed for shard in last.each_shard()] == [LARGEST_SEED - 1, LARGEST_SEED]
-    for change in ({"seed": LARGEST_SEED}, {"first_shard": 1}):
-        with pytest.raises(
-            DataError, match=r"first_shard and shards: the last shard has seed 1000000000001; expected up to"
-        ):
-            replace(last, **change)
+def test_seeds_leave_room_for_the_numbers_of_scenes() -> None:
+    assert DatasetConfig("out", seed=LARGEST_SEED).scene_seed(0) < 2**63
+    with pytest.raises(DataError, match=r"seed: expected .*1000000000000"):
+        DatasetConfig("out", seed=LARGEST_SEED + 1)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

@@ -18,7 +18,8 @@ from nsdr.cli.main import main
 from nsdr.io.video import read_video
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import DynamicsPrediction, Rollout
-from nsdr.visualize import annotated_image, report, stroboscopic_image, write_annotated_image, write_report
+from nsdr.visualize import annotated_image, report, stroboscopic_image, write_report
+from nsdr.visualize.annotate import write_image
 from nsdr.visualize.event_words import event_text, hitter
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.world.vocabulary import COLORS
@@ -57,14 +58,12 @@ def test_annotated_image_without_proposals_has_no_outlines(perceived) -> None:
     assert (full != bare).any()
 
 
-def test_annotated_image_is_written_to_a_new_folder(perceived, tmp_path) -> None:
-    _, p = perceived
-    write_annotated_image(tmp_path / "new" / "last.png", VIDEO, p)
-    assert cv2.imread(str(tmp_path / "new" / "last.png")).shape == (640, 960, 3)
+def test_images_are_written_to_new_folders(perceived, tmp_path) -> None:
+    image = perceived[0][0]
+    write_image(tmp_path / "new" / "first.png", image)
+    assert (cv2.imread(str(tmp_path / "new" / "first.png"), cv2.IMREAD_COLOR_RGB) == image).all()
     with pytest.raises(DataError, match=r"last\.txt: cannot write an image; expected a name ending in \.png or \.jpg"):
-        write_annotated_image(tmp_path / "last.txt", VIDEO, p)
-    with pytest.raises(DataError, match="no tracks to draw"):
-        write_annotated_image(tmp_path / "last.png", VIDEO, replace(p, tracks=None))
+        write_image(tmp_path / "last.txt", image)
 
 
 def test_report_shows_the_stages_that_there_are(perceived, tmp_path) -> None:
@@ -74,7 +73,7 @@ def test_report_shows_the_stages_that_there_are(perceived, tmp_path) -> None:
     assert "<video" not in page
     assert "Without each object" not in page
     entered = next(e.frame for e in p.scene.events if e.kind == "in")  # about frame 25
-    assert f"<td class=number>{entered}<td>the purple metal cube enters" in page
+    assert f"<b>frame {entered}</b>the purple metal cube enters" in page
 
 
 def test_report_lists_each_stretch_of_motion(perceived, tmp_path) -> None:

@@ -1,7 +1,6 @@
 """Frames and videos annotated with masks, object names, trails and collisions; and a video as a stroboscopic image."""
 
 import colorsys
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,8 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.errors import DataError
-from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.files import atomic_path
 from nsdr.io.video import write_video
-from nsdr.pipeline import Perception
 from nsdr.types import Event, Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS_RGB, attributes_of
@@ -23,7 +20,6 @@ from nsdr.world.vocabulary import COLORS_RGB, attributes_of
 __all__ = [
     "annotated_image",
     "stroboscopic_image",
-    "write_annotated_image",
     "write_annotated_video",
     "write_image",
 ]
@@ -120,31 +116,6 @@ def annotated_image(
             _draw_collision(image, event, tracks, number, occupied)
     _draw_text(image, f"frame {frame_index}", (8, HEIGHT_PX * SCALE - 10), WHITE)
     return image  # type: ignore[return-value]
-
-
-def write_annotated_image(
-    path: str | Path, video: str | Path, perception: Perception, config: VideoConfig | None = None
-) -> None:
-    """Write the annotated last frame of a video; missing folders are created.
-
-    Args:
-        path: image file ending in .png or .jpg.
-        video: the video file.
-        perception: result of `Pipeline.perceive` for this video.
-        config: what the pipeline expected of videos (`Pipeline.video`).
-
-    Raises:
-        DataError: the perception has no tracks, or the image file cannot be written.
-        VideoError: the video cannot be read.
-    """
-    if perception.tracks is None:
-        raise DataError(f"{video}: no tracks to draw; the perception was made without them")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # perceiving the video has already shown them
-        for index, frame in enumerate(clip_frames(video, config)):
-            last_index, last_frame = index, frame
-    image = annotated_image(last_frame, last_index, perception.proposals, perception.tracks, perception.scene)
-    write_image(path, image)
 
 
 def write_annotated_video(

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from nsdr.dynamics.interventions import simulate_removal
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
-from nsdr.types import Answer, DynamicsPrediction, Event, Remove, Scene, Simulation
+from nsdr.types import Answer, Remove, Scene, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, annotated_image, stroboscopic_image, write_annotated_video
-from nsdr.visualize.event_words import change_text, event_text
+from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
@@ -75,7 +75,6 @@ def write_report(
         _objects(scene),
         "<h2>Events</h2>",
         timeline_html(perception, frames, "#video video"),
-        _events(scene, dynamics),
         "<h2>Pictures</h2><div class=row>",
     ]
     if frames is not None and perception.tracks is not None:
@@ -128,17 +127,6 @@ def _frames(flags: NDArray[np.bool_]) -> str:
     """The frames at which flags are set."""
     stretches = [f"{a}\u2013{end - 1}" if end - a > 1 else str(a) for a, end in spans(flags)]
     return ", ".join(stretches) or "never"
-
-
-def _events(scene: Scene, dynamics: DynamicsPrediction | None) -> str:
-    def row(event: Event, about: str) -> str:
-        return f"<tr><td class=number>{about}{event.frame}<td>{html.escape(event_text(event, scene, dynamics))}"
-
-    rows = [row(event, "") for event in scene.events] or ["<tr><td><td>nothing happens"]
-    if scene.unseen is not None:
-        rows.append("<tr><td><td><b>Predicted after the video</b>")
-        rows += [row(event, "about ") for event in scene.unseen] or ["<tr><td><td>nothing"]
-    return f"<table><tr><th class=number>frame<th>event{''.join(rows)}</table>"
 
 
 def _pictures(frames: NDArray[np.uint8], perception: Perception) -> list[str]:

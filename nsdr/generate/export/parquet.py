@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import fields
 from itertools import islice
 from math import ceil
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import yaml
 
 from nsdr.generate.export.base import Export, Exporter
+from nsdr.generate.export.records import Record
 from nsdr.generate.statistics import count_questions
 from nsdr.io.files import atomic_path
 
@@ -84,29 +86,10 @@ def _features(datasets: Any) -> Any:
     """
     text, number, flag = (datasets.Value(name) for name in ("string", "int64", "bool"))
     texts = datasets.List(text)
-    return datasets.Features(
-        {
-            "id": text,
-            "split": text,
-            "scene_index": number,
-            "question_id": number,
-            "video": text,
-            "question_type": text,
-            "subtype": text,
-            "question": text,
-            "options": texts,
-            "letters": texts,
-            "prompt": text,
-            "solution": text,
-            "tags": texts,
-            "blind": datasets.List(flag),
-            "program": texts,
-            "option_programs": datasets.List(texts),
-            "seed": number,
-            "reasoning": text,
-            "scene": text,
-        }
-    )
+    types = dict.fromkeys((field.name for field in fields(Record)), text)
+    types |= dict.fromkeys(("scene_index", "question_id", "seed"), number)
+    types |= dict.fromkeys(("options", "letters", "tags", "program"), texts)
+    return datasets.Features(types | {"blind": datasets.List(flag), "option_programs": datasets.List(texts)})
 
 
 def _card(export: Export) -> str:

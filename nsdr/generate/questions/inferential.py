@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
 
-from nsdr.clevrer.files.questions import OPTION_TAGS
-from nsdr.generate.questions.candidates import MultipleChoice, Option
+from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
+from nsdr.generate.questions.candidates import is_negated
 
 __all__ = ["InferentialSelection"]
 
@@ -21,8 +21,8 @@ MORE_OPTIONS = 1.0
 Of 1 to 10 and 0.1 to 2 on 440 simulated training scenes, these two meet shares of 0.2 and 0.5 within the tolerance, with as
 many correct as wrong options in each half (within 0.5 %) and the fewest questions without a correct one; the statistics of
 `nsdr generate questions --questions.inferential_share 0.5` show all three."""
-CELLS = tuple((tag, correct) for tag in OPTION_TAGS for correct in (True, False))
-"""Kinds of options, (tag, correct), in the order of all tuples of numbers here."""
+CELLS = tuple((tag, answer) for tag in OPTION_TAGS for answer in ("correct", "wrong"))
+"""Kinds of options, (tag, answer), in the order of all tuples of numbers here."""
 
 FORMS = ((False, False), (False, True), (True, False), (True, True))
 """Options by (whether the question has "not", whether they are correct)."""
@@ -65,18 +65,18 @@ class InferentialSelection:
         self.forms: Counter[tuple[bool, bool]] = Counter()
         self.questions: Counter[int] = Counter()
 
-    def choose(self, candidates: Sequence[MultipleChoice], owed: float) -> tuple[MultipleChoice, list[Option]] | None:
+    def choose(self, candidates: Sequence[Question], owed: float) -> tuple[Question, list[Choice]] | None:
         """The question that brings the counts closest to their targets, and its options in random order.
 
         None where no candidate has options enough, or where all lead away from the share and few questions are owed.
         """
-        having = [(c, Counter((o.tag, o.correct) for o in c.options)) for c in candidates]
-        fitting: dict[tuple[bool, tuple[int, ...]], list[MultipleChoice]] = {}
+        having = [(c, Counter((o.tag, o.answer) for o in c.choices)) for c in candidates]
+        fitting: dict[tuple[bool, tuple[int, ...]], list[Question]] = {}
         for negated, numbers in product((False, True), self.permitted):
             found = [
                 candidate
                 for candidate, available in having
-                if candidate.negated == negated
+                if is_negated(candidate) == negated
                 and all(available[cell] >= n for cell, n in zip(CELLS, numbers, strict=True))
             ]
             if found:
@@ -92,7 +92,7 @@ class InferentialSelection:
         chosen = self.rng.choice(fitting[negated, numbers])
         options = []
         for cell, n in zip(CELLS, numbers, strict=True):
-            options += self.rng.sample([o for o in chosen.options if (o.tag, o.correct) == cell], n)
+            options += self.rng.sample([o for o in chosen.choices if (o.tag, o.answer) == cell], n)
         self.rng.shuffle(options)
         return chosen, options
 
@@ -140,7 +140,7 @@ def _sum(one: tuple[int, ...], other: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _correct(numbers: tuple[int, ...]) -> int:
-    return sum(n for (_, correct), n in zip(CELLS, numbers, strict=True) if correct)
+    return sum(n for (_, answer), n in zip(CELLS, numbers, strict=True) if answer == "correct")
 
 
 def _inferential(numbers: tuple[int, ...]) -> int:
