@@ -166,7 +166,7 @@ def test_collisions_in_words(small_scene) -> None:
     assert event_text(small_scene.events[3], small_scene, prediction) == "the blue rubber sphere leaves"
 
 
-def test_plan_shows_all_objects_with_labels_that_do_not_overlap() -> None:
+def test_plan_shows_all_objects_and_collisions_with_their_names() -> None:
     objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(COLORS[:6]))
     places = [(0, 0), (0.05, 0.3), (0.1, -0.3), (5.5, 0), (-6, 1), (0, 7.5)]
     rollout = _moving(places, [(0, 0)] * 6)
@@ -177,9 +177,13 @@ def test_plan_shows_all_objects_with_labels_that_do_not_overlap() -> None:
     for x, y in places:
         assert (low < (y, -x)).all()
         assert ((y, -x) < high).all()
-    boxes = [t.get_window_extent() for t in axes.texts if t.get_text()]
-    assert len(boxes) == 8
+    names = [*(f"{o.id} {o.name}" for o in objects), "1: frame 20", "2: frame 22"]
+    assert [text.get_text() for text in figure.legends[0].texts] == names
+    assert [text.get_text() for text in axes.texts] == ["1", "2"]
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in (*figure.legends[0].texts, *axes.texts)]
     assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    assert not any(box.overlaps(axes.bbox) for box in boxes[:8])
     figure_png(figure)
 
 
