@@ -156,7 +156,7 @@ KINDS: dict[str, Callable[[Draw], list[Any]]] = {
 
 def make_cases(seed: int, simulator: Simulator) -> dict[str, Any]:
     """A scene's truth, and for each kind an intervention with the collisions that Bullet finds after it."""
-    scene = simulate_scene(seed, SceneConfig(), simulator, counterfactuals=False)
+    scene = simulate_scene(seed, SceneConfig(), simulator)
     rng = random.Random(f"interventions {seed}")
     hits = [c.frame for c in scene.motion.contacts]
     calm = [f for f in range(1, LAST_START + 1) if all(abs(f - hit) > CALM_FRAMES for hit in hits)]

@@ -230,7 +230,7 @@ def test_the_card_has_licence_and_statistics(root, tmp_path) -> None:
     assert (values["license"], values["size_categories"]) == ("cc-by-4.0", ["n<1K"])
     assert "| train | 3 | 9 | 0 |" in text
     assert "### Train: options by answer\n\n| correct | wrong |\n|---|---|\n| 6 | 6 |" in text
-    assert "### Train: tags of counterfactual options\n\n| inferential | observational |\n|---|---|\n| 3 | 3 |" in text
+    assert "### Train: counterfactual options by tag\n\n| inferential | observational |\n|---|---|\n| 3 | 3 |" in text
 
 
 def test_parquet_files_have_a_limited_size(root, tmp_path, monkeypatch, offline) -> None:

@@ -416,14 +416,14 @@ def test_an_interrupted_generation_resumes(tiny) -> None:
 
 
 def test_one_failing_video_does_not_stop_the_rest(tiny, tmp_path, monkeypatch) -> None:
-    make = dataset.make_video
+    make = dataset._make_video
 
-    def failing(config, split, index):
-        if index == 0:
+    def failing(config, job, output):
+        if job == ("train", 0):
             raise OSError("disk is full")
-        make(config, split, index)
+        make(config, job, output)
 
-    monkeypatch.setattr(dataset, "make_video", failing)
+    monkeypatch.setattr(dataset, "_make_video", failing)
     config = replace(tiny, output=str(tmp_path / "set"), renderer="none", masks=False)
     with pytest.raises(DataError, match=r"1 of 3 failed, such as video 0: OSError: disk is full"):
         generate_dataset(config)

@@ -40,7 +40,7 @@ from nsdr.io.video import write_video
 from nsdr.validation import Count, Settings, Share, convert, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "SceneSeed", "generate_dataset", "make_video"]
+__all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "SceneSeed", "generate_dataset"]
 
 RENDERERS = ("preview", "blender", "none")
 VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
@@ -171,7 +171,7 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     jobs = [(split, index) for split, indices in config.indices().items() for index in indices]
     value = _fingerprint(config)
     videos = [Job(f"video {index}", (split, index), Files(root, split, index).truth, value) for split, index in jobs]
-    summary = run_jobs(partial(_task, config), videos, root, config.engine, config.workers)
+    summary = run_jobs(partial(_make_video, config), videos, root, config.engine, config.workers)
     jobs = [job.item for job in summary.succeeded(videos, root, keep_going)]
     if config.questions is not None:
         for split in config.indices():
@@ -231,12 +231,9 @@ def _fingerprint(config: DatasetConfig) -> str:
     return fingerprint(config=[VERSION, _manifest(config)["config"]])
 
 
-def _task(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
-    make_video(config, *job)
-
-
-def make_video(config: DatasetConfig, split: str, index: int) -> None:
+def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
+    split, index = job
     scene = simulate_scene(config.scene_seed(index), config.scene)
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from nsdr.dynamics.interventions import simulate_removal
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
-from nsdr.types import Answer, Remove, Scene, Simulation
+from nsdr.types import Answer, Remove, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, annotated_image, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
-from nsdr.visualize.timeline import TIMELINE_STYLE, spans, timeline_html
-from nsdr.world.vocabulary import COLORS_RGB
+from nsdr.visualize.timeline import TIMELINE_STYLE, timeline_html
 
 __all__ = ["write_report"]
 
@@ -46,8 +45,6 @@ code { background: var(--code); padding: 0 .2em } table { border-collapse: colla
 td, th { padding: .25em .6em; text-align: left; vertical-align: top; border-top: 1px solid var(--line) }
 .answer { font-size: 1.3em } .correct { color: var(--good) } .wrong, .error { color: var(--bad) } td img { width: 150px }
 summary { cursor: pointer; color: var(--faint) } .number { text-align: right; width: 4em }
-.swatch { display: inline-block; width: 1em; height: 1em; border-radius: 3px; border: 1px solid var(--faint);
-vertical-align: -.1em } .metal { background-image: linear-gradient(135deg, #fff8, #fff0 50%) }
 """
 
 
@@ -71,9 +68,7 @@ def write_report(
     if frames is not None and perception.tracks is not None:
         body += ["<h2>Video</h2>", _video(frames, perception)]
     body += [
-        "<h2>Objects</h2>",
-        _objects(scene),
-        "<h2>Events</h2>",
+        "<h2>Objects and events</h2>",
         timeline_html(perception, frames, "#video video"),
         "<h2>Pictures</h2><div class=row>",
     ]
@@ -102,7 +97,7 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
             content = file.read_bytes()
         if len(content) <= MAX_VIDEO_BYTES:
             source = "data:video/mp4;base64," + base64.b64encode(content).decode()
-            caption = "Masks, names and trails in every frame; flashes mark collisions."
+            caption = "Masks, names and trails in every frame; stars mark collisions."
             player = f"<video controls loop muted src='{source}'></video>"
             return f"<figure id=video>{player}<figcaption>{caption}</figcaption></figure>"
     shown = np.linspace(0, len(frames) - 1, SHOWN_FRAMES).astype(int).tolist()
@@ -111,22 +106,6 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
         annotated_image(frames[f], f, perception.proposals, perception.tracks, scene) for f in dict.fromkeys(shown)
     ]
     return f"<div class=row>{''.join(figure_html(jpeg(image), '') for image in images)}</div>"
-
-
-def _objects(scene: Scene) -> str:
-    rows = []
-    for o in scene.objects:
-        red, green, blue = COLORS_RGB[o.color]
-        swatch = f"<span class='swatch {o.material}' style='background-color: rgb({red},{green},{blue})'></span>"
-        moving = "not known" if scene.moving is None else _frames(scene.moving[o.id] & scene.visible[o.id])
-        rows.append(f"<tr><td class=number>{o.id}<td>{swatch} {o.name}<td>{_frames(scene.visible[o.id])}<td>{moving}")
-    return f"<table><tr><th class=number>object<th>name<th>in frames<th>moves in frames{''.join(rows)}</table>"
-
-
-def _frames(flags: NDArray[np.bool_]) -> str:
-    """The frames at which flags are set."""
-    stretches = [f"{a}\u2013{end - 1}" if end - a > 1 else str(a) for a, end in spans(flags)]
-    return ", ".join(stretches) or "never"
 
 
 def _pictures(frames: NDArray[np.uint8], perception: Perception) -> list[str]:

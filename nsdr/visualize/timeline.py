@@ -13,7 +13,7 @@ from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.timeline import FPS, horizon_frame
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["TIMELINE_STYLE", "event_cards", "spans", "timeline_html"]
+__all__ = ["TIMELINE_STYLE", "event_cards", "timeline_html"]
 
 LABEL_WIDTH, LANE_WIDTH, LANE_HEIGHT, AXIS_HEIGHT = 170, 550, 24, 24
 """Sizes of the drawing (units of its view box)."""
@@ -101,15 +101,16 @@ def _lanes(perception: Perception) -> list[str]:
         y = LANE_HEIGHT * o.id
         parts.append(f"<text x=0 y={y + 16}>{o.id} {html.escape(o.name)}</text>")
         moving = np.zeros(scene.n_frames, bool) if scene.moving is None else scene.moving[o.id] & scene.visible[o.id]
-        for flags, opacity in ((scene.visible[o.id], 0.35), (moving, 0.95)):
-            for first, end in spans(flags):
+        for what, flags, opacity in (("in the image", scene.visible[o.id], 0.35), ("moves", moving, 0.95)):
+            for first, end in _spans(flags):
                 x, width = _x(first, scene), round(_x(end, scene) - _x(first, scene), 1)
                 style = f"fill='rgb({red},{green},{blue})' opacity={opacity}"
-                parts.append(f"<rect x={x} y={y + 7} width={width} height=10 rx=3 {style} />")
+                title = f"<title>{what}: frames {first}\u2013{end - 1}</title>"
+                parts.append(f"<rect x={x} y={y + 7} width={width} height=10 rx=3 {style}>{title}</rect>")
     return parts
 
 
-def spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Ranges (first, one after the last) in which flags are set."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

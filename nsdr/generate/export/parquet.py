@@ -1,6 +1,5 @@
 """A folder that Hugging Face `datasets.load_dataset` reads: Parquet files, videos, and a card (README.md) for the Hub."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import fields
 from itertools import islice
@@ -108,11 +107,7 @@ def _card(export: Export) -> str:
     statistics = ["| split | videos | questions | without answers |", "|---|---|---|---|"]
     statistics += [f"| {n} | {s.videos} | {s.questions} | {s.unanswered} |" for n, s in export.splits.items()]
     for split in export.splits:
-        options = (c for scene in export.questions(split) for q in scene.questions for c in q.choices)
-        tags = dict(sorted(Counter(c.tag for c in options if c.tag is not None).items()))
-        counts: dict[str, Mapping[str, float]] = {**count_questions(export.questions(split))}
-        counts["tags of counterfactual options"] = tags
-        for title, values in counts.items():
+        for title, values in count_questions(export.questions(split)).items():
             if any(key != "None" and value for key, value in values.items()):
                 statistics += ["", *_table(f"{split}: {title}", values)]
     where = "relative to the original data set's folder" if export.config.videos == "none" else "relative to this file"

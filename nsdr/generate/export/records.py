@@ -77,13 +77,7 @@ def scene_records(
 ) -> tuple[Record, ...]:
     """The records of one video's questions, in their order.
 
-    Args:
-        scene: the questions.
-        split: the video's split.
-        video: `Record.video`.
-        seed: `Record.seed`.
-        tell: gives `Record.reasoning` of a question; None for none.
-        true_scene: `Record.scene`.
+    The arguments are attributes of `Record` of the same name; `tell` gives its `reasoning`, and `true_scene` is its `scene`.
 
     Raises:
         DataError: a question has more options than there are letters.

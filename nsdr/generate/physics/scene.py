@@ -92,16 +92,13 @@ class SimulatedScene:
     counterfactual: Mapping[int, tuple[Contact, ...]]
 
 
-def simulate_scene(
-    seed: int, config: SceneConfig | None = None, simulator: Simulator | None = None, counterfactuals: bool = True
-) -> SimulatedScene:
+def simulate_scene(seed: int, config: SceneConfig | None = None, simulator: Simulator | None = None) -> SimulatedScene:
     """Generate the scene of a seed. It depends on the seed and the configuration only, not on earlier simulations.
 
     Args:
         seed: 0 or more.
         config: what scenes look like; None is CLEVRER.
         simulator: a simulator to reuse; None starts one for this scene.
-        counterfactuals: False leaves out the simulations without each object, about half of the time.
 
     Raises:
         DataError: a negative seed, no scene fits the configuration, or PyBullet is not installed.
@@ -111,15 +108,14 @@ def simulate_scene(
     config = config or SceneConfig()
     if simulator is None:
         with Simulator(config.physics) as own:
-            return simulate_scene(seed, config, own, counterfactuals)
+            return simulate_scene(seed, config, own)
     rng = random.Random(seed)
     for _ in range(RESTARTS):
         scene = _Construction(config, simulator, rng).build()
         if scene is None:
             continue
         triples, bodies, motion, visible = scene
-        removed = range(len(bodies)) if counterfactuals else ()
-        without = {i: _without(i, bodies, config, simulator) for i in removed}
+        without = {i: _without(i, bodies, config, simulator) for i in range(len(bodies))}
         objects = tuple(SceneObject(i, *triple) for i, triple in enumerate(triples))
         mass = np.array([b.mass for b in bodies])
         return SimulatedScene(seed, objects, mass, config.n_frames, motion, visible, without)

@@ -60,13 +60,12 @@ class Blender:
 
     Args:
         config: image size, samples and the assets folder.
-        threads: CPU threads; 0 uses all cores.
 
     Raises:
         DataError: `bpy` is not installed, or the assets folder lacks a file.
     """
 
-    def __init__(self, config: RenderConfig, threads: int = 0) -> None:
+    def __init__(self, config: RenderConfig) -> None:
         self.config = config
         self.bpy = _bpy()
         self.assets = Path(config.assets).resolve() if config.assets else None
@@ -76,7 +75,7 @@ class Blender:
         with quiet():
             self._open_base_scene()
         self._lamp_positions = {name: tuple(self.bpy.data.objects[name].location) for name in LAMP_OBJECTS}
-        self._configure(threads)
+        self._configure()
 
     def render(self, objects: Sequence[SceneObject], solids: Sequence[Solid], view: View, path: str | Path) -> None:
         """Render one frame and write it atomically.
@@ -113,7 +112,7 @@ class Blender:
         for name in ASSET_MATERIALS.values():
             self._append(self.assets / "materials" / f"{name}.blend", "NodeTree", name)
 
-    def _configure(self, threads: int) -> None:
+    def _configure(self) -> None:
         scene = self.bpy.context.scene
         render, cycles = scene.render, scene.cycles
         render.engine, render.use_persistent_data = "CYCLES", True
@@ -122,8 +121,6 @@ class Blender:
         cycles.use_denoising, cycles.denoising_prefilter = True, "NONE"
         cycles.denoising_quality, cycles.denoising_input_passes = "FAST", "RGB_ALBEDO"
         scene.view_settings.view_transform = "Standard"
-        if threads:
-            render.threads_mode, render.threads = "FIXED", threads
         cycles.device = "GPU" if _use_gpu(self.bpy) else "CPU"
 
     def _set_view(self, view: View) -> None:
