@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import DataError
+from nsdr.io.files import check_installed
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
@@ -182,11 +182,10 @@ def figure_png(figure: Any) -> bytes:
 
 def pyplot() -> Any:
     """Matplotlib's pyplot without a window; raises `DataError` where matplotlib is missing."""
-    try:
-        import matplotlib
+    check_installed("matplotlib", "figures need matplotlib", "visualize")
+    import matplotlib
 
-        matplotlib.use("Agg")
-        import matplotlib.pyplot as plt
-    except ImportError as e:
-        raise DataError("figures need matplotlib: pip install 'nsdr[visualize]'") from e
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
     return plt

@@ -17,9 +17,8 @@ from nsdr.types import Answer, Remove, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, annotated_image, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
-from nsdr.visualize.plan_frames import draw_plan
-from nsdr.visualize.timeline import TIMELINE_STYLE, timeline_html
+from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, summary_html
+from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
 
 __all__ = ["write_report"]
 
@@ -72,8 +71,10 @@ def write_report(
         timeline_html(perception, frames, "#video video"),
         "<h2>Pictures</h2><div class=row>",
     ]
-    if frames is not None and perception.tracks is not None:
-        body += _pictures(frames, perception)
+    if frames is not None and perception.tracks is not None and perception.proposals is not None:
+        strobe = stroboscopic_image(frames, perception.proposals, perception.tracks)
+        caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
+        body.append(figure_html(jpeg(strobe), caption))
     if dynamics is not None:
         caption = "From above: observed trajectories solid, predicted ones dashed."
         body.append(figure_html(figure_png(plan_figure(dynamics, camera=perception.camera)), caption))
@@ -108,18 +109,6 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
     return f"<div class=row>{''.join(figure_html(jpeg(image), '') for image in images)}</div>"
 
 
-def _pictures(frames: NDArray[np.uint8], perception: Perception) -> list[str]:
-    assert perception.tracks is not None
-    last = len(frames) - 1
-    image = annotated_image(frames[last], last, perception.proposals, perception.tracks, perception.scene)
-    figures = [figure_html(jpeg(image), "Frame parser and tracker: masks, ids and trails; stars mark collisions.")]
-    if perception.proposals is not None:
-        strobe = stroboscopic_image(frames, perception.proposals, perception.tracks, STROBE_EVERY)
-        caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
-        figures.insert(0, figure_html(jpeg(strobe), caption))
-    return figures
-
-
 def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers: Sequence[Answer]) -> list[str]:
     """What is different without each object that the questions remove, or without each of all, with pictures."""
     dynamics = perception.dynamics
@@ -139,15 +128,10 @@ def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.
     """A picture and a line for each difference: what no longer happens in the video's frame, else from above."""
     cards = []
     for change in simulation.differences():
-        event, gone = change.event, change.kind == "no longer"
-        if gone and frames is not None and perception.tracks is not None and event.frame < len(frames):
-            picture = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects)
-        else:
-            rollout = simulation.original if gone else simulation.changed
-            plan = draw_plan(simulation.objects, rollout, simulation.changed_yaw, event.frame, camera=perception.camera)
-            picture = data_uri(jpeg(plan))
-        image = f"<img alt='frame {event.frame}' src='{picture}'>"
-        cards.append(f"<div>{image}{html.escape(change_text(simulation, change))}</div>")
+        gone = change.kind == "no longer"
+        simulated = simulation.original if gone else simulation.changed, simulation.changed_yaw
+        picture = event_picture(change.event, perception, frames if gone else None, simulated)
+        cards.append(f"<div>{picture}{html.escape(change_text(simulation, change))}</div>")
     return f"<div class=cards>{''.join(cards)}</div>" if cards else ""
 
 
