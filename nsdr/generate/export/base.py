@@ -139,8 +139,7 @@ class Export:
 
     def questions(self, split: str) -> Iterator[SceneQuestions]:
         """Yield the split's videos that have questions, one by one."""
-        path = self._question_file(split)
-        found = (scene for scene in read_questions(path) if scene.questions)
+        found = (scene for scene in read_questions(self._question_file(split)) if scene.questions)
         return islice(found, self.config.limit or None)
 
     def scenes(self, split: str) -> Iterator[tuple[Path | None, tuple[Record, ...]]]:
@@ -153,9 +152,9 @@ class Export:
             index = scene.scene_index
             seed = None if self._seed is None else self._seed + index
             name = self._scene_name(split, index) if self.config.scenes else None
-            records = scene_records(scene, split, self._video_name(split, index), seed, self._tell(split, index), name)
-            source = None if self.config.videos == "none" else self._sources[split].video(index)
-            yield source, records
+            tell = self._tell(split, index) if self.config.reasoning else None
+            video = None if self.config.videos == "none" else self._sources[split].video(index)
+            yield video, scene_records(scene, split, self._video_name(split, index), seed, tell, name)
 
     def records(self, split: str) -> Iterator[Record]:
         """Yield the split's records; each video is copied or linked before its first record."""
@@ -231,25 +230,24 @@ class Export:
             )
         return entry.path.relative_to(self._root.root).as_posix()
 
-    def _tell(self, split: str, index: int) -> Callable[[Question], str | None] | None:
-        if not self.config.reasoning:
-            return None
+    def _tell(self, split: str, index: int) -> Callable[[Question], str | None]:
         path = self._root.root / self._scene_name(split, index)
         scenes = {number: scene for number, _, scene in iterate_scenes(path)}
         if list(scenes) != [index]:
             raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
 
-    def _place(self, video: Path, target: Path) -> None:
+    def _place(self, source: Path, target: Path) -> None:
+        """Copy a file, or link to it."""
         if os.path.lexists(target):
             return
         if self.config.videos == "copy":
             with atomic_path(target) as temporary:
-                shutil.copyfile(video, temporary)
-            return
-        with writing(target):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.symlink_to(video.resolve())
+                shutil.copyfile(source, temporary)
+        else:
+            with writing(target):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.symlink_to(source.resolve())
 
 
 @dataclass(frozen=True)
@@ -324,21 +322,15 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
         _write(export, exporter)
     for name, summary in export.splits.items():
         if summary.unanswered:
-            log.warning(
-                "%s: %d of %d questions have no answer in their file and were exported without a solution",
-                name,
-                summary.unanswered,
-                summary.questions,
-            )
+            share = f"{summary.unanswered} of {summary.questions} questions"
+            log.warning("%s: %s have no answer in their file and were exported without a solution", name, share)
     return export.splits
 
 
 def _write(export: Export, exporter: Exporter) -> None:
     path = export.folder / MANIFEST
-    manifest = {
-        "settings": export.settings(),
-        "splits": {name: asdict(summary) for name, summary in export.splits.items()},
-    }
+    counts = {name: asdict(summary) for name, summary in export.splits.items()}
+    manifest = {"settings": export.settings(), "splits": counts}
     if path.exists():
         existing = convert(read_typed(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
         changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)

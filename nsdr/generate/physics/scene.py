@@ -142,7 +142,9 @@ class _Construction:
         self.config, self.simulator, self.rng = config, simulator, rng
         numbers = sorted(config.objects)
         self.n = rng.choices(numbers, [config.objects[k] for k in numbers])[0]
-        self.triples = self._draw_triples()
+        self.triples = rng.sample(config.triples, self.n)
+        while config.only and not any(matches_any(t, config.only) for t in self.triples):
+            self.triples = rng.sample(config.triples, self.n)
         self.bodies: list[Body] = []
         self.motion: BulletMotion | None = None
 
@@ -165,12 +167,6 @@ class _Construction:
         if not visible[:, : self.config.n_frames].any(1).all():
             return None
         return self.triples, self.bodies, motion, visible
-
-    def _draw_triples(self) -> list[Triple]:
-        while True:
-            triples = self.rng.sample(self.config.triples, self.n)
-            if not self.config.only or any(matches_any(t, self.config.only) for t in triples):
-                return triples
 
     def _body(self, k: int, x: float, y: float, heading: float, speed: float) -> Body:
         shape = self.triples[k][2]
