@@ -150,7 +150,7 @@ def test_scenes_obey_the_configuration() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"colors": ("pink",)}, "colors: expected some of gray"),
+        ({"colors": ("pink",)}, r"colors\[0\]: expected one of gray"),
         ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 to 32 objects"),
         ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 combinations for scenes of 6 objects"),
         ({"only": ("red",), "colors": ("blue",)}, "only: .* leave no combination that matches red"),
@@ -468,7 +468,7 @@ def test_a_missing_simulator_is_named_before_the_work(monkeypatch, tmp_path) -> 
 def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     for values, message in (
         ({"renderer": "oil"}, "renderer: expected one of preview,.*, got 'oil'"),
-        ({"splits": {"dev": 1.0}}, "splits: expected shares of train"),
+        ({"splits": {"dev": 1.0}}, "splits: expected keys that are one of train"),
         ({"videos": 0}, r"videos: expected .* from 1 to .* got 0"),
         ({"seed": -1}, "seed: expected .* from 0 on, got -1"),
         ({"first_scene": 990000}, "first_scene: expected 0 to 980000, got 990000"),

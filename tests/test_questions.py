@@ -340,7 +340,7 @@ def test_questions_without_answers_have_no_programs_either(generated) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"),
+        ({"per_video": {"riddle": 1.0}}, "per_video: expected keys that are one of count"),
         ({"max_options": 1}, r"max_options: expected .* from 2 to 26.* got 1"),
         ({"max_options": 27}, r"max_options: expected .* from 2 to 26.* got 27"),
     ],

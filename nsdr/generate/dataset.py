@@ -78,7 +78,7 @@ class DatasetConfig(Settings):
     videos: Annotated[int, Meta(ge=1, le=limits().videos)] = 100
     seed: SceneSeed = 0
     first_scene: int = 0
-    splits: Mapping[str, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
+    splits: Mapping[Annotated[str, one_of(SPLITS)], Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
     renderer: Annotated[str, one_of(RENDERERS)] = "preview"
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
@@ -89,7 +89,7 @@ class DatasetConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if set(self.splits) - set(SPLITS) or not sum(self.splits.values()) > 0:
+        if not any(self.splits.values()):
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
         last = SCENES_PER_SEED - SPLITS["test"].stop
         if not 0 <= self.first_scene <= last:

@@ -29,7 +29,7 @@ from nsdr.generate.questions.candidates import (
 from nsdr.generate.questions.inferential import InferentialSelection
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
-from nsdr.validation import Count, NotNegative, Settings, Share
+from nsdr.validation import Count, NotNegative, Settings, Share, one_of
 
 __all__ = ["QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
 
@@ -88,7 +88,7 @@ class QuestionConfig(Settings):
             physics; each takes seconds of simulation.
     """
 
-    per_video: Mapping[str, NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
+    per_video: Mapping[Annotated[str, one_of(PER_VIDEO)], NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
     max_options: Annotated[int, Meta(ge=MIN_OPTIONS, le=MAX_OPTIONS)] = 4
     seed: Count = 0
     inferential_share: Share | None = None
@@ -97,8 +97,6 @@ class QuestionConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if set(self.per_video) - set(PER_VIDEO):
-            raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
         if self.changed_per_video and not self.extensions:
             raise DataError("changed_per_video: expected 0 without extensions; such questions are beyond CLEVRER")
 
