@@ -50,6 +50,9 @@ SCENES_PER_SEED = 1_000_000
 LARGEST_SEED = 10**12
 """Largest seed, so that scenes' numbers fit 64 bits."""
 SceneSeed = Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+LAST_FIRST_SCENE = SCENES_PER_SEED - SPLITS["test"].stop
+"""Largest first scene; `seed` gives further scenes."""
+Split = Annotated[str, one_of(SPLITS)]
 VIDEOS_PER_FOLDER = 1000
 """Videos in each sub-folder, as in the release."""
 
@@ -60,7 +63,7 @@ class DatasetConfig(Settings):
 
     Attributes:
         output: folder of the data set; an interrupted generation resumes there.
-        videos: number of videos over all splits, of each shard.
+        videos: number of videos over all splits.
         seed: which scenes; data sets with different seeds have no scene in common.
         first_scene: number of the scene that video 0 shows; video `i` shows scene `first_scene + i` of the seed.
         splits: share of the videos in train, validation and test (normalised before use).
@@ -77,8 +80,8 @@ class DatasetConfig(Settings):
     output: str
     videos: Annotated[int, Meta(ge=1, le=limits().videos)] = 100
     seed: SceneSeed = 0
-    first_scene: int = 0
-    splits: Mapping[Annotated[str, one_of(SPLITS)], Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
+    first_scene: Annotated[int, Meta(ge=0, le=LAST_FIRST_SCENE)] = 0
+    splits: Mapping[Split, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
     renderer: Annotated[str, one_of(RENDERERS)] = "preview"
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
@@ -91,9 +94,6 @@ class DatasetConfig(Settings):
         super().__post_init__()
         if not any(self.splits.values()):
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
-        last = SCENES_PER_SEED - SPLITS["test"].stop
-        if not 0 <= self.first_scene <= last:
-            raise DataError(f"first_scene: expected 0 to {last}, got {self.first_scene}; `seed` gives further scenes")
 
     def scene_seed(self, index: int) -> int:
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
