@@ -125,11 +125,8 @@ class Blender:
 
     def _set_view(self, view: View) -> None:
         render = self.bpy.context.scene.render
-        render.resolution_x, render.resolution_y, render.resolution_percentage = (
-            view.camera.width,
-            view.camera.height,
-            100,
-        )
+        render.resolution_x, render.resolution_y = view.camera.width, view.camera.height
+        render.resolution_percentage = 100
         camera = self.bpy.data.objects["Camera"]
         for constraint in list(camera.constraints):
             camera.constraints.remove(constraint)
@@ -225,8 +222,7 @@ class Blender:
             size=PLANE_SIZE_WORLD, location=(WALL_X_WORLD, 0, 0), rotation=(0, math.pi / 2, 0)
         )
         self.bpy.context.active_object.data.materials.append(material)
-        world = data.worlds.new("World")
-        scene.world = world
+        scene.world = data.worlds.new("World")
 
     def _linked(self, name: str, content: Any) -> Any:
         linked = self.bpy.data.objects.new(name, content)
