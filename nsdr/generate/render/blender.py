@@ -39,7 +39,6 @@ LAMP_OBJECTS = ("Lamp_Key", "Lamp_Fill", "Lamp_Back")
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 """Cycles' GPU back ends, tried in this order."""
 
-JPEG_QUALITY = 95
 MAX_BOUNCES = 4
 """Max number of bounces of a light path."""
 BLUR_GLOSSY = 2.0
@@ -84,7 +83,7 @@ class Blender:
             objects: colours and materials.
             solids: shapes, positions and rotations, in the same order.
             view: camera and lamps.
-            path: PNG or JPEG file to write.
+            path: PNG file to write.
         """
         from mathutils import Matrix
 
@@ -97,9 +96,7 @@ class Blender:
             drawn.rotation_quaternion = rotation.to_quaternion()
         self._set_view(view)
         with atomic_path(path) as temporary:
-            scene = self.bpy.context.scene
-            scene.render.image_settings.file_format = "JPEG" if temporary.suffix == ".jpg" else "PNG"
-            scene.render.filepath = str(temporary)
+            self.bpy.context.scene.render.filepath = str(temporary)
             with quiet():
                 self.bpy.ops.render.render(write_still=True)
 
@@ -116,7 +113,7 @@ class Blender:
         scene = self.bpy.context.scene
         render, cycles = scene.render, scene.cycles
         render.engine, render.use_persistent_data = "CYCLES", True
-        render.image_settings.quality = JPEG_QUALITY
+        render.image_settings.file_format = "PNG"
         cycles.samples, cycles.max_bounces, cycles.blur_glossy = self.config.samples, MAX_BOUNCES, BLUR_GLOSSY
         cycles.use_denoising, cycles.denoising_prefilter = True, "NONE"
         cycles.denoising_quality, cycles.denoising_input_passes = "FAST", "RGB_ALBEDO"
