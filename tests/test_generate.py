@@ -470,7 +470,7 @@ def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
         ({"renderer": "oil"}, "renderer: expected one of preview,.*, got 'oil'"),
         ({"splits": {"dev": 1.0}}, "splits: expected keys that are one of train"),
         ({"videos": 0}, r"videos: expected .* from 1 to .* got 0"),
-        ({"seed": -1}, "seed: expected .* from 0 on, got -1"),
+        ({"seed": -1}, r"seed: expected .* from 0 to 1e\+12, got -1"),
         ({"first_scene": 990000}, "first_scene: expected .*from 0 to 980000, got 990000"),
     ):
         with pytest.raises(DataError, match=message):
