@@ -212,7 +212,7 @@ def test_bad_questions(change, message, tmp_path) -> None:
 
 def test_question_files_end_after_their_list(tmp_path) -> None:
     (tmp_path / "q.json").write_text(QUESTIONS.read_text() + "[]")
-    with pytest.raises(DataError, match=r"q\.json: .*Extra data"):
+    with pytest.raises(DataError, match=r"q\.json: .*trailing characters"):
         read_questions(tmp_path / "q.json")
     (tmp_path / "q.json").write_bytes(b"\xef\xbb\xbf" + QUESTIONS.read_bytes())
     assert read_questions(tmp_path / "q.json") == read_questions(QUESTIONS)
@@ -333,8 +333,8 @@ def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30
     ("change", "message"),
     [
         (lambda d: d.update(objects=5), "objects: expected a list, got 5"),
-        (lambda d: d.update(zebra=5), "unknown key 'zebra' of a Scene"),
-        (lambda d: d.pop("events"), "missing key 'events' of a Scene"),
+        (lambda d: d.update(zebra=5), "not a Scene: got an unexpected keyword argument 'zebra'"),
+        (lambda d: d.pop("events"), "not a Scene: missing a required argument: 'events'"),
         (lambda d: d.update(n_frames=500), r"Scene.visible: expected the shape \(6, 500\)"),
         (lambda d: d.update(n_frames=True), "n_frames: expected a whole number from 1 on, got True"),
         (lambda d: d["events"][0].update(frame=1.5), r"events\[0\]: Event.frame: expected a whole number from -1 on, got 1.5"),
@@ -342,13 +342,13 @@ def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30
         (lambda d: d["events"][0].update(frame=-1), "expected objects from 0 to 5 at a frame"),
         (lambda d: d["events"][0].update(objects=[0, 99]), "expected objects from 0 to 5 at a frame"),
         (lambda d: d["events"].append(7), r"events\[7\]: expected a Event, got 7"),
-        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen, counterfactual and uncertain events: frame: 1(,000){4}"),
+        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen\[0\]\.frame: 1(,000){4}"),
         (lambda d: d["counterfactual"].update(map={}), r"counterfactual\.map: expected a list"),
         (lambda d: d["counterfactual"]["map"].append([99, []]), "counterfactual: expected object ids from 0 to 5 as keys"),
         (lambda d: d.update(uncertain=[uncertain(probability=1.5)]), "probability: expected a number from 0 to 1, got 1.5"),
         (lambda d: d.update(uncertain=[uncertain(probability="a")]), r"probability: expected a number from 0 to 1, got 'a'"),
         (lambda d: d.update(uncertain=[uncertain(removed=9)]), "Scene.uncertain: expected removed objects from 0 to 5, got 9"),
-        (lambda d: d.update(uncertain=[uncertain(frame=10**12)]), r"uncertain events: frame: 1(,000){4}"),
+        (lambda d: d.update(uncertain=[uncertain(frame=10**12)]), r"uncertain\[0\]\.event\.frame: 1(,000){4}"),
         (lambda d: d["visible"].update(dtype="object"), r"visible\.dtype: expected one of bool"),
         (lambda d: d["visible"].update(shape=[10**6, 10**6]), "visible: expected 1000000000000 values"),
         (lambda d: d["visible"].update(shape=[-1, 128]), r"visible\.shape\[0\]: expected a whole number from 0 on, got -1"),

@@ -139,7 +139,7 @@ def load_description(folder: str | Path, part: str) -> dict[str, Any]:
         CheckpointError: the file is missing or not such a description; names it.
     """
     path = Path(folder) / f"{part}.json"
-    details = read_json(path, CheckpointError)
+    details = read_json(path, error=CheckpointError)
     if not isinstance(details, dict) or details.get("part") != part or not isinstance(details.get("config"), dict):
         raise CheckpointError(f"{path}: not the description of a {part}; restore it from the repository")
     return details

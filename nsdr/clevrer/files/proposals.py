@@ -13,7 +13,7 @@ from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_m
 from nsdr.clevrer.files.schema import LARGEST_ID, check_frame
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
-from nsdr.io.reading import parse_typed, read_json, read_npz, read_typed
+from nsdr.io.reading import parse_json, read_json, read_npz
 from nsdr.types import VideoProposals
 from nsdr.validation import Share, convert, expect
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -88,12 +88,12 @@ def read_proposals(path: str | Path) -> VideoProposals:
     Raises:
         DataError: not a proposal file; names the file, the location in the file and what was expected there.
     """
-    return _proposals_of(read_typed(path, _File), str(path))
+    return _proposals_of(read_json(path, _File), str(path))
 
 
 def parse_proposals(data: bytes, name: str) -> VideoProposals:
     """Parse the bytes of a proposal file, JSON, plain or gzipped; errors are those of `proposals_from_document`."""
-    return _proposals_of(parse_typed(data, name, _File), name)
+    return _proposals_of(parse_json(data, name, _File), name)
 
 
 def proposals_from_document(content: Any, name: str) -> VideoProposals:
