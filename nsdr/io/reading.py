@@ -181,8 +181,8 @@ def read_npz(path: str | Path) -> dict[str, NDArray[Any]]:
     """All arrays of an NPZ file.
 
     Raises:
-        DataError: the file is missing or damaged, holds Python objects or more than `Limits.array_bytes`; names the file and the
-            array.
+        DataError: the file is missing or damaged, holds Python objects, or more than `Limits.array_bytes`; names the file and
+            the array.
     """
     data, arrays = io.BytesIO(read_bytes(path, "array_bytes", kind="NPZ file")), {}
     with _named(str(path), "NPZ file", DataError), zipfile.ZipFile(data) as archive:
