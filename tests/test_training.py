@@ -17,7 +17,7 @@ from nsdr import DataError, FrameParser, QuestionParser, StatePredictor
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.io.device import CPU_CHECK
-from nsdr.training import dynamics, frame_parser, question_parser, question_parser_task
+from nsdr.training import dynamics, frame_parser, question_parser
 from nsdr.training.ablation import ALL, parse_sizes
 from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train
 from nsdr.training.run_folder import TrainingState
@@ -98,7 +98,7 @@ def test_a_killed_run_resumes_to_the_same_result(tmp_path, monkeypatch) -> None:
     steps = ["--loop.steps", "6"]
     question_parser.main(question_arguments(whole, *steps))
 
-    losses = question_parser_task.QuestionParserTask.losses
+    losses = question_parser.QuestionParserTask.losses
     calls = []
 
     def failing(self, model, batch):
@@ -107,7 +107,7 @@ def test_a_killed_run_resumes_to_the_same_result(tmp_path, monkeypatch) -> None:
             raise _Killed
         return losses(self, model, batch)
 
-    monkeypatch.setattr(question_parser_task.QuestionParserTask, "losses", failing)
+    monkeypatch.setattr(question_parser.QuestionParserTask, "losses", failing)
     with pytest.raises(_Killed):
         question_parser.main(question_arguments(broken, *steps))
     assert [p.name for p in broken.glob("step_*.json")] == ["step_0000002.json"]
@@ -196,21 +196,21 @@ class _ReachedError(Exception):
 
 
 @pytest.mark.parametrize(
-    ("part", "module", "tasks"),
+    ("part", "tasks"),
     [
-        (frame_parser, frame_parser, ["FrameParserTask"]),
-        (dynamics, dynamics, ["StateModelTask", "PatchModelTask", "ImageModelTask"]),
-        (question_parser, question_parser_task, ["QuestionParserTask"]),
+        (frame_parser, ["FrameParserTask"]),
+        (dynamics, ["StateModelTask", "PatchModelTask", "ImageModelTask"]),
+        (question_parser, ["QuestionParserTask"]),
     ],
 )
-def test_shipped_configurations_are_read(part, module, tasks, monkeypatch) -> None:
+def test_shipped_configurations_are_read(part, tasks, monkeypatch) -> None:
 
     def stop(config):
         raise _ReachedError
 
     name = part.__name__.rsplit(".", 1)[-1]
     for task in tasks:
-        monkeypatch.setattr(module, task, stop)
+        monkeypatch.setattr(part, task, stop)
     files = sorted((Path(__file__).parent.parent / "configs" / name).glob("*.yaml"))
     files = [f for f in files if f.name != "physics.yaml"]  # a backend without training
     assert files
