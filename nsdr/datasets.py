@@ -137,7 +137,9 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
     ) -> None:
         _Options(length, step, hop, image_size, max_objects)
         if image_size is not None:
-            height = max(image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX)  # masks are cast at the release's aspect ratio
+            height = max(
+                image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX
+            )  # masks are cast at the release's aspect ratio
             check_limit(height * height * WIDTH_PX // HEIGHT_PX, "image_pixels", f"image_size {tuple(image_size)}")
         if not images and (masks or flow) and image_size is None:
             raise DataError("image_size: masks and flow without images need a size")
