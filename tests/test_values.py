@@ -521,7 +521,7 @@ def test_bad_frame_records(changes, message, tmp_path) -> None:
     ("segmentation", "message"),
     [
         ([[0, 0, 3]], "expected a list of x and y of 3 or more corners"),
-        ([[0, 0, 3, 0, 3, 1e9]], "expected a number from -1 to 7"),
+        ([[0, 0, 3, 0, 3, 1e9]], "expected numbers from -1 to 7"),
         ([], "expected at least one polygon"),
         ({"size": [4, 6], "counts": [3, -3, 24]}, "counts: expected runs of the image's 4x6"),
         ({"size": [4, 6], "counts": [3, 4]}, "counts: expected runs of the image's 4x6"),
