@@ -1,7 +1,6 @@
-"""`nsdr figures`: question sets and sample results as the paper shows them, and training curves."""
+"""`nsdr figures`: question sets and sample results as the paper shows them."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +8,13 @@ from nsdr.clevrer.files.questions import Question, SceneQuestions, read_question
 from nsdr.cli.common import frames_of, make_pipeline, refuse_idle, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, check_installed, check_output_folder
-from nsdr.io.reading import read_bytes, read_text
+from nsdr.io.reading import read_text
 
 __all__ = ["figures"]
 
 DISTRIBUTION, CURVE = "question_distribution.png", "program_curve.png"
-SAMPLE, TRAINING = "sample_{:05d}.jpg", "training_curves.png"
+SAMPLE = "sample_{:05d}.jpg"
 """Names of the files."""
-METRICS = "metrics.jsonl"
-"""File of a run folder with a line of numbers for each of some steps."""
 
 
 def figures_options(parser: Any) -> None:
@@ -27,7 +24,6 @@ def figures_options(parser: Any) -> None:
     add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
     add("--videos", default="", help="samples: folder of their videos")
     add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
-    add("--runs", nargs="+", default=[], help="run folders of trainings, whose losses are drawn")
     add("-o", "--output", required=True, help="folder for the pictures")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
@@ -39,8 +35,8 @@ def figures(options: Any) -> int:
         refuse_idle(options, names, " without --samples")
     elif not (options.videos and options.show):
         raise DataError("--samples needs --videos FOLDER and --show SCENE:QUESTION")
-    if not (options.questions or options.ablation or options.samples or options.runs):
-        raise DataError("nsdr figures: expected some of --questions, --ablation, --samples and --runs")
+    if not (options.questions or options.ablation or options.samples):
+        raise DataError("nsdr figures: expected some of --questions, --ablation and --samples")
     check_output_folder(options.output)
     check_installed("matplotlib", "figures need matplotlib", "visualize")
     output = Path(options.output)
@@ -49,8 +45,6 @@ def figures(options: Any) -> int:
         _write(output / DISTRIBUTION, _distribution(options.questions))
     if options.ablation:
         _write(output / CURVE, _curve(options.ablation))
-    if options.runs:
-        _write(output / TRAINING, _training(options.runs))
     if chosen:
         _write_samples(options, chosen, output)
     return 0
@@ -85,23 +79,6 @@ def _curve(ablation: str) -> Any:
     except (KeyError, ValueError, TypeError, csv.Error) as e:
         message = f"{ablation}: not the CSV file of an ablation ({e}); see `nsdr train question-parser --ablation`"
         raise DataError(message) from e
-
-
-def _training(runs: list[str]) -> Any:
-    from nsdr.visualize.distributions import training_curves
-
-    lines = {}
-    for run in map(Path, runs):
-        file = run / METRICS
-        try:
-            lines[run.name] = [json.loads(line) for line in read_bytes(file).decode().splitlines()]
-            if not any("loss" in line and "step" in line for line in lines[run.name]):
-                raise ValueError("expected lines with step and loss")
-        except (ValueError, TypeError) as e:
-            raise DataError(
-                f"{file}: not the metrics of a training ({e}); --runs takes run folders of `nsdr train`"
-            ) from e
-    return training_curves(lines)
 
 
 def _chosen(samples: str, show: list[str]) -> dict[SceneQuestions, list[Question]]:
