@@ -5,7 +5,7 @@ import logging
 import re
 from importlib import import_module
 
-from nsdr.cli.common import left_out
+from nsdr.cli.common import KEEP_GOING, configured, left_out
 from nsdr.errors import DataError
 
 __all__ = ["PARTS", "extract_features", "train"]
@@ -15,7 +15,6 @@ PARTS = {
     for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone", "average")
 } | {"baseline": "nsdr.training.baselines"}
 """Module with the `main(argv)` of each part, and of the mean of several runs."""
-KEEP_GOING = "--keep-going"
 
 
 def train(arguments: list[str]) -> int:
@@ -30,18 +29,19 @@ def train(arguments: list[str]) -> int:
 
 
 def extract_features(arguments: list[str]) -> int:
-    """Extract features of videos for the baselines, or make them of annotations (`--from truth`); `-o` is short for `--output`."""
+    """Extract features of videos for the baselines, or make them of the truth."""
     from nsdr.baselines.features.extraction import FeatureExtraction, TruthExtraction, extract_features as extract
-    from nsdr.io.configuration import parse_config
     from nsdr.io.files import check_output_folder
 
     own = argparse.ArgumentParser("nsdr extract-features", add_help=False, allow_abbrev=False)
     own.add_argument("--from", dest="source", choices=("videos", "truth"), default="videos")
     own.add_argument(KEEP_GOING, action="store_true")
-    options, rest = own.parse_known_args(arguments)
-    given = ["--output" if a == "-o" else a for a in rest]
-    kind = TruthExtraction if options.source == "truth" else FeatureExtraction
-    extraction = parse_config(kind, given, "nsdr extract-features")
+    options, fields = own.parse_known_args(arguments)
+    extraction: FeatureExtraction | TruthExtraction = (
+        configured(TruthExtraction, fields, "extract-features")
+        if options.source == "truth"
+        else configured(FeatureExtraction, fields, "extract-features")
+    )
     check_output_folder(extraction.output)
     count = extract(extraction, options.keep_going)
     print(f"{extraction.output}: features of {count} videos")

@@ -258,7 +258,7 @@ def linked_boxes(proposals: VideoProposals, max_objects: int) -> NDArray[np.floa
     """Boxes (F, max_objects, 4) of a video's objects as shares of the image, zeros where an object is not seen.
 
     An object keeps its place. CLEVRER's objects differ in their attributes, so detections with the same attributes are of one
-    object; those that are seen in most frames come first, and attributes of single frames are left out where there are too many.
+    object. Those that are seen in most frames come first; where there are too many, the others are left out.
     """
     p = proposals
     found = np.flatnonzero((p.score > MIN_SCORE) & (p.area_px > 0))

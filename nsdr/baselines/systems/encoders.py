@@ -34,6 +34,8 @@ class ObjectEncoder(nn.Module):
         dropout: dropout of the inputs, in training (0-1).
     """
 
+    waves: Tensor
+
     def __init__(self, inputs: int, width: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.register_buffer("waves", torch.tensor(WAVES), persistent=False)
