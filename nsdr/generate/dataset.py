@@ -240,10 +240,13 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     # Masks and visibility refer to the release's image size, whatever the video's size is.
     camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
     if config.renderer != "none":
-        preview = config.renderer == "preview"
-        blender_frames = partial(_blender_frames, config.render, files.work / _fingerprint(config))
-        frames = (_preview_frames if preview else blender_frames)(scene, view)
-        preset = "veryfast" if preview else "slow"
+        frames: Iterator[NDArray[np.uint8]]
+        if config.renderer == "preview":
+            preset = "veryfast"
+            frames = (render_preview(scene.objects, solids_at(scene, f), view) for f in range(scene.n_frames))
+        else:
+            preset = "slow"
+            frames = _blender_frames(config.render, files.work / _fingerprint(config), scene, view)
         write_video(files.video, frames, config.render.fps, config.render.crf, preset)
         shutil.rmtree(files.work, ignore_errors=True)
     if config.masks:
@@ -252,11 +255,6 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
         annotation = annotation_document(scene, index, files.video.name, camera)
         write_annotation(files.annotation, annotation, scene.n_frames)
     write_json(files.truth, truth_document(scene, index, camera))
-
-
-def _preview_frames(scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
-    for f in range(scene.n_frames):
-        yield render_preview(scene.objects, solids_at(scene, f), view)
 
 
 def _blender_frames(config: RenderConfig, work: Path, scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
