@@ -14,19 +14,17 @@ from numpy.typing import NDArray
 from nsdr.errors import VideoError
 from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
 from nsdr.frame_parser.check.layout import find_layout, part_of
-from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
+from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, SPACING_FRAMES, needed_levels, reasons
 from nsdr.frame_parser.check.shots import change, first_shot, is_cut
 from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
 from nsdr.validation import PositiveCount, Settings
-from nsdr.world.timeline import FPS
 
 __all__ = ["VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
 
-SAMPLED_SECONDS, SPACING_FRAMES = 2.56, 2
-"""The check looks at every second frame of this time."""
+SAMPLED_SECONDS = 2.56
+"""The check looks at this time of a video."""
 MEDIAN_SPACING = 2
-"""Of these, every second one makes the median frame, which saves time."""
-
+"""Every second one of the frames that are looked at makes the median frame, which saves time."""
 TURNED_SHARE = 0.5
 """A turned image fits if it leaves at most this share of the distance."""
 MIN_RANGE = 4.0
@@ -126,8 +124,8 @@ def _without_empty_start(frames: Iterator[NDArray[np.uint8]], path: str | Path) 
     else:
         return
     if empty:
-        what = f"the first {empty} frames show nothing"
-        warnings.warn(f"{path}: {what}; they are left out, and frames counted from there", stacklevel=2)
+        what = f"the first {empty} frames show nothing; they are left out, and frames counted from there"
+        warnings.warn(f"{path}: {what}", stacklevel=2)
     yield frame
     yield from frames
 
@@ -165,10 +163,10 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
             (warned if turn == "mirrored" else refused).append(f"it is {turn}")
             image, ground, reference = turned(image, turn), after, fitting
-    seen = Look(frames, len(frames) * SPACING_FRAMES / FPS, image, reference, ground)
-    for is_certain, text in reasons(seen):
+    levels = needed_levels(frames, ground)
+    for is_certain, text in reasons(frames, image, reference, ground, levels is not None):
         (refused if is_certain else warned).append(text)
-    return VideoCheck(tuple(refused), tuple(warned), layout, seen.levels, ground)
+    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground)
 
 
 def _until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
