@@ -399,12 +399,10 @@ def test_the_examples_of_the_docs_run(root, tmp_path, offline, monkeypatch, caps
 
 
 def test_another_package_adds_a_format(root, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(EXPORTERS, "_parts", dict(EXPORTERS._parts))
-
     def write(export: Export) -> None:
         write_json_lines(export, lambda record: {"question": record.question})
 
-    EXPORTERS.register("texts", Exporter(write))
+    monkeypatch.setattr(EXPORTERS, "_parts", {**EXPORTERS._parts, "texts": Exporter(write)})
     summaries = export_dataset(ExportConfig(str(root), str(tmp_path / "out"), "texts", ("validation",)))
     assert summaries["validation"].questions == 3
     assert rows(tmp_path / "out" / "validation.jsonl")[0] == {"question": OPEN.text}

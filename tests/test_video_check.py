@@ -284,8 +284,8 @@ def write_kind(path, kind: str) -> None:
         ("empty", r"is empty \(0 bytes\)"),
         ("text", "is a text file"),
         ("image", "is a PNG image"),
-        ("sound", "is a WAV sound"),
-        ("zip", "is a zip archive"),
+        ("sound", r"holds sound \(pcm_s16le\) but no video"),
+        ("zip", "is not a video, or is damaged or cut off"),
     ],
 )
 def test_what_is_no_video_is_named(tmp_path, kind: str, message: str) -> None:

@@ -12,7 +12,7 @@ from nsdr.clevrer.files.masks import check_mask
 from nsdr.clevrer.files.schema import check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import parse_json_lines, read_bytes, read_typed
+from nsdr.io.reading import parse_json_lines, read_bytes, read_json
 from nsdr.validation import Count, PositiveCount, convert, expect
 from nsdr.world.vocabulary import ATTRIBUTES, Color, Material, Shape
 
@@ -117,7 +117,7 @@ def _check_file_name(name: str) -> None:
 
 def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
     """Frame records of a COCO file; an image's `scene` is its `video_id` if it has one, else its own `id`."""
-    content: _Coco = read_typed(path, _Coco)
+    content: _Coco = read_json(path, _Coco)
     words = {row.id: dict(zip(ATTRIBUTES, row.name.split(), strict=True)) for row in content.categories}
     images = {row.id: row for row in content.images}
     records: dict[int, dict[str, Any]] = {

@@ -34,7 +34,7 @@ from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.reading import read_typed
+from nsdr.io.reading import read_json
 from nsdr.io.video import write_video
 from nsdr.validation import Count, Settings, Share, convert, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -178,7 +178,7 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     manifest = _manifest(config)
     path = root / "manifest.json"
     if path.exists():
-        existing = read_typed(path, dict[str, Any]).get("config")
+        existing = read_json(path, dict[str, Any]).get("config")
         existing = convert(existing, dict[str, Any], f"{path}: config: ")
         changed = sorted(k for k in manifest["config"] if existing.get(k) != manifest["config"][k])
         if changed:

@@ -30,7 +30,7 @@ from nsdr.io.files import (
     writing,
 )
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.reading import read_json, read_typed
+from nsdr.io.reading import read_json
 from nsdr.io.registry import Registry
 from nsdr.validation import Count, Settings, convert, one_of
 
@@ -354,7 +354,7 @@ def _write(export: Export, exporter: Exporter) -> None:
         "splits": {name: asdict(summary) for name, summary in export.splits.items()},
     }
     if path.exists():
-        existing = convert(read_typed(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
+        existing = convert(read_json(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
         changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)
         if changed:
             raise DataError(f"{path}: was made with other settings ({', '.join(changed)}); choose another folder")
