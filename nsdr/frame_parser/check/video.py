@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +14,7 @@ from nsdr.errors import VideoError
 from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
 from nsdr.frame_parser.check.layout import find_layout, part_of
 from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, SPACING_FRAMES, needed_levels, reasons
-from nsdr.frame_parser.check.shots import change, first_shot, is_cut
+from nsdr.frame_parser.check.shots import first_shot, until_cut
 from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
 from nsdr.validation import PositiveCount, Settings
 
@@ -150,7 +149,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         brightness = float(sample.frames[0].mean())
         color = "black" if brightness < DARK else "white" if brightness > WHITE else "one flat colour"
         return VideoCheck((f"the background is {color}",))
-    frames = _until_cut(sample.frames[start:])
+    frames = until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
     box, layout, expected, warned = find_layout(median, sample.size_px, known)
     image, frames = part_of(median, box), part_of(frames, box)
@@ -167,11 +166,3 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     for is_certain, text in reasons(frames, image, reference, ground, levels is not None):
         (refused if is_certain else warned).append(text)
     return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground)
-
-
-def _until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    changes = [0.0, *(change(a, b) for a, b in pairwise(frames))]
-    for k in range(1, len(frames) - 1):
-        if is_cut(changes[k - 1], changes[k], changes[k + 1]):
-            return frames[:k]
-    return frames
