@@ -158,6 +158,7 @@ class Iep(Modular):
     def __init__(self, config: ModularConfig, sizes: Sizes) -> None:
         super().__init__(config, sizes)
         self.program_modules = nn.ModuleDict({name: _Residual(config.width, n) for name, n in INSTRUCTIONS.items()})
+        initialise(self, nn.init.kaiming_normal_)
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
         """As of `Modular`, with (N, F, h, w, width) everywhere; a module without arguments reads the features."""
