@@ -15,6 +15,7 @@ from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_for
 from nsdr.language.slots import Slot
 from nsdr.language.texts import in_words
 from nsdr.question_parser.base import Parser
+from nsdr.question_parser.contents import content_readings
 from nsdr.question_parser.grammar import GrammarParser, NoReadingError
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
@@ -166,6 +167,12 @@ class AutoParser(Parser):
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
         """As of `Parser`. A program of the second parser comes with a warning that says what was understood."""
         found = self.grammar.parse_batch(texts, kind)
+        for i, text in enumerate(texts):
+            if isinstance(found[i], NoReadingError) and not normal_form(text).left_out:
+                programs = content_readings(text, kind)
+                if len(programs) == 1:
+                    found[i] = Program.parse(programs[0])
+                    warnings.warn(f"{text!r}: understood as {in_words(found[i])!r}", stacklevel=4)
         unread = [
             i for i, f in enumerate(found) if isinstance(f, NoReadingError) and not normal_form(texts[i]).left_out
         ]
