@@ -27,7 +27,7 @@ from nsdr.training.dynamics import StateModelTask
 from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
 from nsdr.training.loop import LoopConfig, Task
 from nsdr.training.patch_dynamics import PatchModelTask
-from nsdr.training.question_parser_task import QuestionParserTask, QuestionParserTraining
+from nsdr.training.question_parser import QuestionParserTask, QuestionParserTraining
 from nsdr.training.track_task import DynamicsTraining
 from tests.conftest import draw_frame
 from tests.second_device import second_device

@@ -28,7 +28,7 @@ from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.training.frame_parser import FrameParserTraining
 from nsdr.training.loop import LoopConfig
-from nsdr.training.question_parser_task import QuestionParserTraining
+from nsdr.training.question_parser import QuestionParserTraining
 from nsdr.training.track_task import DynamicsTraining
 
 NAN, INF = float("nan"), float("inf")

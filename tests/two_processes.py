@@ -16,7 +16,7 @@ from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.training.dynamics import StateModelTask
 from nsdr.training.loop import LoopConfig, Task, train
 from nsdr.training.patch_dynamics import PatchModelTask
-from nsdr.training.question_parser_task import QuestionParserTask, QuestionParserTraining
+from nsdr.training.question_parser import QuestionParserTask, QuestionParserTraining
 from nsdr.training.track_task import DynamicsTraining
 
 

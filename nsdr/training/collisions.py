@@ -82,8 +82,8 @@ class CollisionTask(Task):
         self.config = config
         torch.manual_seed(config.loop.seed)
         self.model: nn.Module = CollisionNetwork(config.model)
-        cache = f"{config.run_dir}/motion.npz"
-        data = read_motion_dataset(config.proposals, config.truth, cache, config.limit or None)
+        kept = f"{config.run_dir}/motion.npz"
+        data = read_motion_dataset(config.proposals, config.truth, kept, config.limit or None)
         is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.proposals)
         self.data: MotionDataset = data.subset(~is_held_out)
         self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
@@ -121,21 +121,16 @@ class CollisionTask(Task):
         """A scene's arrays, mirrored, with noise, and perhaps with a gap or an error in one object's track."""
         c, rng, a = self.config, np.random.default_rng(example.seed), self.arrays[example.scene]
         location = a.location_world + c.noise_world * rng.normal(size=a.location_world.shape)
-        detected, reliable, hidden, box = a.detected, a.reliable, a.hidden, a.box_px
-        stretch = self._stretch(example.scene, rng) if rng.random() < c.gap_share else None
-        if stretch is not None:
+        detected, reliable, hidden, box = (x.copy() for x in (a.detected, a.reliable, a.hidden, a.box_px))
+        if rng.random() < c.gap_share and (stretch := self._stretch(example.scene, rng)):
             i, frames = stretch
-            detected, reliable, hidden, box = detected.copy(), reliable.copy(), hidden.copy(), box.copy()
             detected[i, frames] = reliable[i, frames] = False
             hidden[i, frames] = False
             seen, every = np.flatnonzero(detected[i]), np.arange(detected.shape[1])
-            for values in (location[i], box[i]):
-                for column in values.T:
-                    column[frames] = np.interp(every, seen, column[seen])[frames]
-        stretch = self._stretch(example.scene, rng) if rng.random() < c.bias_share else None
-        if stretch is not None:
+            for column in (*location[i].T, *box[i].T):
+                column[frames] = np.interp(every, seen, column[seen])[frames]
+        if rng.random() < c.bias_share and (stretch := self._stretch(example.scene, rng)):
             i, frames = stretch
-            reliable, hidden = reliable.copy(), hidden.copy()
             reliable[i, frames] = False
             hidden[i, frames, rng.integers(4)] = detected[i, frames]
             length = frames.stop - frames.start

@@ -89,29 +89,18 @@ class StateModelTask(TrackTask):
         Returns:
             location: (B, N, K, 2) float32, noisy, rotated and mirrored (world units); outside the video extrapolated.
             reliable: (B, N, K) bool, False outside the video.
-            static: (B, N, 5) float32, one-hot shape and material.
-            exists: (B, N) bool, objects that are present.
-            until: (B, N, N) int64, frames from the present to the pair's collision, negative after it.
+            static, exists, until: as of `targets`.
         """
         scenes, frames, noise, yaw, mirror = drawn
-        data = self.data
-        index = frames[:, None] + offsets
-        inside = (index >= 0) & (index <= LAST_FRAME)
-        clipped = np.clip(index, 0, LAST_FRAME)
-        rows = scenes[:, None]
+        index, rows = frames[:, None] + offsets, scenes[:, None]
         extended = np.clip(index + self.margin, 0, self.locations.shape[2] - 1)
         location = self.locations[rows, :, extended].transpose(0, 2, 1, 3)  # (B, N, K, 2)
         rotation = np.stack([np.cos(yaw), -np.sin(yaw) * mirror, np.sin(yaw), np.cos(yaw) * mirror], 1)
         location = np.einsum("bnki,bji->bnkj", location + noise, rotation.reshape(-1, 2, 2)).astype(np.float32)
-        reliable = data.reliable[rows, :, clipped].transpose(0, 2, 1) & inside[:, None]
-        present = data.present[scenes, :, frames]
-        return {
-            "location": torch.from_numpy(location),
-            "reliable": torch.from_numpy(reliable),
-            "static": torch.from_numpy(data.static[scenes]),
-            "exists": torch.from_numpy(data.exists[scenes] & present),
-            "until": torch.from_numpy((data.collision_frame[scenes] - frames[:, None, None]).astype(np.int64)),
-        }
+        is_inside = (index >= 0) & (index <= LAST_FRAME)
+        reliable = self.data.reliable[rows, :, np.clip(index, 0, LAST_FRAME)].transpose(0, 2, 1) & is_inside[:, None]
+        motion = {"location": torch.from_numpy(location), "reliable": torch.from_numpy(reliable)}
+        return motion | self.targets(scenes, frames, location.shape[1])
 
     def losses(self, model: nn.Module, batch: Mapping[str, Mapping[str, Tensor]]) -> dict[str, LossTerm]:
         """`motion` and `collision` of the forward network on windows (B, N, ...), and `observed`, the observer's collisions."""

@@ -105,7 +105,7 @@ def load_coco_weights(model: FrameParserNetwork) -> list[str]:
     """Copy the weights of torchvision's Mask R-CNN of COCO, which the paper starts from.
 
     The outputs for COCO's classes have no counterpart and stay as they are. torchvision's file is downloaded once and its
-    checksum verified; only tensors are read from it.
+    checksum verified.
 
     Returns:
         Names of the tensors that were copied.
@@ -113,12 +113,11 @@ def load_coco_weights(model: FrameParserNetwork) -> list[str]:
     Raises:
         DataError: another architecture, or the file cannot be had; says where it is looked for.
     """
-    found = model.config.backbone, model.config.fpn_channels
-    if found != COCO_NETWORK:
+    c, (backbone, channels) = model.config, COCO_NETWORK
+    if (c.backbone, c.fpn_channels) != COCO_NETWORK:
         raise DataError(
-            "pretrained is 'coco', which needs model.backbone {} with {} fpn_channels; got {} with {}".format(
-                *COCO_NETWORK, *found
-            )
+            f"pretrained is 'coco', which needs model.backbone {backbone} with {channels} fpn_channels; got {c.backbone} "
+            f"with {c.fpn_channels}"
         )
     weights = MaskRCNN_ResNet50_FPN_Weights.COCO_V1
     try:

@@ -83,9 +83,7 @@ class PatchModelTask(TrackTask):
         Returns:
             boxes: (B, N, K, 4) float32, noisy, in units of `BOX_SCALE`.
             reliable: (B, N, K) bool.
-            static: (B, N, 5) float32, one-hot shape and material.
-            exists: (B, N) bool, objects that are present.
-            until: (B, N, N) int64, frames from the present to the pair's collision, negative after it.
+            static, exists, until: as of `targets`.
         """
         scenes, frames, noise, mirror = map(np.stack, zip(*examples, strict=True))
         n = noise.shape[1]
@@ -93,15 +91,8 @@ class PatchModelTask(TrackTask):
         boxes = self.boxes[scenes[:, None], :n, index + self.margin].transpose(0, 2, 1, 3) + noise.astype(np.float32)
         boxes[..., 0] *= mirror[:, None, None]
         reliable = self.data.reliable[scenes[:, None], :n, np.maximum(index, 0)].transpose(0, 2, 1)
-        exists = self.data.exists[scenes] & self.data.present[scenes, :, frames]
-        until = (self.data.collision_frame[scenes] - frames[:, None, None]).astype(np.int64)
-        return {
-            "boxes": torch.from_numpy(np.ascontiguousarray(boxes)),
-            "reliable": torch.from_numpy(reliable),
-            "static": torch.from_numpy(self.data.static[scenes, :n]),
-            "exists": torch.from_numpy(exists[:, :n]),
-            "until": torch.from_numpy(until[:, :n, :n]),
-        }
+        motion = {"boxes": torch.from_numpy(np.ascontiguousarray(boxes)), "reliable": torch.from_numpy(reliable)}
+        return motion | self.targets(scenes, frames, n)
 
     def _offsets(self) -> NDArray[np.int_]:
         """(K,) frames of a window's samples, from its present."""

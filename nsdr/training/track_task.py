@@ -108,18 +108,12 @@ class TrackTask(Task):
         self.data: MotionDataset = data.subset(~is_held_out)
         self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
         self.object_count = self.data.exists.sum(1)
-        n = self.data.collision_frame.shape[1]
-        collisions = np.argwhere(self.data.collision_frame * np.triu(np.ones((n, n), int), 1) > 0)
-        self._pools = {0: (np.arange(len(self.data)), collisions)}
-        for count in np.unique(self.object_count).tolist():
-            alike = self.object_count == count
-            self._pools[count] = np.flatnonzero(alike), collisions[alike[collisions[:, 0]]]
+        self.collisions = np.argwhere(np.triu(self.data.collision_frame, 1) > 0)
 
     def read(self) -> MotionDataset:
         """The scenes to train and evaluate on; kept in the run's folder, so that a resumed run need not make them again."""
         c = self.config
-        cache = f"{c.run_dir}/motion.npz"
-        return read_motion_dataset(c.proposals, c.truth, cache, c.limit or None)
+        return read_motion_dataset(c.proposals, c.truth, f"{c.run_dir}/motion.npz", c.limit or None)
 
     def states(self, index: int) -> tuple[MotionStates, list[Event]]:
         """A held-out scene and its true collisions."""
@@ -134,7 +128,8 @@ class TrackTask(Task):
         `frames_after` frames after it, perhaps outside the video; in the others, scene and present are uniform. With
         `objects`, only scenes with this number of objects are drawn.
         """
-        pool, collisions = self._pools[objects]
+        is_drawn = self.object_count == objects if objects else np.ones(len(self.data), bool)
+        pool, collisions = np.flatnonzero(is_drawn), self.collisions[is_drawn[self.collisions[:, 0]]]
         scenes = pool[rng.integers(len(pool), size=size)]
         frames = rng.integers(FIRST_PRESENT_FRAME, LAST_FRAME, size=size)
         if not len(collisions):
@@ -144,6 +139,22 @@ class TrackTask(Task):
         collision_frames = self.data.collision_frame[picked[:, 0], picked[:, 1], picked[:, 2]]
         shifted = collision_frames + rng.integers(-frames_before, frames_after + 1, size=size)
         return np.where(near, picked[:, 0], scenes), np.where(near, shifted, frames)
+
+    def targets(self, scenes: NDArray[Any], frames: NDArray[Any], n: int) -> dict[str, Tensor]:
+        """What windows of scenes (B,) with present frames (B,) have beside their motion, of the first n objects.
+
+        Returns:
+            static: (B, n, 5) float32, one-hot shape and material.
+            exists: (B, n) bool, objects that are present.
+            until: (B, n, n) int64, frames from the present to the pair's collision, negative after it.
+        """
+        d = self.data
+        until = (d.collision_frame[scenes] - frames[:, None, None]).astype(np.int64)
+        return {
+            "static": torch.from_numpy(d.static[scenes, :n]),
+            "exists": torch.from_numpy((d.exists[scenes] & d.present[scenes, :, frames])[:, :n]),
+            "until": torch.from_numpy(until[:, :n, :n]),
+        }
 
     def measure(self, predictor: StatePredictor | PatchPredictor) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""

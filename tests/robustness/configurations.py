@@ -11,7 +11,7 @@ import yaml
 from nsdr.generate.dataset import DatasetConfig
 from nsdr.pipeline import PipelineConfig
 from nsdr.training.frame_parser import FrameParserTraining
-from nsdr.training.question_parser_task import QuestionParserTraining
+from nsdr.training.question_parser import QuestionParserTraining
 from nsdr.training.track_task import DynamicsTraining
 from tests.robustness.case import Case, Write, text_writer
 from tests.robustness.files import gzip_bomb
