@@ -222,7 +222,7 @@ def _with_pairs(parts: list[str | Slot]) -> list[str | Slot]:
         first, second = parts[i], parts[end] if end < len(parts) else ""
         if parts[i - 1] != "the" or parts[i + 1] != "and" or not isinstance(first, Slot) or first.form != "A":
             continue
-        if isinstance(second, Slot) and (second.form == "NS" or second.form == "N" and end == i + 3):
+        if isinstance(second, Slot) and (second.form == "NS" or (second.form == "N" and end == i + 3)):
             named = {CATEGORY[w] for w in first.words}
             both = [w for w in second.words if CATEGORY[w] not in named]
             pair = Slot("N", in_order((*first.words, *both))), "and", "the", Slot("N", second.words)

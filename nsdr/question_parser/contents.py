@@ -1,8 +1,8 @@
-"""Programs of texts by what they mention, whatever the order of their words: weaker than a reading, for texts that have none.
+"""Programs of texts by what they mention, whatever the order of their words: weaker than a reading, for texts without one.
 
-"When the red block comes in, there is a green object in motion: what shape is it?" mentions a shape that is asked for, an object
-that moves, and a clause of time. The rules (read_contents.rules of `nsdr.language`) say which contents stand for one program. So
-every word counts but function words; how the words are arranged does not, except within phrases such as "how many red cubes".
+"When the red block comes in, there is a green object in motion: what shape is it?" mentions a shape that is asked for, an
+object that moves, and a clause of time. The rules (read_contents.rules of `nsdr.language`) say which contents stand for one
+program. So every word counts but function words; how they are arranged does not, except in phrases ("how many red cubes").
 """
 
 import re
@@ -63,7 +63,7 @@ def content_readings(text: str, kind: str) -> list[list[str]]:
 def _clause_of_time(rules: Rules, words: Sequence[str | Slot]) -> tuple[int, int]:
     """Where the first clause of time starts, and its longest reading ends; (0, 0) if there is none."""
     for start, word in enumerate(words):
-        symbol = TIMES.get(MEANINGS.get(str(word), ""))
+        symbol = TIMES.get(MEANINGS.get(str(word), ""), "")
         for end in range(len(words), start, -1) if symbol else ():
             if rules.read(symbol, words[start:end]):
                 return start, end
@@ -82,9 +82,9 @@ def _contents(words: Sequence[str | Slot]) -> list[str | Slot]:
     for slot in words:
         if isinstance(slot, Slot) and not any(_is_named_by(slot, other, "collision" in meanings) for other in slots):
             slots.append(slot)
-    in_order = [meaning for meaning in MEANINGS_IN_ORDER if meaning in meanings]
-    in_order.remove("happen") if "happen" in meanings and "without" not in meanings else None
-    return [*in_order, *slots, *meanings.difference(MEANINGS_IN_ORDER)]
+    if "without" not in meanings:
+        meanings.discard("happen")
+    return [*(meaning for meaning in MEANINGS_IN_ORDER if meaning in meanings), *slots, *meanings.difference(MEANINGS_IN_ORDER)]
 
 
 def _is_named_by(slot: Slot, other: Slot, is_collision: bool) -> bool:
