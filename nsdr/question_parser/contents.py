@@ -84,7 +84,11 @@ def _contents(words: Sequence[str | Slot]) -> list[str | Slot]:
             slots.append(slot)
     if "without" not in meanings:
         meanings.discard("happen")
-    return [*(meaning for meaning in MEANINGS_IN_ORDER if meaning in meanings), *slots, *meanings.difference(MEANINGS_IN_ORDER)]
+    return [
+        *(meaning for meaning in MEANINGS_IN_ORDER if meaning in meanings),
+        *slots,
+        *meanings.difference(MEANINGS_IN_ORDER),
+    ]
 
 
 def _is_named_by(slot: Slot, other: Slot, is_collision: bool) -> bool:
