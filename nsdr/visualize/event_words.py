@@ -3,11 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.symbolic.traces import percent
+from nsdr.symbolic.world import VERBS
 from nsdr.types import DynamicsPrediction, Event, EventChange, Rollout, Scene, Simulation
 from nsdr.types.interventions import intervention_text
 from nsdr.world.physics_constants import FRAME_SECONDS
 
-__all__ = ["approach_speeds", "change_text", "event_text", "hitter", "interventions_text", "percent"]
+__all__ = ["change_text", "event_text", "hitter", "interventions_text"]
 
 WINDOW_FRAMES = 6
 """Frames before a collision whose displacement gives the velocities."""
@@ -80,11 +82,4 @@ def change_text(simulation: Simulation, change: EventChange) -> str:
     before = "" if change.kind != "other frame" else f" instead of {change.before}"
     event = change.event
     names = [f"the {simulation.objects[i].name}" for i in event.objects]
-    happens = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}[event.kind].format(*names)
-    return f"{change.kind}: {happens} (frame {event.frame}{before}{probable})"
-
-
-def percent(probability: float) -> str:
-    """A probability (0-1) as "77 %", never as certainty."""
-    rounded = round(100 * probability)
-    return f"{'>99' if rounded == 100 else '<1' if rounded == 0 else rounded} %"
+    return f"{change.kind}: {VERBS[event.kind].format(*names)} (frame {event.frame}{before}{probable})"
