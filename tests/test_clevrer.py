@@ -11,7 +11,6 @@ import pytest
 import nsdr.clevrer
 from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
 from nsdr.clevrer.example import QUESTIONS
-from nsdr.clevrer.files.masks import mask_numbers
 from nsdr.clevrer.files.proposals import (
     proposals_document,
     proposals_from_rows,
@@ -144,17 +143,10 @@ def square(x: int, y: int) -> str:
     return rle.encode(np.asfortranarray(mask))["counts"].decode()
 
 
-def test_mask_numbers() -> None:
-    mask = np.zeros((320, 480), np.uint8)
-    mask[10:20, 30:50] = 1
-    assert mask_numbers(mask) == ((40.0, 15.0), 200, (30, 10, 50, 20))
-    assert mask_numbers(np.zeros((320, 480), np.uint8))[1] == 0
-
-
 def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:
     rows = [(0, 7, 0.99, square(5, 6)), (2, 20, 0.5, square(100, 100))]
     proposals = proposals_from_rows(3, rows)
-    document = proposals_document(proposals, 12, "video_00012.mp4")
+    document = proposals_document(proposals, "video_00012.mp4")
     assert [len(f["objects"]) for f in document["frames"]] == [1, 0, 1]
     (tmp_path / "p.json").write_text(json.dumps(document))
     back = read_proposals(tmp_path / "p.json")
