@@ -4,11 +4,11 @@ import json
 import os
 import re
 import socket
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
+from msgspec.structs import replace
 
 from nsdr import DataError, Scene, load, verify
 from nsdr.clevrer import example
