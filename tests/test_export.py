@@ -4,11 +4,12 @@ import json
 import os
 import re
 import socket
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 import yaml
+from msgspec.structs import replace
 
 from nsdr import DataError, Scene, load, verify
 from nsdr.clevrer import example

@@ -219,7 +219,9 @@ def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[
 
 def _q_type_report(row: ExperimentRow, config: EvaluationConfig) -> dict[str, Any]:
     listed, _ = selected_questions(config)
-    scenes = [replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed]
+    scenes = [
+        msgspec.structs.replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed
+    ]
     training = read_questions(row.training) if row.training else None
     try:
         return score_answers(q_type_answers(scenes, row.baseline, training=training))
