@@ -88,7 +88,8 @@ class QuestionConfig(Settings):
         extensions: whether each video also gets questions beyond CLEVRER, about speeds, directions and masses.
         changed_per_video: max number of what-if questions about changed objects, for truth files of scenes with CLEVRER's
             physics; each takes seconds of simulation.
-        plain_per_video: max number of questions about objects alone, for the training of networks.
+        plain_per_video: max number of questions about objects alone, for the training of networks; a generated data set has
+            them in its training split only.
     """
 
     per_video: Mapping[Annotated[str, one_of(PER_VIDEO)], NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
