@@ -33,7 +33,7 @@ from nsdr.pipeline import Perception, Pipeline
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.grammar import extension_readings
 from nsdr.rewards import exact
-from nsdr.symbolic import explain, format_trace
+from nsdr.symbolic import format_trace
 from nsdr.tracking.tracker import tracks_from_motion
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera
@@ -154,7 +154,6 @@ def test_changed_objects_are_simulated_once_each(known: Scene) -> None:
     executor = Executor(known, simulate=simulate)
     answer = executor.judge(TWICE, [("b", COLLIDES), ("a", COLLIDES.replace("green", "red"))][:1], "What if …?")
     assert [c.answer for c in answer.choices] == ["correct"]
-    assert "happens with the blue rubber sphere twice as heavy" in explain(answer, known)
     assert executor.run(f"{COLLIDES} {TWICE} negate") is False
     assert asked == [(SetMass(1, 2.0), 0)]
     sphere = "objects red filter_color sphere filter_shape unique"
@@ -222,7 +221,7 @@ def test_physics_fits_its_scene(known: Scene) -> None:
         ("How fast is the red cube moving at the end of the video?", f"{RED} {END} query_speed"),
         ("When the video begins, how fast is the red cube?", f"{RED} {START} query_speed"),
         ("Which direction is the red cube moving when the video ends?", f"{RED} {END} query_direction"),
-        ("Does the red cube weigh less than the blue one?", f"{BLUE} {RED} is_heavier"),
+        ("Does the red cube weigh less than the blue object?", f"{BLUE} {RED} is_heavier"),
         ("Which of the red cube and the blue object is heavier?", f"{RED} {BLUE} get_heavier query_name"),
         ("Which sphere moves the fastest?", "objects sphere filter_shape null filter_fastest unique query_name"),
         ("What colour is the lightest object?", "objects filter_lightest unique query_color"),

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import nsdr
+from nsdr.claims.narration import reasons
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import find_files
 from nsdr.pipeline import Pipeline
-from nsdr.symbolic import explain, format_tree
+from nsdr.symbolic import format_tree
 from nsdr.types import Add, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
 
@@ -251,10 +252,9 @@ class AgentTools:
             scene = self._pipeline.perceive(path).scene
             found = self._pipeline.answer(path, **asked)
         choices = [
-            ChoiceView(c.choice, c.answer, c.probability, "" if c.error else explain(c, scene), c.error)
-            for c in found.choices
+            ChoiceView(c.choice, c.answer, c.probability, " ".join(reasons(c, scene)), c.error) for c in found.choices
         ]
-        why = "" if choices else explain(found, scene)
+        why = "" if choices else " ".join(reasons(found, scene))
         trace = format_tree(found.trace) if found.trace else " ".join(found.program)
         return AnswerView(found.answer, found.probability, why, trace, choices)
 
