@@ -11,7 +11,7 @@ backend are based. About 10 seconds a scene with two what-if questions, 2 second
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -21,14 +21,14 @@ import numpy as np
 from nsdr import Scene, load_backend
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import read_proposals
-from nsdr.clevrer.files.questions import Question
+from nsdr.clevrer.files.questions import Question, SceneQuestions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import ExecutionError
 from nsdr.evaluation.measures import accuracy_interval
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.questions.candidates import EXTENSION_KINDS
-from nsdr.generate.questions.selection import ExtensionSelection, QuestionConfig, find_candidates
+from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.symbolic import Executor
@@ -44,12 +44,12 @@ FITTED = 0.15
 """Mass ratios with a smaller standard deviation are those that the data tell something about (log)."""
 
 
-def questions_of(path: Path, selection: ExtensionSelection, n_changed: int) -> list[Question]:
-    """Questions beyond CLEVRER about a truth file."""
-    truth = read_truth_file(path)
-    item = (truth["scene_index"], "", scene_from_truth(truth), TruthWorlds(truth))
-    found = find_candidates(item, QuestionConfig(extensions=True, changed_per_video=n_changed))
-    return selection.questions(found.extensions, found.changed, 0)
+def questions_of(paths: Iterable[Path], n_changed: int) -> Iterator[SceneQuestions]:
+    """Questions beyond CLEVRER about truth files."""
+    config = QuestionConfig(per_video={}, extensions=True, changed_per_video=n_changed)
+    truths = map(read_truth_file, paths)
+    scenes = ((t["scene_index"], "", scene_from_truth(t), TruthWorlds(t)) for t in truths)
+    return select_questions((find_candidates(scene, config) for scene in scenes), config)
 
 
 def judged(question: Question, executor: Executor, parser: GrammarParser) -> Iterator[tuple[str, str]]:
@@ -160,9 +160,11 @@ def main() -> None:
     options = parser.parse_args()
     backend: Any = load_backend(find_checkpoint("default"), "physics")
     question_parser = GrammarParser(extensions=True)
-    selection, outcomes, pairs = ExtensionSelection(0, 4), list[Outcome](), []
-    for index in range(options.first, options.first + options.scenes):
-        path = next(options.data.glob(f"truth/*/truth_{index:05d}.json"))
+    outcomes, pairs = list[Outcome](), []
+    indices = range(options.first, options.first + options.scenes)
+    paths = [next(options.data.glob(f"truth/*/truth_{index:05d}.json")) for index in indices]
+    asked = questions_of(paths, options.changed)
+    for index, path in zip(indices, paths, strict=True):
         tracks = track(read_proposals(options.proposals / f"proposal_{index:05d}.json"))
         scene = scene_from_prediction(backend.predict(tracks))
         if options.errors:
@@ -173,7 +175,7 @@ def main() -> None:
             return backend.simulate(tracks, [change], frame).changed.collisions
 
         executor = Executor(scene, simulate=simulate)
-        for question in questions_of(path, selection, options.changed):
+        for question in next(asked).questions:
             outcomes += [(*found, index) for found in judged(question, executor, question_parser)]
     if options.errors:
         print_errors(pairs)

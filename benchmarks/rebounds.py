@@ -19,7 +19,7 @@ import numpy as np
 from nsdr.dynamics.physics.contact_geometry import SPHERE
 from nsdr.dynamics.physics.forces import VELOCITY, approach, drift, slow_down, speed_after
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
-from nsdr.generate.physics import Body, Simulator
+from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.world.physics_constants import (
     CONTACT_THRESHOLD_WORLD,
     OBJECT_RADIUS_WORLD,

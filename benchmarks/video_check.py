@@ -75,7 +75,7 @@ def judge(path: Path, kind: str, right: str, work: Path) -> bool:
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         n = sum(1 for _ in clip_frames(path, VideoConfig("warn")))
-    found = "doubtful" if check.kind == "in" and warned else check.kind
+    found = "warned" if check.kind == "in" and warned else check.kind
     reasons = "; ".join(str(w.message).split(": ", 1)[1] for w in warned)
     g = check.ground
     figures = (
@@ -121,14 +121,14 @@ def main() -> None:
                 if options.only in kind:
                     case(kind, right, change_frames(original))
             for kind, rate in RATES.items():
-                case(kind, "in, doubtful", at_rate(original, rate), rate)
+                case(kind, "in, warned", at_rate(original, rate), rate)
         print("foreign")
         for kind, (right, make) in FOREIGN.items():
             if options.only in kind:
                 case(kind, right, make(np.random.default_rng(0)))
         for photo in options.photo:
             image = cv2.resize(cv2.imread(str(photo), cv2.IMREAD_COLOR_RGB), (900, 600))
-            case(photo.name, "out", np.stack([image[f : f + 320, 3 * f : 3 * f + 480] for f in range(128)]))
+            case(photo.name, "refused", np.stack([image[f : f + 320, 3 * f : 3 * f + 480] for f in range(128)]))
     print(f"{wrong} of {total} classed wrongly")
 
 

@@ -3,11 +3,11 @@
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from numbers import Integral
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.io.configuration import config_of
 from nsdr.io.limits import check_limit
 from nsdr.io.video import sample_frames
-from nsdr.validation import convert
+from nsdr.validation import Count, PositiveCount, Settings, convert
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import rendered_rotation
 from nsdr.world.timeline import FPS
@@ -67,6 +67,23 @@ class _Truth:
         places = self.states[frame, :, STATE["location"]]
         turns = Rotation.from_quat(self.states[frame, :, STATE["rotation"]]).as_matrix()
         return [Solid(shape, place, turn) for shape, place, turn in zip(shapes, places, turns, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Options(Settings):
+    length: Count
+    step: PositiveCount
+    hop: Count
+    image_size: tuple[PositiveCount, PositiveCount] | None
+    max_objects: PositiveCount
+
+
+class _ManifestConfig(msgspec.Struct):
+    render: dict[str, Any]
+
+
+class _Manifest(msgspec.Struct):
+    config: _ManifestConfig
 
 
 class VideoDataset(Dataset[dict[str, Tensor]]):
@@ -118,16 +135,12 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         flow: bool = False,
         max_objects: int = 8,
     ) -> None:
-        for name, value, least in (
-            ("length", length, 0),
-            ("step", step, 1),
-            ("hop", hop, 0),
-            ("max_objects", max_objects, 1),
-        ):
-            if not _is_whole(value) or value < least:
-                raise DataError(f"{name} is {value!r}; expected a whole number, {least} or more")
+        _Options(length, step, hop, image_size, max_objects)
         if image_size is not None:
-            _check_size(image_size)
+            height = max(
+                image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX
+            )  # masks are cast at the release's aspect ratio
+            check_limit(height * height * WIDTH_PX // HEIGHT_PX, "image_pixels", f"image_size {tuple(image_size)}")
         if not images and (masks or flow) and image_size is None:
             raise DataError("image_size: masks and flow without images need a size")
         self._root, self._split = Path(root), CLEVRER(root).split(split)
@@ -266,18 +279,10 @@ def _truth_of(
     )
 
 
-class _ManifestConfig(TypedDict):
-    render: dict[str, Any]
-
-
-class _Manifest(TypedDict):
-    config: _ManifestConfig
-
-
 def _render_config(manifest: Mapping[str, Any], root: Path) -> RenderConfig:
     """The rendering options of a generated data set."""
     where = f"{root / 'manifest.json'}"
-    values = convert(manifest, _Manifest, f"{where}: ")["config"]["render"]
+    values = convert(manifest, _Manifest, f"{where}: ").config.render
     try:
         config = config_of(RenderConfig, {f.name: values[f.name] for f in fields(RenderConfig) if f.name in values})
     except DataError as e:
@@ -285,19 +290,6 @@ def _render_config(manifest: Mapping[str, Any], root: Path) -> RenderConfig:
     if config.fps != FPS:
         raise DataError(f"{root}: its videos have {config.fps} frames per second; expected {FPS}")
     return config
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def _check_size(image_size: Any) -> None:
-    """Masks are cast at the release's aspect ratio, in a size around the one wanted."""
-    is_pair = isinstance(image_size, tuple | list) and len(image_size) == 2
-    if not is_pair or not all(_is_whole(n) and n >= 1 for n in image_size):
-        raise DataError(f"image_size is {image_size!r:.60}; expected height and width")
-    height = max(image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX)
-    check_limit(height * height * WIDTH_PX // HEIGHT_PX, "image_pixels", f"image_size {tuple(image_size)}")
 
 
 def _resized(image: NDArray[Any], size: tuple[int, int], how: int) -> NDArray[Any]:

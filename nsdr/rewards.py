@@ -17,8 +17,7 @@ from typing import Any
 from nsdr.claims.statements import PAST_KINDS
 from nsdr.claims.verification import Claim, Verification, verify
 from nsdr.clevrer.answers.responses import TAG, Response, read_response
-from nsdr.clevrer.files.annotations import check_annotation, check_truth
-from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
@@ -146,20 +145,13 @@ def read_scene(path: str) -> Scene:
     Raises:
         DataError: the file is none of these; names it and what was expected.
     """
-    if path.endswith(".npz"):
+    content = {"type": "Scene"} if path.endswith(".npz") else read_json(path)
+    if isinstance(content, dict) and content.get("type") == "Scene":
         return load(Scene, path)
-    content = read_json(path)
-    known = content if isinstance(content, dict) else {}
-    if known.get("type") == "Scene":
-        return load(Scene, path)
-    if "motion_trajectory" in known:
-        frames = known["motion_trajectory"]
-        check_annotation(known, len(frames) if isinstance(frames, list) else 0, f"{path}: ")
-        return scene_from_annotation(known)
-    if "counterfactual" in known:
-        check_truth(known, where=f"{path}: ")
-        return scene_from_truth(known)
-    raise DataError(f"{path}: expected a truth file, an annotation or a saved scene")
+    scenes = [scene for _, _, scene in iterate_scenes(path)]
+    if len(scenes) != 1:
+        raise DataError(f"{path}: expected a truth file, an annotation or a saved scene, got {len(scenes)} scenes")
+    return scenes[0]
 
 
 def _capped(claims: Iterable[Claim]) -> int:

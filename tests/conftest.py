@@ -108,6 +108,22 @@ def tiny_frames(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
+def looked_at(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """The frames that frame parsers process from now on; nothing is detected in them."""
+    import torch
+
+    frames: list[np.ndarray] = []
+    empty = {"boxes": (0, 4), "masks": (0, 1, 28, 28), "scores": (0,), "attribute": (0, 48)}
+
+    def detect(batch: list[np.ndarray]) -> list[dict[str, torch.Tensor]]:
+        frames.extend(batch)
+        return [{name: torch.zeros(shape) for name, shape in empty.items()} for _ in batch]
+
+    monkeypatch.setattr("nsdr.frame_parser.parser.Detector", lambda *_: detect)
+    return frames
+
+
+@pytest.fixture
 def tiny_motion(tmp_path: Path) -> tuple[Path, Path]:
     """Compact proposals and truth of four made-up scenes: one object runs into a resting one at frame 40."""
     import gzip

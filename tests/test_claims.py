@@ -58,7 +58,7 @@ def answers(scene: Scene, seed: int, n: int) -> list[Answer]:
     found = [executor.answer(d.program, d.text) for d in rng.sample(open_ones, min(n, len(open_ones)))]
     multiple = list(multiple_choice_questions(scene, rng))
     for m in rng.sample(multiple, min(n, len(multiple))):
-        found.append(executor.judge(m.program, [(o.text, o.program) for o in m.options], m.text))
+        found.append(executor.judge(m.program, [(o.text, o.program) for o in m.choices], m.text))
     return found
 
 

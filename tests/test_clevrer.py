@@ -11,7 +11,6 @@ import pytest
 import nsdr.clevrer
 from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
 from nsdr.clevrer.example import QUESTIONS
-from nsdr.clevrer.files.masks import mask_numbers
 from nsdr.clevrer.files.proposals import (
     proposals_document,
     proposals_from_rows,
@@ -142,13 +141,6 @@ def square(x: int, y: int) -> str:
     mask = np.zeros((320, 480), np.uint8)
     mask[y : y + 10, x : x + 20] = 1
     return rle.encode(np.asfortranarray(mask))["counts"].decode()
-
-
-def test_mask_numbers() -> None:
-    mask = np.zeros((320, 480), np.uint8)
-    mask[10:20, 30:50] = 1
-    assert mask_numbers(mask) == ((40.0, 15.0), 200, (30, 10, 50, 20))
-    assert mask_numbers(np.zeros((320, 480), np.uint8))[1] == 0
 
 
 def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:

@@ -4,7 +4,7 @@ import json
 import os
 import re
 import socket
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -28,7 +28,7 @@ from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
 from nsdr.generate.export import EXPORTERS, Export, ExportConfig, Exporter, export_dataset, scene_records
 from nsdr.generate.export.base import write_json_lines
-from nsdr.generate.export.records import reasoner
+from nsdr.generate.export.records import COLUMNS, Record, reasoner
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
 from nsdr.rewards import trace_verified
@@ -229,8 +229,11 @@ def test_the_card_has_licence_and_statistics(root, tmp_path) -> None:
     values = yaml.safe_load(metadata)
     assert (values["license"], values["size_categories"]) == ("cc-by-4.0", ["n<1K"])
     assert "| train | 3 | 9 | 0 |" in text
+    assert [f.name for f in fields(Record)] == list(COLUMNS)
+    assert all(f"\n| `{name}` | " in text for name in COLUMNS)
+    assert all(f"`{name}`" in PAGE.read_text().split("## Fields")[1].split("## GRPO")[0] for name in COLUMNS)
     assert "### Train: options by answer\n\n| correct | wrong |\n|---|---|\n| 6 | 6 |" in text
-    assert "### Train: tags of counterfactual options\n\n| inferential | observational |\n|---|---|\n| 3 | 3 |" in text
+    assert "### Train: counterfactual options by tag\n\n| inferential | observational |\n|---|---|\n| 3 | 3 |" in text
 
 
 def test_parquet_files_have_a_limited_size(root, tmp_path, monkeypatch, offline) -> None:
@@ -399,12 +402,10 @@ def test_the_examples_of_the_docs_run(root, tmp_path, offline, monkeypatch, caps
 
 
 def test_another_package_adds_a_format(root, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(EXPORTERS, "_parts", dict(EXPORTERS._parts))
-
     def write(export: Export) -> None:
         write_json_lines(export, lambda record: {"question": record.question})
 
-    EXPORTERS.register("texts", Exporter(write))
+    monkeypatch.setattr(EXPORTERS, "_parts", {**EXPORTERS._parts, "texts": Exporter(write)})
     summaries = export_dataset(ExportConfig(str(root), str(tmp_path / "out"), "texts", ("validation",)))
     assert summaries["validation"].questions == 3
     assert rows(tmp_path / "out" / "validation.jsonl")[0] == {"question": OPEN.text}

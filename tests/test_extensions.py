@@ -439,7 +439,7 @@ def test_what_if_questions_are_simulated_by_bullet(truths) -> None:
     scene, worlds = scene_from_truth(truth), TruthWorlds(truth)
     found = next(changed_questions(scene, worlds, random.Random(0), 1))
     executor = Executor(scene, simulate=worlds)
-    assert all(executor.run([*o.program, *found.program]) is o.correct for o in found.options)
+    assert all(executor.run([*o.program, *found.program]) is (o.answer == "correct") for o in found.choices)
     candidates = find_candidates((0, "v", scene, worlds), QuestionConfig(extensions=True, changed_per_video=1))
     (questions,) = select_questions([candidates], QuestionConfig(extensions=True, changed_per_video=1))
     assert all(isinstance(c, Choice) for q in questions.questions for c in q.choices)

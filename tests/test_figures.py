@@ -1,6 +1,5 @@
 """`nsdr figures`: distributions, program-count curve and samples; their looks are checked by eye."""
 
-import json
 from itertools import combinations
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from nsdr.clevrer.files.questions import Choice, Question, read_questions
 from nsdr.cli.main import main
 from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.types import Answer, ChoiceAnswer
-from nsdr.visualize import program_curve, question_figure, sample_image, training_curves
+from nsdr.visualize import program_curve, question_figure, sample_image
 from nsdr.visualize.samples import RIGHT_COLOR, WRONG_COLOR, _lines
 
 ROOT = Path(__file__).parent.parent
@@ -54,25 +53,6 @@ def test_the_curve_has_a_line_for_each_question_type() -> None:
     assert [t.get_text() for t in programs.get_xticklabels()] == ["10", "all"]
 
 
-def test_training_curves_show_the_loss_of_each_run(tmp_path, capsys) -> None:
-    lines = [{"step": 20, "loss": 1.5}, {"step": 30, "found": 0.4}, {"step": 40, "loss": 0.5}]
-    (axes,) = training_curves({"mac": lines}).axes
-    smoothed, logged = axes.lines
-    assert [tuple(point) for point in logged.get_xydata()] == [(20, 1.5), (40, 0.5)]
-    assert [tuple(point) for point in smoothed.get_xydata()] == [(20, 1.5), (40, 0.5)]  # too few to smooth
-    steps = [{"step": step, "loss": float(step >= 50)} for step in range(100)]
-    assert training_curves({"mac": steps}).axes[0].lines[0].get_ydata()[[0, 42, 50, 57, 99]].tolist() == pytest.approx(
-        [0, 0, 8 / 15, 1, 1]
-    )
-    for name, content in (("mac", "".join(f"{json.dumps(line)}\n" for line in lines)), ("iep", "[]\n")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "metrics.jsonl").write_text(content)
-    assert main(["figures", "--runs", str(tmp_path / "mac"), "-o", str(tmp_path)]) == 0
-    assert (tmp_path / "training_curves.png").stat().st_size > 1000
-    assert main(["figures", "--runs", str(tmp_path / "iep"), "-o", str(tmp_path)]) == 2
-    assert "metrics.jsonl: not the metrics of a training" in capsys.readouterr().err
-
-
 def test_a_sample_marks_answers_by_the_ground_truth() -> None:
     choices = (Choice(0, "the presence of the cube", None, "correct"), Choice(1, "the cube's exit", None, "wrong"))
     question = Question(0, "Which?", "explanatory", None, None, None, choices)
@@ -110,7 +90,7 @@ def test_the_command_writes_each_figure_whose_input_is_given(tmp_path, capsys) -
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "expected some of --questions, --ablation, --samples and --runs"),
+        ([], "expected some of --questions, --ablation and --samples"),
         (["--ablation", "QUESTIONS"], "not the CSV file of an ablation"),
         (["--questions", "QUESTIONS", "--show", "1:2"], "--show would do nothing without --samples; leave it out"),
         (["--samples", "QUESTIONS"], "--samples needs --videos FOLDER and --show SCENE:QUESTION"),

@@ -25,8 +25,9 @@ from nsdr.io.files import atomic_path, locked, write_json
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import write_video
 from nsdr.training import run_folder
-from nsdr.training.loop import LoopConfig, LossTerm, Task, train
+from nsdr.training.loop import LoopConfig, train
 from nsdr.visualize.figures import causal_figure, figure_png
+from tests.test_training import Line
 
 
 class Disk:
@@ -65,26 +66,6 @@ def contents(folder: Path) -> dict[str, bytes]:
     """All files but TensorBoard's, of which each start has one, and the ledger; without the times that trainings took."""
     files = (p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(("events", ".fingerprints")))
     return {str(p.relative_to(folder)): re.sub(rb'"(cpu_)?seconds": [\d.]+', b"", p.read_bytes()) for p in files}
-
-
-class Line(Task):
-    """Fits y = w x."""
-
-    def __init__(self) -> None:
-        torch.manual_seed(0)
-        self.model = torch.nn.Linear(1, 1)
-
-    def draw(self, count: int, rng: np.random.Generator) -> list[float]:
-        return rng.normal(size=count).tolist()
-
-    def collate(self, examples):
-        return torch.tensor(examples)[:, None]
-
-    def losses(self, model, batch):
-        return {"fit": LossTerm((model(batch) - 3 * batch).square().sum(), len(batch))}
-
-    def evaluate(self, model):
-        return {"weight": model.weight.item()}
 
 
 def test_a_training_survives_a_full_disk_at_every_write(tmp_path, monkeypatch) -> None:
@@ -141,7 +122,7 @@ def test_jobs_survive_a_full_disk_at_every_write(tmp_path) -> None:
 
 def test_what_a_full_disk_left_of_the_ledgers_last_line_costs_one_job(tmp_path) -> None:
     run_jobs(work, [Job("1", "a", tmp_path / "1", "f")], tmp_path, workers=1)
-    for torn in (b'["1", "f', b"5\n", b"\xff\xfe\n"):
+    for torn in (b'\n["1", "f', b"\n5\n", b"\n\xff\xfe\n"):
         with (tmp_path / ".fingerprints.jsonl").open("ab") as ledger:
             ledger.write(torn)
         summary = run_jobs(work, [Job(n, "a", tmp_path / n, "f") for n in "12"], tmp_path, workers=1)

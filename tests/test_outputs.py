@@ -70,7 +70,7 @@ def test_good_outputs_leave_no_trace(places: Path) -> None:
     ("arguments", "message"),
     [
         (["parse-video", VIDEO, "-o", "OUT/fixed/scene.json"], "read-only"),
-        (["parse-video", VIDEO, "-o", "OUT/s.json", "--image", "OUT/x.zebra"], "x.zebra"),
+        (["parse-video", VIDEO, "-o", "OUT/s.json", "--proposals-out", "OUT/x.zebra"], "x.zebra"),
         (["parse-video", VIDEO, "-o", "OUT/s.json", "--proposals-out", "OUT/s.json"], "already another"),
         (["parse-videos", "OUT", "-o", "OUT/file.json"], "is no folder"),
         (["predict-dynamics", "OUT", "-o", "OUT/fixed/x"], "read-only"),

@@ -466,7 +466,7 @@ def test_checkpoints_of_another_network_are_named(observer: StatePredictor, pape
         load_backend(tmp_path / "paper")
     description = tmp_path / "state" / "dynamics.json"
     for old, new, reason in (
-        ('"hidden": 16', '"hidden": 8', "tensors do not fit"),
+        ('"hidden": 16', '"hidden": 8', "size mismatch"),
         ('"hidden": 8', '"hidden": "x"', "hidden"),
     ):
         description.write_text(description.read_text().replace(old, new))

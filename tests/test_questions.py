@@ -18,14 +18,14 @@ from nsdr.cli.main import main
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
-from nsdr.generate.questions.selection import (
-    Candidates,
-    QuestionConfig,
-    find_candidates,
-    generate_questions,
-    select_questions,
+from nsdr.generate.questions.candidates import (
+    descriptive_questions,
+    family,
+    form,
+    is_negated,
+    multiple_choice_questions,
 )
+from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
 from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.language.texts import clevrer, described
@@ -46,7 +46,7 @@ def scenes(truths) -> list[tuple[int, str, Scene]]:
 
 
 @pytest.fixture(scope="module")
-def many_candidates() -> list[Candidates]:
+def many_candidates() -> list[SceneQuestions]:
     return [find_candidates(scene) for scene in many_scenes(60)]
 
 
@@ -98,13 +98,13 @@ def test_scenes_with_partial_truth_get_fewer_types(small_scene) -> None:
     types = {q.type for s in generate_questions([(0, "v", partial)] * 3) for q in s.questions}
     assert types == {"descriptive", "explanatory"}
     candidates = find_candidates((0, "v", partial))
-    assert not any("filter_moving" in d.program or "filter_stationary" in d.program for d in candidates.descriptive)
+    assert not {"filter_moving", "filter_stationary"} & {token for q in candidates.questions for token in q.program}
 
 
 def test_all_families_of_the_release_are_asked(scenes) -> None:
-    families = {d.family for _, _, s in scenes for d in descriptive_questions(s, random.Random(0))}
+    families = {family(q) for _, _, s in scenes for q in descriptive_questions(s, random.Random(0))}
     partner = "events objects unique filter_collision {} objects unique get_col_partner query_color"
-    for family in (
+    for known in (
         "events objects filter_collision count",
         "events events objects unique filter_in unique filter_after objects filter_in exist",
         "events events objects unique filter_in unique filter_before objects filter_collision count",
@@ -118,19 +118,20 @@ def test_all_families_of_the_release_are_asked(scenes) -> None:
         ),
         "events objects filter_in last filter_order get_object query_material",
     ):
-        assert family in families, family
+        assert known in families, known
     texts = [m for _, _, s in scenes for m in multiple_choice_questions(s, random.Random(0))]
-    assert {(m.type, m.negated) for m in texts} == {
+    assert {(m.type, is_negated(m)) for m in texts} == {
         ("explanatory", False),
         ("explanatory", True),
         ("predictive", False),
         ("counterfactual", False),
         ("counterfactual", True),
     }
-    assert {o.kind for m in texts if m.type == "explanatory" for o in m.options} == {
-        "presence",
-        "collision",
-        "entrance",
+    kinds = {family(o) for m in texts if m.type == "explanatory" for o in m.choices}
+    assert kinds == {
+        "objects unique",
+        "events objects unique filter_collision objects unique filter_collision unique",
+        "events objects unique filter_in unique",
     }
 
 
@@ -193,12 +194,10 @@ def test_answers_are_balanced_within_each_type(many_candidates) -> None:
 
 
 def test_the_form_of_a_question_does_not_tell_its_answer(many_candidates) -> None:
-    candidates = {(c.scene_index, d.text): d for c in many_candidates for d in c.descriptive}
     answers: dict[tuple[str, str], Counter[str]] = {}
     for scene in select_questions(many_candidates, QuestionConfig()):
         for q in (q for q in scene.questions if q.type == "descriptive"):
-            asked = candidates[scene.scene_index, q.text]
-            answers.setdefault((asked.subtype, asked.form), Counter())[asked.answer] += 1
+            answers.setdefault((q.subtype, form(q)), Counter())[q.answer] += 1
     for subtype, n_answers in {"count": 4, "exist": 2, "query_color": 8, "query_shape": 3, "query_material": 2}.items():
         forms = [counts for (of, _), counts in answers.items() if of == subtype and counts.total() > 2]
         n = sum(counts.total() for counts in forms)
@@ -236,7 +235,7 @@ def test_test_questions_carry_no_tags(generated) -> None:
 def counterfactual_options(share: float | None, n_scenes: int = 60, per_video: float = 1.864) -> Counter[tuple]:
     """Numbers of selected options by tag and answer."""
     candidates = [
-        Candidates(i, name, (), tuple(multiple_choice_questions(scene, random.Random(i))))
+        SceneQuestions(i, name, tuple(multiple_choice_questions(scene, random.Random(i))))
         for i, name, scene in many_scenes(n_scenes)
     ]
     config = QuestionConfig({"counterfactual": per_video}, inferential_share=share)
@@ -341,7 +340,7 @@ def test_questions_without_answers_have_no_programs_either(generated) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"per_video": {"riddle": 1.0}}, "per_video: expected some of count"),
+        ({"per_video": {"riddle": 1.0}}, "per_video: expected keys that are one of count"),
         ({"max_options": 1}, r"max_options: expected .* from 2 to 26.* got 1"),
         ({"max_options": 27}, r"max_options: expected .* from 2 to 26.* got 27"),
     ],

@@ -35,15 +35,15 @@ def npz(path: Path, **members: bytes) -> Path:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"", "Expecting value"),
+        (b"", "truncated"),
         (b"[" * 100_000 + b"]" * 100_000, "nested too deeply"),
-        (b'{"a": ' + b"9" * 5_000 + b"}", "integer string"),
+        (b'{"a": ' + b"9" * 5_000 + b"}", "out of range"),
         (GOOD.decode().encode("utf-16"), "not UTF-8 text at byte 0"),
-        (GOOD[:-4], "Expecting"),
-        (GOOD + b"garbage", "Extra data"),
-        (b'{"a": NaN}', "NaN is no number"),
-        (b'{"a": -Infinity}', "-Infinity is no number"),
-        (b'{"a": "\\ud800"}', "surrogates not allowed"),
+        (GOOD[:-4], "truncated"),
+        (GOOD + b"garbage", "trailing characters"),
+        (b'{"a": NaN}', "invalid character"),
+        (b'{"a": -Infinity}', "invalid character"),
+        (b'{"a": "\\ud800"}', "truncated"),
         (GZIPPED[:-9], "end too early"),
         (GZIPPED + b"more", "data after the end"),
         (GZIPPED[:20] + b"\x00" + GZIPPED[21:], ""),
@@ -56,7 +56,7 @@ def test_bad_json_is_refused_by_name(content, reason, tmp_path) -> None:
     with pytest.raises(DataError, match=rf"bad\.json: not a readable JSON file \(.*{re.escape(reason)}"):
         read_json(path)
     with pytest.raises(CheckpointError, match=r"bad\.json"):
-        read_json(path, CheckpointError)
+        read_json(path, error=CheckpointError)
 
 
 def test_json_may_be_gzipped_and_have_a_byte_order_mark() -> None:
@@ -96,9 +96,9 @@ def test_compressed_files_are_limited_before_they_fill_the_memory(tmp_path, monk
 @pytest.mark.parametrize(
     ("member", "reason"),
     [
-        (npy("(300000000,)", data=bytes(80)), "does not fit the 80 stored bytes"),
-        (npy("(-1,)"), "does not fit"),
-        (npy("(2,)", "|O", bytes(16)), "does not fit"),
+        (npy("(300000000,)", data=bytes(80)), "reading array data"),
+        (npy("(-1,)"), "negative dimensions"),
+        (npy("(2,)", "|O", bytes(16)), "Object arrays"),
         (b"\x93NUMPY\x09\x00", "version"),
         (b"nothing", "magic"),
     ],

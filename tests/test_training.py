@@ -219,7 +219,7 @@ def test_shipped_configurations_are_read(part, tasks, monkeypatch) -> None:
             part.main(["--config", str(path)])
 
 
-class _Line(Task):
+class Line(Task):
     """Fits y = w x; with `explode`, one of its losses is not finite."""
 
     def __init__(self, explode: bool = False) -> None:
@@ -243,9 +243,9 @@ class _Line(Task):
 
 def test_loop_fits_a_line(tmp_path) -> None:
     config = LoopConfig(steps=300, learning_rate=0.1, device="cpu", save_every=1000)
-    assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
+    assert train(Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
     # A finished run is not repeated: its metrics are read.
-    assert train(_Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
+    assert train(Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
 
 
 def test_two_processes_train_one_model_as_one_process_with_twice_the_batch(tiny_motion, tmp_path) -> None:
@@ -272,18 +272,18 @@ def test_two_processes_train_one_model_as_one_process_with_twice_the_batch(tiny_
 
 def test_a_loss_that_is_not_finite_names_the_term(tmp_path) -> None:
     with pytest.raises(FloatingPointError, match=r"step 0: loss is not finite \(bad\)"):
-        train(_Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {})
+        train(Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {})
 
 
 def test_the_averaged_weights_are_kept_and_resume(tmp_path, monkeypatch) -> None:
     config = LoopConfig(steps=40, batch_size=8, learning_rate=0.05, ema=0.9, save_every=10, device="cpu")
-    task = _Line()
+    task = Line()
     metrics = train(task, config, tmp_path / "whole", {})
     assert metrics["weight"] == pytest.approx(task.model.weight.item())
-    plain = _Line()
+    plain = Line()
     train(plain, replace(config, ema=0.0), tmp_path / "plain", {})
     assert plain.model.weight.item() != task.model.weight.item()
-    interrupted = _Line()
+    interrupted = Line()
     collate = interrupted.collate
     calls = iter(range(100))
 
@@ -295,20 +295,20 @@ def test_the_averaged_weights_are_kept_and_resume(tmp_path, monkeypatch) -> None
     interrupted.collate = killed
     with pytest.raises(KeyboardInterrupt):
         train(interrupted, config, tmp_path / "killed", {})
-    resumed = _Line()
+    resumed = Line()
     train(resumed, config, tmp_path / "killed", {})
     assert resumed.model.weight.item() == task.model.weight.item()
 
 
 def test_metrics_are_those_of_the_averaged_weights(tmp_path) -> None:
-    task = _Line()
+    task = Line()
     config = LoopConfig(steps=5, learning_rate=0.5, ema=0.99, save_every=5, evaluate_every=5, device="cpu")
     metrics = train(task, config, tmp_path, {})
     saved = load_file(tmp_path / "step_0000005.safetensors")["model/weight"].item()
     assert metrics["weight"] == task.model.weight.item() != saved
 
 
-class _KilledInEvaluation(_Line):
+class _KilledInEvaluation(Line):
     def evaluate(self, model):
         raise _Killed
 
@@ -318,12 +318,12 @@ def test_a_run_that_is_killed_in_an_evaluation_keeps_its_steps(tmp_path) -> None
     with pytest.raises(_Killed):
         train(_KilledInEvaluation(), config, tmp_path, {})
     assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3]
-    task = _Line()
+    task = Line()
     task.draw = None  # no step is repeated
     assert train(task, config, tmp_path, {}).keys() == {"weight"}
     assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4]
     assert {"loss", "weight"} <= set(lines(tmp_path)[-1])
-    whole = _Line()
+    whole = Line()
     train(whole, config, tmp_path / "whole", {})
     assert lines(tmp_path) == lines(tmp_path / "whole")
 
@@ -331,16 +331,16 @@ def test_a_run_that_is_killed_in_an_evaluation_keeps_its_steps(tmp_path) -> None
 def test_a_resumed_run_repeats_no_line(tmp_path) -> None:
     """Killed after the lines of steps 3 and 4 were written, with a checkpoint of step 2 and a torn line at the end."""
     config = LoopConfig(steps=5, log_every=1, save_every=2, device="cpu")
-    train(_Line(), config, tmp_path / "whole", {})
-    train(_Line(), config, tmp_path / "broken", {})
+    train(Line(), config, tmp_path / "whole", {})
+    train(Line(), config, tmp_path / "broken", {})
     for path in (tmp_path / "broken").glob("step_*"):
         path.unlink()
-    train(_Line(), replace(config, steps=2), tmp_path / "short", {})
+    train(Line(), replace(config, steps=2), tmp_path / "short", {})
     for path in (tmp_path / "short").glob("step_*"):
         shutil.copy(path, tmp_path / "broken")
     with open(tmp_path / "broken" / "metrics.jsonl", "a") as file:
         file.write('{"step": 6, "lo')
-    train(_Line(), config, tmp_path / "broken", {})
+    train(Line(), config, tmp_path / "broken", {})
     short = {line["step"]: line for line in lines(tmp_path / "broken")}
     assert [line["step"] for line in lines(tmp_path / "broken")] == [1, 2, 3, 4, 5]
     assert short[1] == lines(tmp_path / "whole")[0]
@@ -348,14 +348,14 @@ def test_a_resumed_run_repeats_no_line(tmp_path) -> None:
 
 def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, caplog) -> None:
     config = LoopConfig(steps=6, log_every=1, save_every=2, device="cpu")
-    task = _Line()
+    task = Line()
     train(task, config, tmp_path, {})
     assert sorted(p.name for p in tmp_path.glob("step_*.json")) == ["step_0000004.json", "step_0000006.json"]
     newest = tmp_path / "step_0000006.safetensors"
     content = newest.read_bytes()
     for damaged in (content[:40], content[:-1] + bytes([content[-1] ^ 1])):  # torn; one bit flipped in a number
         newest.write_bytes(damaged)
-        resumed = _Line()
+        resumed = Line()
         caplog.clear()
         train(resumed, config, tmp_path, {})
         assert "step_0000006: damaged" in caplog.text
@@ -365,19 +365,19 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, caplog) -> 
     for path in tmp_path.glob("step_*.safetensors"):
         path.write_bytes(b"")
     with pytest.raises(DataError, match="no checkpoint can be read; delete the folder to start again"):
-        train(_Line(), config, tmp_path, {})
+        train(Line(), config, tmp_path, {})
 
 
 def test_what_a_kill_left_of_checkpoints_is_removed(tmp_path) -> None:
     """Killed while a new one was written, while an old one was deleted, and while a line was appended."""
     config = LoopConfig(steps=6, log_every=1, save_every=2, device="cpu")
-    train(_Line(), config, tmp_path, {})
+    train(Line(), config, tmp_path, {})
     expected = {p.name for p in tmp_path.iterdir() if not p.name.startswith("events")}
     for suffix in ("json", "safetensors"):
         shutil.copy(tmp_path / f"step_0000004.{suffix}", tmp_path / f"step_0000002.{suffix}")
     (tmp_path / ".step_0000006.partial.safetensors").write_text("half")
     (tmp_path / ".metrics.partial.jsonl").write_text("half")
-    train(_Line(), config, tmp_path, {})
+    train(Line(), config, tmp_path, {})
     assert {p.name for p in tmp_path.iterdir() if not p.name.startswith("events")} == expected
     assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4, 5, 6]
 
@@ -388,7 +388,7 @@ def test_events_are_written_as_they_happen(tmp_path) -> None:
     config = LoopConfig(steps=4, log_every=1, save_every=2, device="cpu")
     with pytest.raises(_Killed):
         train(_KilledInEvaluation(), config, tmp_path, {})
-    train(_Line(), config, tmp_path, {})
+    train(Line(), config, tmp_path, {})
     events = EventAccumulator(str(tmp_path)).Reload()
     assert [e.step for e in events.Scalars("loss")] == [1, 2, 3, 4]
     assert [e.step for e in events.Scalars("weight")] == [4]
@@ -397,15 +397,15 @@ def test_events_are_written_as_they_happen(tmp_path) -> None:
 
 def test_a_run_that_never_got_to_a_checkpoint_does_not_refuse_another_configuration(tmp_path) -> None:
     with pytest.raises(FloatingPointError):
-        train(_Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {"learning_rate": 100})
-    train(_Line(), LoopConfig(steps=3, device="cpu"), tmp_path, {"learning_rate": 1})
+        train(Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {"learning_rate": 100})
+    train(Line(), LoopConfig(steps=3, device="cpu"), tmp_path, {"learning_rate": 1})
     assert json.loads((tmp_path / "config.json").read_text())["config"] == {"learning_rate": 1}
 
 
 @pytest.mark.parametrize("fast", [True, False])
 def test_automatic_precision_is_bfloat16_only_where_it_is_fast(fast: bool, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(torch.cpu, CPU_CHECK, lambda: fast)
-    task, casts = _Line(), []
+    task, casts = Line(), []
     task.model = torch.nn.Sequential(task.model)
     task.model[0].register_forward_pre_hook(lambda *_: casts.append(torch.is_autocast_enabled("cpu")))
     task.evaluate = lambda model: {}

@@ -18,10 +18,10 @@ from nsdr.clevrer.answers.answer_files import read_submission
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.files.annotations import check_truth, check_truth_blocks
-from nsdr.clevrer.files.masks import mask_numbers, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.masks import numbers_of_runs, runs_of_mask
 from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.predictions import predictions_from_document
-from nsdr.clevrer.files.proposals import ground_truth_of, proposals_from_document, read_compact_proposals
+from nsdr.clevrer.files.proposals import ground_truth_of, parse_proposals, read_compact_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import VARIABLE
@@ -67,7 +67,7 @@ def question_file() -> list[dict[str, Any]]:
 
 
 def test_the_good_documents_are_accepted() -> None:
-    assert proposals_from_document(proposals(), "p").n_frames == 3
+    assert parse_proposals(json.dumps(proposals()).encode(), "p").n_frames == 3
     assert ground_truth_of(proposals(), "p")["collisions"] == []
     check_truth(truth())
     predictions_from_document(predictions())
@@ -82,7 +82,7 @@ def test_the_good_documents_are_accepted() -> None:
         (lambda d: d.update(n_frames=10**9), r"n_frames: expected 3 to 10000, got 1000000000"),
         (lambda d: d.update(n_frames=2), "n_frames: expected 3 to 10000, got 2"),
         (lambda d: d["frames"][0]["objects"].extend(d["frames"][0]["objects"] * 240), "241 frame_objects, more than 100"),
-        (lambda d: d["frames"][1]["objects"][0].update(score=float("inf")), "score: expected a number from 0 to 1"),
+        (lambda d: d["frames"][1]["objects"][0].update(score=2), "score: expected a number from 0 to 1"),
         (lambda d: d["frames"][1]["objects"][0].update(score=10**400), "score: expected a number from 0 to 1"),
         (lambda d: d["frames"][1]["objects"][0]["mask"].update(size=[10**6, 10**6]), r"size: expected \[320, 480\]"),
         (lambda d: d["frames"][1]["objects"][0]["mask"].update(counts="zebra"), "counts: expected .*run"),
@@ -96,7 +96,7 @@ def test_bad_proposals(change, message) -> None:
     document = proposals()
     change(document)
     with pytest.raises(DataError, match=f"p.json.*{message}"):
-        proposals_from_document(document, "p.json")
+        parse_proposals(json.dumps(document).encode(), "p.json")
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_bad_questions(change, message, tmp_path) -> None:
 
 def test_question_files_end_after_their_list(tmp_path) -> None:
     (tmp_path / "q.json").write_text(QUESTIONS.read_text() + "[]")
-    with pytest.raises(DataError, match=r"q\.json: .*Extra data"):
+    with pytest.raises(DataError, match=r"q\.json: .*trailing characters"):
         read_questions(tmp_path / "q.json")
     (tmp_path / "q.json").write_bytes(b"\xef\xbb\xbf" + QUESTIONS.read_bytes())
     assert read_questions(tmp_path / "q.json") == read_questions(QUESTIONS)
@@ -247,13 +247,13 @@ COMPACT = {"video": [1, 1], "frame": [0, 1], "attr": [3, 3], "score": [255, 255]
     ("changes", "message"),
     [
         ({"frame": [1, 0]}, "row 1: expected ascending videos and frames, got video 1, frame 0 after"),
-        ({"frame": [0, 20_000]}, "frame: expected 0 to 9999, found 0 to 20000"),
+        ({"frame": [0, 20_000]}, "frame: 20,001 frames, more than 10,000"),
         ({"frame": [0, 5]}, "video 1 has 3 frames, row 1 frame 5"),
         ({"attr": [48, 0]}, "attr: expected 0 to 47"),
         ({"score": [-1, 0]}, "score: expected 0 to 255"),
-        ({"score": [0.5, 0.5]}, "score: expected whole numbers"),
-        ({"area": [9, 0]}, "area: expected 1 to 153600, found 0 to 9"),
-        ({"area": [9]}, "area: expected whole numbers of the shape"),
+        ({"score": [0.5, 0.5]}, "score: expected dtype kind"),
+        ({"area": [9, 0]}, "area: expected 1 to 153600, got 0"),
+        ({"area": [9]}, "area: expected the shape"),
         ({"box": [[0, 0, 3, 3], [3, 0, 3, 3]]}, r"box: row 1: expected left < right.*got \[3, 0, 3, 3\]"),
         ({"box": [[0, 0, 3, 321]] * 2}, "bottom up to 320"),
         ({name: [] for name in COMPACT}, "expected at least 1 row"),
@@ -265,6 +265,15 @@ def test_bad_compact_files(changes, message, tmp_path) -> None:
     np.savez(tmp_path / "c.npz", **{**COMPACT, **changes})
     with pytest.raises(DataError, match=rf"c\.npz: .*{message}"):
         list(read_compact_proposals(tmp_path / "c.npz", {1: 3}))
+
+
+def mask_numbers(mask: np.ndarray) -> tuple[Any, ...]:
+    """Centroid, area and bounding box of the pixels."""
+    rows, columns = np.nonzero(mask)
+    if not len(rows):
+        return (0.0, 0.0), 0, (0, 0, 0, 0)
+    box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+    return (columns.mean() + 0.5, rows.mean() + 0.5), len(rows), box
 
 
 def test_masks_give_the_same_numbers_from_runs_and_pixels() -> None:
@@ -294,7 +303,7 @@ def test_changed_values_never_crash_a_reader(data, tmp_path) -> None:
     )  # fmt: skip
     readers = {
         "questions": (question_file, lambda d, p: (p.write_text(json.dumps(d)), read_questions(p))),
-        "proposals": (proposals, lambda d, _: (proposals_from_document(d, "p"), ground_truth_of(d, "p"))),
+        "proposals": (proposals, lambda d, _: (parse_proposals(json.dumps(d).encode(), "p"), ground_truth_of(d, "p"))),
         "truth": (truth, lambda d, _: check_truth(d)),
         "predictions": (predictions, lambda d, _: predictions_from_document(d)),
         "scene": (
@@ -333,8 +342,8 @@ def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30
     ("change", "message"),
     [
         (lambda d: d.update(objects=5), "objects: expected a list, got 5"),
-        (lambda d: d.update(zebra=5), "unknown key 'zebra' of a Scene"),
-        (lambda d: d.pop("events"), "missing key 'events' of a Scene"),
+        (lambda d: d.update(zebra=5), "not a Scene: got an unexpected keyword argument 'zebra'"),
+        (lambda d: d.pop("events"), "not a Scene: missing a required argument: 'events'"),
         (lambda d: d.update(n_frames=500), r"Scene.visible: expected the shape \(6, 500\)"),
         (lambda d: d.update(n_frames=True), "n_frames: expected a whole number from 1 on, got True"),
         (lambda d: d["events"][0].update(frame=1.5), r"events\[0\]: Event.frame: expected a whole number from -1 on, got 1.5"),
@@ -342,13 +351,13 @@ def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30
         (lambda d: d["events"][0].update(frame=-1), "expected objects from 0 to 5 at a frame"),
         (lambda d: d["events"][0].update(objects=[0, 99]), "expected objects from 0 to 5 at a frame"),
         (lambda d: d["events"].append(7), r"events\[7\]: expected a Event, got 7"),
-        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen, counterfactual and uncertain events: frame: 1(,000){4}"),
+        (lambda d: d["unseen"][0].update(frame=10**12), r"unseen\[0\]\.frame: 1(,000){4}"),
         (lambda d: d["counterfactual"].update(map={}), r"counterfactual\.map: expected a list"),
         (lambda d: d["counterfactual"]["map"].append([99, []]), "counterfactual: expected object ids from 0 to 5 as keys"),
         (lambda d: d.update(uncertain=[uncertain(probability=1.5)]), "probability: expected a number from 0 to 1, got 1.5"),
         (lambda d: d.update(uncertain=[uncertain(probability="a")]), r"probability: expected a number from 0 to 1, got 'a'"),
         (lambda d: d.update(uncertain=[uncertain(removed=9)]), "Scene.uncertain: expected removed objects from 0 to 5, got 9"),
-        (lambda d: d.update(uncertain=[uncertain(frame=10**12)]), r"uncertain events: frame: 1(,000){4}"),
+        (lambda d: d.update(uncertain=[uncertain(frame=10**12)]), r"uncertain\[0\]\.event\.frame: 1(,000){4}"),
         (lambda d: d["visible"].update(dtype="object"), r"visible\.dtype: expected one of bool"),
         (lambda d: d["visible"].update(shape=[10**6, 10**6]), "visible: expected 1000000000000 values"),
         (lambda d: d["visible"].update(shape=[-1, 128]), r"visible\.shape\[0\]: expected a whole number from 0 on, got -1"),
@@ -399,33 +408,32 @@ def archive(folder: Path, name: str, change: Any = None, content: bytes = b"x") 
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "message"),
+    ("name", "change"),
     [
-        ("../../x/video_00000.mp4", None, "leads out of the folder"),
-        ("/abs/video_00000.mp4", None, "leads out of the folder"),
-        ("a/../../video_00000.mp4", None, "leads out of the folder"),
-        ("C:/video_00000.mp4", None, "leads out of the folder"),
-        ("video_00000.mp4", lambda info: setattr(info, "external_attr", 0o120777 << 16), "is a link"),
+        ("../../x/video_00000.mp4", None),
+        ("/abs/video_00000.mp4", None),
+        ("a/../../video_00000.mp4", None),
+        ("C:/video_00000.mp4", None),
+        ("video_00000.mp4", lambda info: setattr(info, "external_attr", 0o120777 << 16)),
     ],
 )
-def test_hostile_zips_are_refused(name, change, message, tmp_path) -> None:
-    archive(tmp_path, name, change)
-    before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(DataError, match=rf"video_train\.zip: .*{message}"):
-        CLEVRER(tmp_path).split("train").video(0)
-    assert sorted(tmp_path.rglob("*")) == before
+def test_members_of_hostile_zips_stay_beside_the_zip_as_files(name, change, tmp_path) -> None:
+    path = archive(tmp_path, name, change)
+    before = set(tmp_path.rglob("*"))
+    video = CLEVRER(tmp_path).split("train").video(0)
+    assert (video.read_bytes(), video.is_symlink()) == (b"x", False)
+    assert set(tmp_path.rglob("*")) == before | {video, path.with_suffix("")}
+    assert video == path.with_suffix("") / "video_00000.mp4"
 
 
-@pytest.mark.parametrize(
-    ("offset", "value", "message"), [(8, 1, "is encrypted"), (10, 99, "unknown compression method 99")]
-)
+@pytest.mark.parametrize(("offset", "value", "message"), [(8, 1, "is encrypted"), (10, 99, "compression method")])
 def test_unreadable_members_are_refused(offset, value, message, tmp_path) -> None:
     path = archive(tmp_path, "video_00000.mp4")
     data = bytearray(path.read_bytes())
     entry = data.index(b"PK\x01\x02")  # of the central directory
     data[entry + offset] = value
     path.write_bytes(data)
-    with pytest.raises(DataError, match=rf"video_train\.zip: 'video_00000\.mp4': {message}"):
+    with pytest.raises(DataError, match=rf"video_train\.zip: not a readable zip \(.*{message}"):
         CLEVRER(tmp_path).split("train").video(0)
 
 
@@ -437,7 +445,7 @@ def test_large_and_damaged_members_are_refused(tmp_path, monkeypatch) -> None:
     with pytest.raises(DataError, match=r"video_train\.zip: not a readable zip \(Bad CRC"):
         CLEVRER(tmp_path).split("train").video(0)
     monkeypatch.setenv(VARIABLE, "member_bytes=100")
-    with pytest.raises(DataError, match=r"video_train\.zip: 'video_00000\.mp4': 500 member_bytes, more than 100"):
+    with pytest.raises(DataError, match=r"video_train\.zip:video_00000\.mp4: 500 member_bytes, more than 100"):
         CLEVRER(tmp_path).split("train").video(0)
 
 
@@ -513,7 +521,7 @@ def test_bad_frame_records(changes, message, tmp_path) -> None:
     ("segmentation", "message"),
     [
         ([[0, 0, 3]], "expected a list of x and y of 3 or more corners"),
-        ([[0, 0, 3, 0, 3, 1e9]], "expected a number from -1 to 7"),
+        ([[0, 0, 3, 0, 3, 1e9]], "expected numbers from -1 to 7"),
         ([], "expected at least one polygon"),
         ({"size": [4, 6], "counts": [3, -3, 24]}, "counts: expected runs of the image's 4x6"),
         ({"size": [4, 6], "counts": [3, 4]}, "counts: expected runs of the image's 4x6"),

@@ -106,8 +106,8 @@ def test_the_preview_renderers_images_are_in() -> None:
 )
 def test_other_videos_are_out(clip, change, reason: str) -> None:
     found = seen(change(clip))
-    assert found.kind == "out"
-    assert any(reason in text for text in found.refusals), found.refusals
+    assert found.kind == "refused"
+    assert any(reason in text for text in found.refused), found.refused
 
 
 @pytest.mark.parametrize(
@@ -131,10 +131,10 @@ def test_other_videos_are_out(clip, change, reason: str) -> None:
         (lambda f: f[:, :, 26:-26], "taken as the middle"),
     ],
 )
-def test_doubtful_videos_say_why(clip, change, reason: str) -> None:
+def test_unusual_videos_say_why(clip, change, reason: str) -> None:
     found = seen(change(clip))
-    assert found.kind == "doubtful"
-    assert any(reason in text for text in found.doubts), found.doubts
+    assert found.kind == "warned"
+    assert any(reason in text for text in found.warned), found.warned
 
 
 def test_bars_are_found_to_the_pixel(clip) -> None:
@@ -171,7 +171,7 @@ def test_exposure_and_contrast_are_corrected(clip, change) -> None:
 
 def test_cropped_videos_keep_their_levels(clip) -> None:
     found = seen(resized(clip[:, 32:-32, 48:-48], 480, 320))
-    assert found.kind == "doubtful"
+    assert found.kind == "warned"
     assert found.levels is None
 
 
@@ -208,7 +208,7 @@ def test_an_own_background(tmp_path) -> None:
     frames = np.stack([empty] * 4)
     frames[:, 150:180, 200:230] = np.arange(4)[:, None, None, None] * 60
     write_video(tmp_path / "v.mp4", frames.repeat(3, 0))
-    assert check_video(tmp_path / "v.mp4", VideoConfig("warn")).kind == "out"
+    assert check_video(tmp_path / "v.mp4", VideoConfig("warn")).kind == "refused"
     assert check_video(tmp_path / "v.mp4", VideoConfig(background=str(tmp_path / "empty.png"))).kind == "in"
     with pytest.raises(DataError, match=r"none\.png: no such file; expected an image"):
         read_background(tmp_path / "none.png")
@@ -284,8 +284,8 @@ def write_kind(path, kind: str) -> None:
         ("empty", r"is empty \(0 bytes\)"),
         ("text", "is a text file"),
         ("image", "is a PNG image"),
-        ("sound", "is a WAV sound"),
-        ("zip", "is a zip archive"),
+        ("sound", r"holds sound \(pcm_s16le\) but no video"),
+        ("zip", "is not a video, or is damaged or cut off"),
     ],
 )
 def test_what_is_no_video_is_named(tmp_path, kind: str, message: str) -> None:

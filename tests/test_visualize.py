@@ -18,7 +18,8 @@ from nsdr.cli.main import main
 from nsdr.io.video import read_video
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import DynamicsPrediction, Rollout
-from nsdr.visualize import annotated_image, report, stroboscopic_image, write_annotated_image, write_report
+from nsdr.visualize import annotated_image, report, stroboscopic_image, write_report
+from nsdr.visualize.annotate import write_image
 from nsdr.visualize.event_words import event_text, hitter
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.world.vocabulary import COLORS
@@ -57,14 +58,12 @@ def test_annotated_image_without_proposals_has_no_outlines(perceived) -> None:
     assert (full != bare).any()
 
 
-def test_annotated_image_is_written_to_a_new_folder(perceived, tmp_path) -> None:
-    _, p = perceived
-    write_annotated_image(tmp_path / "new" / "last.png", VIDEO, p)
-    assert cv2.imread(str(tmp_path / "new" / "last.png")).shape == (640, 960, 3)
+def test_images_are_written_to_new_folders(perceived, tmp_path) -> None:
+    image = perceived[0][0]
+    write_image(tmp_path / "new" / "first.png", image)
+    assert (cv2.imread(str(tmp_path / "new" / "first.png"), cv2.IMREAD_COLOR_RGB) == image).all()
     with pytest.raises(DataError, match=r"last\.txt: cannot write an image; expected a name ending in \.png or \.jpg"):
-        write_annotated_image(tmp_path / "last.txt", VIDEO, p)
-    with pytest.raises(DataError, match="no tracks to draw"):
-        write_annotated_image(tmp_path / "last.png", VIDEO, replace(p, tracks=None))
+        write_image(tmp_path / "last.txt", image)
 
 
 def test_report_shows_the_stages_that_there_are(perceived, tmp_path) -> None:
@@ -74,10 +73,10 @@ def test_report_shows_the_stages_that_there_are(perceived, tmp_path) -> None:
     assert "<video" not in page
     assert "Without each object" not in page
     entered = next(e.frame for e in p.scene.events if e.kind == "in")  # about frame 25
-    assert f"<td class=number>{entered}<td>the purple metal cube enters" in page
+    assert f"<b>frame {entered}</b>the purple metal cube enters" in page
 
 
-def test_report_lists_each_stretch_of_motion(perceived, tmp_path) -> None:
+def test_report_shows_each_stretch_of_motion(perceived, tmp_path) -> None:
     scene = perceived[1].scene
     moving = np.zeros_like(scene.moving)
     moving[0, [3, 4, 5, 20]] = True
@@ -86,8 +85,9 @@ def test_report_lists_each_stretch_of_motion(perceived, tmp_path) -> None:
     write_report(
         tmp_path / "r.html", None, Perception(None, None, None, replace(scene, moving=moving, visible=visible)), []
     )
-    first = re.search(r"<tr><td class=number>0<td>.*?<tr>", (tmp_path / "r.html").read_text())[0]
-    assert "<td>3\u20135, 20<tr>" in first
+    page = (tmp_path / "r.html").read_text()
+    assert "<title>moves: frames 3\u20135</title>" in page
+    assert "<title>moves: frames 20\u201320</title>" in page
 
 
 def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_steps(
@@ -109,7 +109,7 @@ def test_report_has_a_video_or_frames_objects_events_and_collapsed_numbered_step
     write_report(tmp_path / "report.html", frames, p, answers)
     page = (tmp_path / "report.html").read_text()
     assert "<video controls loop muted src='data:video/mp4;base64," in page
-    assert "background-color: rgb(129,38,192)'></span> purple metal cube" in page
+    assert re.search(r"purple metal cube</text><rect [^>]+ fill='rgb\(129,38,192\)'", page)
     assert "prefers-color-scheme: dark" in page
     assert re.search(r"Answer: <b>frame \d+</b> \((&gt;99|\d+) %\)", page)
     assert "'the sphere' in choice B fits two objects" in html.unescape(page)
@@ -164,10 +164,10 @@ def test_collisions_in_words(small_scene) -> None:
     rollout = _moving(still, [(0.07, 0), (0, 0), (0, 0), (0, 0)])
     prediction = DynamicsPrediction(small_scene.objects, 60, rollout)
     assert event_text(event, small_scene, prediction) == "the red metal cube hits the blue rubber sphere"
-    assert event_text(small_scene.events[3], small_scene, prediction) == "the blue rubber sphere leaves"
+    assert event_text(small_scene.events[3], small_scene, prediction) == "the blue rubber sphere exits"
 
 
-def test_plan_shows_all_objects_with_labels_that_do_not_overlap() -> None:
+def test_plan_shows_all_objects_and_collisions_with_their_names() -> None:
     objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(COLORS[:6]))
     places = [(0, 0), (0.05, 0.3), (0.1, -0.3), (5.5, 0), (-6, 1), (0, 7.5)]
     rollout = _moving(places, [(0, 0)] * 6)
@@ -178,9 +178,13 @@ def test_plan_shows_all_objects_with_labels_that_do_not_overlap() -> None:
     for x, y in places:
         assert (low < (y, -x)).all()
         assert ((y, -x) < high).all()
-    boxes = [t.get_window_extent() for t in axes.texts if t.get_text()]
-    assert len(boxes) == 8
+    names = [*(f"{o.id} {o.name}" for o in objects), "1: frame 20", "2: frame 22"]
+    assert [text.get_text() for text in figure.legends[0].texts] == names
+    assert [text.get_text() for text in axes.texts] == ["1", "2"]
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in (*figure.legends[0].texts, *axes.texts)]
     assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    assert not any(box.overlaps(axes.bbox) for box in boxes[:8])
     figure_png(figure)
 
 

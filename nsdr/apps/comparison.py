@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.generate.render import View, render_motion
+from nsdr.generate.render.preview import render_motion
+from nsdr.generate.render.view import View
 from nsdr.io.video import write_video
 from nsdr.types import Simulation
 from nsdr.types.interventions import intervention_text

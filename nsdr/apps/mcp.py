@@ -228,7 +228,8 @@ class AgentTools:
         self, video: str, frame: int, changes: Sequence[Change] | None = None, from_frame: int = 0
     ) -> NDArray[np.uint8]:
         """A frame: annotated; after the video, or with changes, as the simulator renders it. (H, W, 3) uint8 RGB."""
-        from nsdr.generate.render import View, render_motion
+        from nsdr.generate.render.preview import render_motion
+        from nsdr.generate.render.view import View
         from nsdr.visualize import annotated_image
 
         with self._working():

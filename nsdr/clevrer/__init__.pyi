@@ -37,7 +37,7 @@ from .files.annotations import (
     write_annotation as write_annotation,
     write_truth as write_truth,
 )
-from .files.masks import check_mask as check_mask, mask_numbers as mask_numbers
+from .files.masks import check_mask as check_mask
 from .files.parsed_programs import with_parsed_programs as with_parsed_programs
 from .files.predictions import (
     SAMPLE_FRAMES as SAMPLE_FRAMES,
@@ -52,7 +52,6 @@ from .files.proposals import (
     ground_truth_of as ground_truth_of,
     parse_proposals as parse_proposals,
     proposals_document as proposals_document,
-    proposals_from_document as proposals_from_document,
     proposals_from_rows as proposals_from_rows,
     read_compact_proposals as read_compact_proposals,
     read_ground_truth as read_ground_truth,

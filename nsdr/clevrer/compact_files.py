@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from nsdr.clevrer.dataset import CLEVRER, Entry
 from nsdr.clevrer.files.annotations import check_annotation, check_truth, truth_block, write_truth
-from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, proposals_from_document
+from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, parse_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, locked
@@ -79,8 +79,8 @@ def _write_video(n_frames: int, video: tuple[int, Entry, Entry | None], output: 
     """Write the rows of one video, and its ground-truth block as JSON text."""
     index, entry, truth = video
     name = str(entry)
-    content = parse_json(entry.read(), name)
-    proposals = proposals_from_document(content, name)
+    data = entry.read()
+    content, proposals = parse_json(data, name), parse_proposals(data, name)
     if "ground_truth" in content:
         block = ground_truth_of(content, name)
     elif truth is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from nsdr.cli.common import (
     failures_line,
+    frames_of,
     is_scene,
     load_scene,
     make_pipeline,
@@ -143,7 +144,8 @@ def demo(options: Any) -> int:
     from nsdr.clevrer.example import QUESTIONS, VIDEO
     from nsdr.clevrer.files.questions import read_questions
     from nsdr.pipeline import Pipeline
-    from nsdr.visualize import write_annotated_image
+    from nsdr.visualize import annotated_image
+    from nsdr.visualize.annotate import write_image
 
     pipeline = Pipeline.from_pretrained(options.checkpoint, device=options.device)
     print(f"Watching {VIDEO.name} ...")
@@ -162,7 +164,11 @@ def demo(options: Any) -> int:
             continue
         right += _print_compared(question, found)
     print(f"{right} of {len(questions)} answers equal the ground truth")
-    write_annotated_image(options.output, str(VIDEO), perception)
+    assert perception.tracks is not None
+    image = annotated_image(
+        frames_of(pipeline, VIDEO)[-1], scene.n_frames - 1, perception.proposals, perception.tracks, scene
+    )
+    write_image(options.output, image)
     print(f"Image: {options.output}")
     return failures_line(len(failed), len(questions), "questions", "".join(failed[:1]), keep_going=False)
 

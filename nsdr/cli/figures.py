@@ -1,7 +1,6 @@
-"""`nsdr figures`: question sets and sample results as the paper shows them, and training curves."""
+"""`nsdr figures`: question sets and sample results as the paper shows them."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,8 @@ from nsdr.io.files import check_installed, check_output_folder
 __all__ = ["figures"]
 
 DISTRIBUTION, CURVE = "question_distribution.png", "program_curve.png"
-SAMPLE, TRAINING = "sample_{:05d}.jpg", "training_curves.png"
+SAMPLE = "sample_{:05d}.jpg"
 """Names of the files."""
-METRICS = "metrics.jsonl"
-"""File of a run folder with a line of numbers for each of some steps."""
 
 
 def figures_options(parser: Any) -> None:
@@ -25,7 +22,6 @@ def figures_options(parser: Any) -> None:
     add("--samples", default="", help="question file for samples: pictures with questions, programs and answers")
     add("--videos", default="", help="samples: folder of their videos")
     add("--show", nargs="+", default=[], help="samples: which questions, as SCENE:QUESTION")
-    add("--runs", nargs="+", default=[], help="run folders of trainings, whose losses are drawn")
     add("-o", "--output", required=True, help="folder for the pictures")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
@@ -41,8 +37,8 @@ def figures(options: Any) -> int:
         raise DataError(f"{', '.join(given)} would do nothing without --samples; leave it out")
     if options.samples and not (options.videos and options.show):
         raise DataError("--samples needs --videos FOLDER and --show SCENE:QUESTION")
-    if not (options.questions or options.ablation or options.samples or options.runs):
-        raise DataError("nsdr figures: expected some of --questions, --ablation, --samples and --runs")
+    if not (options.questions or options.ablation or options.samples):
+        raise DataError("nsdr figures: expected some of --questions, --ablation and --samples")
     check_output_folder(options.output)
     check_installed("matplotlib", "figures need matplotlib", "visualize")
     output = Path(options.output)
@@ -51,8 +47,6 @@ def figures(options: Any) -> int:
         _write_distribution(options.questions, output / DISTRIBUTION)
     if options.ablation:
         _write_curve(options.ablation, output / CURVE)
-    if options.runs:
-        _write_training(options.runs, output / TRAINING)
     if chosen:
         _write_samples(options, chosen, output)
     return 0
@@ -85,24 +79,6 @@ def _write_curve(ablation: str, path: Path) -> None:
         message = f"{ablation}: not the CSV file of an ablation ({e}); see `nsdr train question-parser --ablation`"
         raise DataError(message) from e
     _write(path, figure)
-
-
-def _write_training(runs: list[str], path: Path) -> None:
-    from nsdr.io.reading import read_bytes
-    from nsdr.visualize.distributions import training_curves
-
-    lines = {}
-    for run in runs:
-        file = Path(run) / METRICS
-        try:
-            lines[Path(run).name] = [json.loads(line) for line in read_bytes(file).decode().splitlines()]
-            if not any("loss" in line and "step" in line for line in lines[Path(run).name]):
-                raise ValueError("expected lines with step and loss")
-        except (ValueError, TypeError) as e:
-            raise DataError(
-                f"{file}: not the metrics of a training ({e}); --runs takes run folders of `nsdr train`"
-            ) from e
-    _write(path, training_curves(lines))
 
 
 def _write(path: Path, figure: Any) -> None:

@@ -31,20 +31,17 @@ def parse_video_options(parser: Any) -> None:
     add("video", help="video file")
     add("-o", "--output", required=True, help="scene file, .json or .npz")
     add("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
-    add("--image", default=None, help="also write the annotated last frame as an image")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def parse_video(options: Any) -> int:
     """`nsdr parse-video`: one video as a scene."""
-    images = (options.image, (".png", ".jpg"))
-    check_outputs(options.video, (options.output, (".json", ".npz")), (options.proposals_out, (".json",)), images)
+    check_outputs(options.video, (options.output, (".json", ".npz")), (options.proposals_out, (".json",)))
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
     from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io import storage
     from nsdr.io.files import write_json
     from nsdr.symbolic.world import event_sentence
-    from nsdr.visualize import write_annotated_image
 
     perception = pipeline.perceive(options.video)
     scene = perception.scene
@@ -53,8 +50,6 @@ def parse_video(options: Any) -> int:
         name = Path(options.video).name
         number = "".join(c for c in Path(name).stem if c.isdigit())
         write_json(options.proposals_out, proposals_document(perception.proposals, int(number or 0), name))
-    if options.image:
-        write_annotated_image(options.image, options.video, perception, pipeline.video)
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
     for o in scene.objects:
         print(f"  object {o.id}: {o.name}")

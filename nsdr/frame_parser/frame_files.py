@@ -12,14 +12,13 @@ from nsdr.clevrer.files.masks import check_mask
 from nsdr.clevrer.files.schema import check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import parse_json_lines, read_bytes, read_typed
+from nsdr.io.reading import parse_json_lines, read_bytes, read_json
 from nsdr.validation import Count, PositiveCount, convert, expect
 from nsdr.world.vocabulary import ATTRIBUTES, Color, Material, Shape
 
 __all__ = ["read_frame_records"]
 
-MIN_POLYGON_NUMBERS = 6
-"""Coordinates of a polygon with three corners."""
+Polygon = Annotated[list[float], Meta(min_length=6, title="a list of x and y of 3 or more corners")]
 
 
 def read_frame_records(folder: Path) -> Iterator[dict[str, Any]]:
@@ -97,7 +96,7 @@ class _Runs(msgspec.Struct):
 class _Annotation(msgspec.Struct):
     image_id: int
     category_id: int
-    segmentation: Annotated[list[list[float]], Meta(min_length=1, title="at least one polygon")] | _Runs
+    segmentation: Annotated[list[Polygon], Meta(min_length=1, title="at least one polygon")] | _Runs
 
 
 class _Coco(msgspec.Struct):
@@ -118,7 +117,7 @@ def _check_file_name(name: str) -> None:
 
 def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
     """Frame records of a COCO file; an image's `scene` is its `video_id` if it has one, else its own `id`."""
-    content: _Coco = read_typed(path, _Coco)
+    content: _Coco = read_json(path, _Coco)
     words = {row.id: dict(zip(ATTRIBUTES, row.name.split(), strict=True)) for row in content.categories}
     images = {row.id: row for row in content.images}
     records: dict[int, dict[str, Any]] = {
@@ -135,15 +134,14 @@ def _coco_records(path: Path) -> Iterator[dict[str, Any]]:
     yield from records.values()
 
 
-def _coco_mask(segmentation: _Runs | list[list[float]], height: int, width: int, where: str) -> dict[str, Any]:
+def _coco_mask(segmentation: _Runs | list[Polygon], height: int, width: int, where: str) -> dict[str, Any]:
     """A compressed run-length mask from any of COCO's three forms."""
     if isinstance(segmentation, list):
         most = max(height, width) + 1
         for i, polygon in enumerate(segmentation):
-            fits = len(polygon) >= MIN_POLYGON_NUMBERS and len(polygon) % 2 == 0
-            expect(fits, f"{where}[{i}]", "a list of x and y of 3 or more corners", polygon)
-            for k, value in enumerate(polygon):
-                expect(-1 <= value <= most, f"{where}[{i}][{k}]", f"a number from -1 to {most}", value)
+            expect(len(polygon) % 2 == 0, f"{where}[{i}]", "as many x as y", polygon)
+            for value in polygon:
+                expect(-1 <= value <= most, f"{where}[{i}]", f"numbers from -1 to {most}", value)
         return dict(rle.merge(rle.frPyObjects(segmentation, height, width)))
     size, counts = list(segmentation.size), segmentation.counts
     if isinstance(counts, str):

@@ -1,6 +1,6 @@
 """Proposals of videos by a trained network."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from itertools import count, islice, pairwise
@@ -80,10 +80,9 @@ class FrameParser(PretrainedPart[nn.Module]):
         Raises:
             DataError: no frames, or a frame of another shape or dtype.
         """
-        counter = count()
+        counter, detect = count(), Detector(self.model, resolve_precision(self.precision, self.device))
         rows: list[tuple[int, int, float, str]] = []
         processed: list[int] = []
-        detect = self._detector()
         bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
         with ThreadPoolExecutor(1) as decoding:  # decodes the next batch while the network processes the present one
             batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride)
@@ -100,10 +99,6 @@ class FrameParser(PretrainedPart[nn.Module]):
         if not n_frames:
             raise DataError("no frames to parse")
         return proposals_from_rows(n_frames, rows, processed)
-
-    def _detector(self) -> Callable[[list[NDArray[np.uint8]]], list[dict[str, Any]]]:
-        """Detections of a batch of frames by the network as it is now."""
-        return Detector(self.model, resolve_precision(self.precision, self.device))
 
 
 def _batches(
@@ -178,15 +173,12 @@ class Detector:
             part.to(precision).to(memory_format=torch.channels_last)
         self.rpn.score_thresh = min_objectness
         self.device = next(model.parameters()).device
-        mean, std = (
-            torch.tensor(v, device=self.device) for v in (model.transform.image_mean, model.transform.image_std)
-        )
+        mean, std = torch.tensor([model.transform.image_mean, model.transform.image_std], device=self.device)
         self.scale, self.offset = 1 / (255 * std), mean / std
 
     def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> list[dict[str, Tensor]]:
         """Detections in RGB frames (H, W, 3) of one size, as `AttributeRoIHeads` describes them; on the CPU."""
-        images = self._normalized(frames)
-        sizes = [frame.shape[:2] for frame in frames]
+        images, sizes = self._normalized(frames), [frame.shape[:2] for frame in frames]
         levels = self.backbone(images)
         proposals, _ = self.rpn(ImageList(images, sizes), levels)
         # RoIAlign wants contiguous features; conversion and copy in one step take a quarter of the time of two.

@@ -31,11 +31,7 @@ _PROPOSAL_FILE = re.compile(r"(?:proposal|sim)_0*(\d+)\.json(?:\.gz)?$")
 
 
 def write_frames(
-    videos: str | Path,
-    proposals: str | Path,
-    output: str | Path,
-    every: int = 8,
-    keep_going: bool = False,
+    videos: str | Path, proposals: str | Path, output: str | Path, every: int = 8, keep_going: bool = False
 ) -> int:
     """Write images and annotations for `FrameDataset` from videos and their mask proposals.
 
@@ -55,19 +51,14 @@ def write_frames(
     if every < 1:
         raise DataError(f"every is {every}; expected 1 or more")
     found = {int(m[1]): path for path in find_files(proposals, "*.json*") if (m := _PROPOSAL_FILE.match(path.name))}
-    pairs = [
-        (index, path, found[index])
-        for path in find_files(videos, "video_*.mp4")
-        if (index := int(path.stem.removeprefix("video_"))) in found
-    ]
-    if not pairs:
+    folder, settings, jobs = Path(output), fingerprint(config=[VERSION, every]).encode(), []
+    for video in find_files(videos, "video_*.mp4"):
+        index = int(video.stem.removeprefix("video_"))
+        if index in found:
+            item, value = (index, video, found[index]), fingerprint(inputs=[video, found[index], settings])
+            jobs.append(Job(video.name, item, folder / f"annotations_{index:05d}.jsonl", value))
+    if not jobs:
         raise DataError(f"{videos}: holds no video_N.mp4 with a proposal_N.json or sim_N.json in {proposals}")
-    folder = Path(output)
-    settings = fingerprint(config=[VERSION, every]).encode()
-    jobs = []
-    for index, video, proposal in pairs:
-        target, value = folder / f"annotations_{index:05d}.jsonl", fingerprint(inputs=[video, proposal, settings])
-        jobs.append(Job(video.name, (index, video, proposal), target, value))
     summary = run_jobs(partial(_write_video_frames, every), jobs, folder, workers=1)
     done = summary.succeeded(jobs, output, keep_going)
     return sum(len(job.output.read_text().splitlines()) for job in done)

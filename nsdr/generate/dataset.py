@@ -4,6 +4,7 @@ import json
 import platform
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -18,14 +19,14 @@ from tqdm import tqdm
 
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.annotations import read_truth_file, write_annotation
-from nsdr.clevrer.files.questions import without_answers, write_questions
+from nsdr.clevrer.files.questions import SceneQuestions, without_answers, write_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError
 from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.generate.questions.selection import Candidates, QuestionConfig, find_candidates, select_questions
+from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.scene_files import annotation_document, frame_masks, proposal_document, solids_at, truth_document
@@ -34,12 +35,12 @@ from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
-from nsdr.io.reading import read_typed
+from nsdr.io.reading import read_json
 from nsdr.io.video import write_video
 from nsdr.validation import Count, Settings, Share, convert, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "generate_dataset", "make_video"]
+__all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "SceneSeed", "generate_dataset"]
 
 RENDERERS = ("preview", "blender", "none")
 VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
@@ -48,8 +49,10 @@ SCENES_PER_SEED = 1_000_000
 """Scene `n` of seed `s` is simulated from the number `s * SCENES_PER_SEED + n`, which `truth_N.json` keeps as `seed`."""
 LARGEST_SEED = 10**12
 """Largest seed, so that scenes' numbers fit 64 bits."""
-MAX_SHARDS = 10_000
-"""Most shards of a command."""
+SceneSeed = Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+LAST_FIRST_SCENE = SCENES_PER_SEED - SPLITS["test"].stop
+"""Largest first scene; `seed` gives further scenes."""
+Split = Annotated[str, one_of(SPLITS)]
 VIDEOS_PER_FOLDER = 1000
 """Videos in each sub-folder, as in the release."""
 
@@ -60,8 +63,8 @@ class DatasetConfig(Settings):
 
     Attributes:
         output: folder of the data set; an interrupted generation resumes there.
-        videos: number of videos over all splits, of each shard.
-        seed: which scenes; data sets with different seeds have no scene in common. Shard `k` has seed `seed + k`.
+        videos: number of videos over all splits.
+        seed: which scenes; data sets with different seeds have no scene in common.
         first_scene: number of the scene that video 0 shows; video `i` shows scene `first_scene + i` of the seed.
         splits: share of the videos in train, validation and test (normalised before use).
         renderer: "preview" (fast), "blender", or "none" for data sets without videos.
@@ -72,15 +75,13 @@ class DatasetConfig(Settings):
         render: rendering options.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
-        shards: number of data sets to make; more than 1 go into `output/shard_00000` and so on, each complete and resumable.
-        first_shard: number of the first of them, for machines that share the work without Ray.
     """
 
     output: str
     videos: Annotated[int, Meta(ge=1, le=limits().videos)] = 100
-    seed: Count = 0
-    first_scene: int = 0
-    splits: Mapping[str, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
+    seed: SceneSeed = 0
+    first_scene: Annotated[int, Meta(ge=0, le=LAST_FIRST_SCENE)] = 0
+    splits: Mapping[Split, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
     renderer: Annotated[str, one_of(RENDERERS)] = "preview"
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
@@ -88,30 +89,11 @@ class DatasetConfig(Settings):
     render: RenderConfig = field(default_factory=RenderConfig)
     engine: Annotated[str, one_of(ENGINES)] = "processes"
     workers: Count = 0
-    shards: Annotated[int, Meta(ge=1, le=MAX_SHARDS)] = 1
-    first_shard: Count = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        last_seed = self.seed + self.first_shard + self.shards - 1
-        if last_seed > LARGEST_SEED:
-            raise DataError(
-                f"seed, first_shard and shards: the last shard has seed {last_seed}; expected up to {LARGEST_SEED}"
-            )
-        if set(self.splits) - set(SPLITS) or not sum(self.splits.values()) > 0:
+        if not any(self.splits.values()):
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
-        last = SCENES_PER_SEED - SPLITS["test"].stop
-        if not 0 <= self.first_scene <= last:
-            raise DataError(f"first_scene: expected 0 to {last}, got {self.first_scene}; `seed` gives further scenes")
-
-    def each_shard(self) -> Iterator["DatasetConfig"]:
-        """One configuration for each data set."""
-        if self.shards == 1 and not self.first_shard:
-            yield self
-            return
-        for shard in range(self.first_shard, self.first_shard + self.shards):
-            folder = str(Path(self.output) / f"shard_{shard:05d}")
-            yield replace(self, output=folder, seed=self.seed + shard, shards=1, first_shard=0)
 
     def scene_seed(self, index: int) -> int:
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
@@ -153,7 +135,7 @@ class Files:
 
 
 def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
-    """Generate a data set, or its shards one after the other, and return the folder. Finished videos are kept.
+    """Generate a data set and return its folder. Finished videos are kept.
 
     A data set has `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `questions/`,
     `truth/`, `manifest.json`, and statistics compared with the release's.
@@ -167,27 +149,29 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
             it, or some videos failed (the others are written).
     """
     check_installed("pybullet", "simulating needs PyBullet", "generate")
-    for shard in config.each_shard():
-        root = Path(shard.output)
-        with locked(root):
-            _generate(shard, root, keep_going)
-    return Path(config.output)
+    root = Path(config.output)
+    with locked(root):
+        _write_manifest(config, root / "manifest.json")
+        _generate(config, root, keep_going)
+    return root
 
 
-def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
+def _write_manifest(config: DatasetConfig, path: Path) -> None:
     manifest = _manifest(config)
-    path = root / "manifest.json"
     if path.exists():
-        existing = read_typed(path, dict[str, Any]).get("config")
+        existing = read_json(path, dict[str, Any]).get("config")
         existing = convert(existing, dict[str, Any], f"{path}: config: ")
         changed = sorted(k for k in manifest["config"] if existing.get(k) != manifest["config"][k])
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
     write_json(path, manifest, indent=1)
+
+
+def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     jobs = [(split, index) for split, indices in config.indices().items() for index in indices]
     value = _fingerprint(config)
     videos = [Job(f"video {index}", (split, index), Files(root, split, index).truth, value) for split, index in jobs]
-    summary = run_jobs(partial(_task, config), videos, root, config.engine, config.workers)
+    summary = run_jobs(partial(_make_video, config), videos, root, config.engine, config.workers)
     jobs = [job.item for job in summary.succeeded(videos, root, keep_going)]
     if config.questions is not None:
         for split in config.indices():
@@ -214,7 +198,7 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
     write_questions(root / "questions" / f"{split}.json", scenes)
 
 
-def _scene_candidates(config: QuestionConfig, path: Path) -> Candidates:
+def _scene_candidates(config: QuestionConfig, path: Path) -> SceneQuestions:
     truth = read_truth_file(path)
     simulate = TruthWorlds(truth) if config.changed_per_video else None
     index = truth["scene_index"]
@@ -223,17 +207,15 @@ def _scene_candidates(config: QuestionConfig, path: Path) -> Candidates:
 
 def _manifest(config: DatasetConfig) -> dict[str, Any]:
     values = asdict(config)
-    for name in ("output", "shards", "first_shard", "engine", "workers"):
+    for name in ("output", "engine", "workers"):
         values.pop(name)
     values["render"]["assets"] = Path(config.render.assets).name
     kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
     kinds["questions"] = config.questions is not None
     versions = {"python": platform.python_version()}
     for name in VERSIONS_OF:
-        try:
+        with suppress(PackageNotFoundError):
             versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return {
         "generator": "nsdr generate dataset",
         "config": json.loads(json.dumps(values)),  # as `read_json` gives it
@@ -249,12 +231,9 @@ def _fingerprint(config: DatasetConfig) -> str:
     return fingerprint(config=[VERSION, _manifest(config)["config"]])
 
 
-def _task(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
-    make_video(config, *job)
-
-
-def make_video(config: DatasetConfig, split: str, index: int) -> None:
+def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
+    split, index = job
     scene = simulate_scene(config.scene_seed(index), config.scene)
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)

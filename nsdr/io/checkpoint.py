@@ -15,8 +15,6 @@ from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 
 if TYPE_CHECKING:
-    from torch import nn
-if TYPE_CHECKING:
     import torch
     from torch import nn
 
@@ -38,6 +36,7 @@ PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone"
 """Parts of a checkpoint, by the names of their files."""
 DTYPES = ("torch.float16", "torch.float32", "torch.int64")
 """Types of stored weights; the integers count batches."""
+RESTORE = "restore the file, or train the part (`nsdr train`)"
 
 
 def find_checkpoint(path_or_id: str | Path = "default") -> Path:
@@ -121,14 +120,22 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
     details = load_description(folder, part)
     weights = folder / f"{part}.safetensors"
     if not weights.is_file():
-        raise CheckpointError(f"{weights}: no such file; restore it, or train the part (`nsdr train`)")
+        raise CheckpointError(f"{weights}: no such file; {RESTORE}")
     check_limit(weights.stat().st_size, "weights_bytes", weights, CheckpointError)
     try:
         state = load_file(weights)
     except (SafetensorError, OSError, KeyError, ValueError, RuntimeError) as e:
-        raise CheckpointError(f"{weights}: corrupt ({e}); restore it, or train the part (`nsdr train`)") from e
+        raise CheckpointError(f"{weights}: corrupt ({e}); {RESTORE}") from e
     for name, value in state.items():
-        _check_weights(value, f"{weights}: {name}")
+        fault = ""
+        if str(value.dtype) not in DTYPES:
+            fault = f"{value.dtype}, expected one of {', '.join(DTYPES)}"
+        elif not bool(value.isfinite().all()):
+            fault = "not all finite"
+        elif value.dim() > 1 and not bool(value.any()):
+            fault = "all zero"
+        if fault:
+            raise CheckpointError(f"{weights}: {name}: {fault}; {RESTORE}")
     return {k: v.float() if v.dtype == torch.float16 else v for k, v in state.items()}, details
 
 
@@ -139,20 +146,10 @@ def load_description(folder: str | Path, part: str) -> dict[str, Any]:
         CheckpointError: the file is missing or not such a description; names it.
     """
     path = Path(folder) / f"{part}.json"
-    details = read_json(path, CheckpointError)
+    details = read_json(path, error=CheckpointError)
     if not isinstance(details, dict) or details.get("part") != part or not isinstance(details.get("config"), dict):
         raise CheckpointError(f"{path}: not the description of a {part}; restore it from the repository")
     return details
-
-
-def _check_weights(value: Any, where: str) -> None:
-    remedy = "restore the file, or train the part (`nsdr train`)"
-    if str(value.dtype) not in DTYPES:
-        raise CheckpointError(f"{where}: {value.dtype}, expected one of {', '.join(DTYPES)}; {remedy}")
-    if not bool(value.isfinite().all()):
-        raise CheckpointError(f"{where}: not all finite; {remedy}")
-    if value.dim() > 1 and not bool(value.any()):
-        raise CheckpointError(f"{where}: all zero; {remedy}")
 
 
 def load_network(folder: str | Path, part: str, kind: type[Config], build: Callable[[Config], Network]) -> Network:
@@ -182,13 +179,7 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
         settings = kind(**config)
         # No memory is taken before the sizes are known to be those of the weights.
         with torch.device("meta"), _without_initial_values():
-            built = build(settings).state_dict()
-        found, wanted = _forms(state), _forms(built)
-        wrong = [name for name in {**wanted, **found} if wanted.get(name) != found.get(name)]
-        if wrong:
-            name, none = wrong[0], "none"
-            reason = f"expected {wanted.get(name, none)}, got {found.get(name, none)}"
-            raise ValueError(f"{len(wrong)} tensors do not fit; {name}: {reason}")
+            build(settings).load_state_dict(state, assign=True)
         network = build(settings)
         network.load_state_dict(state)
     except (TypeError, ValueError, RuntimeError, ArithmeticError, LookupError) as e:
@@ -210,11 +201,6 @@ def _without_initial_values() -> Any:
             return function(*args, **given)
 
     return Unfilled()
-
-
-def _forms(state: Mapping[str, Any]) -> dict[str, str]:
-    """What the tensors must have in common with those of the network."""
-    return {k: f"{'float' if v.is_floating_point() else 'int'} {tuple(v.shape)}" for k, v in state.items()}
 
 
 class PretrainedPart(Generic[Model]):

@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from threading import Lock, local
 from types import ModuleType
@@ -108,22 +108,14 @@ def available_cores() -> int:
     return int(cpu_count())
 
 
-class _Limits:
-    """The limits in force, of all threads of this process.
-
-    Attributes:
-        lock: guards `count` and `torch_threads`.
-        count: how many there are.
-        torch_threads: threads of torch before the first of them.
-        inside: `threads` is that of the calling thread's innermost limit, or missing.
-        blas: held by the thread that limits BLAS, whose number of threads is one for the whole process.
-    """
-
-    lock = Lock()
-    count = 0
-    torch_threads = 1
-    inside = local()
-    blas = Lock()
+_inside = local()
+"""`threads`: torch's within the calling thread's innermost limit, or missing."""
+_lock = Lock()
+"""Guards `_before`."""
+_before: list[int] = []
+"""For each limit in force in any thread, the threads that torch had before the first of them."""
+_blas = Lock()
+"""Held by the thread that limits BLAS, whose number of threads is one for the whole process."""
 
 
 @contextmanager
@@ -137,35 +129,22 @@ def limit_threads(most: int | None = None) -> Iterator[None]:
         most: threads of torch; None is one for each available core.
     """
     import torch
-
-    outer = getattr(_Limits.inside, "threads", None)
-    with _Limits.lock:
-        before = torch.get_num_threads()  # also lets a new thread take over what others have set now, not later
-        if not _Limits.count:
-            _Limits.torch_threads = before
-        _Limits.count += 1
-    threads = min(available_cores() if most is None else most, outer or _Limits.torch_threads)
-    _Limits.inside.threads = threads
-    torch.set_num_threads(threads)
-    try:
-        with _one_blas_thread():
-            yield
-    finally:
-        _Limits.inside.threads = outer
-        torch.set_num_threads(outer or _Limits.torch_threads)
-        with _Limits.lock:
-            _Limits.count -= 1
-
-
-@contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    if not _Limits.blas.acquire(blocking=False):
-        yield
-        return
     from threadpoolctl import ThreadpoolController
 
+    with _lock:
+        now = torch.get_num_threads()  # also lets a new thread take over what others have set now, not later
+        _before.append(_before[0] if _before else now)
+        outer, mine = getattr(_inside, "threads", None), _before[0]
+    has_blas = _blas.acquire(blocking=False)
+    _inside.threads = min(available_cores() if most is None else most, outer or mine)
+    torch.set_num_threads(_inside.threads)
     try:
-        with ThreadpoolController().select(user_api="blas").limit(limits=1):
+        with ThreadpoolController().select(user_api="blas").limit(limits=1) if has_blas else nullcontext():
             yield
     finally:
-        _Limits.blas.release()
+        _inside.threads = outer
+        torch.set_num_threads(outer or mine)
+        with _lock:
+            _before.pop()
+        if has_blas:
+            _blas.release()

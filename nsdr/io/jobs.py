@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 import signal
 import threading
 import time
@@ -19,7 +20,7 @@ from tqdm import tqdm
 
 from nsdr.errors import DataError
 from nsdr.io.device import available_cores
-from nsdr.io.files import locked, remove_partial_files, sync, write_json, writing
+from nsdr.io.files import check_installed, locked, remove_partial_files, sync, write_json, writing
 
 __all__ = ["ENGINES", "FAILURES", "Job", "Outcome", "Summary", "run_in_order", "run_jobs", "run_tasks"]
 
@@ -136,9 +137,8 @@ def _side_by_side(
                     item = running.pop(future)
                     yield future.result() if error is None else Outcome(item, error=_untold(error))
             except BrokenProcessPool as e:
-                lines = str(e).splitlines()
-                codes = [line.partition("exit codes of the workers are {")[2].strip("}") for line in lines]
-                how = next((f"exit code {code}" for code in codes if code), lines[0])
+                found = re.search("exit codes of the workers are {(.+)}", str(e))
+                how = f"exit code {found[1]}" if found else str(e).splitlines()[0]
                 log.warning("a worker process died (%s)", how)
                 return list(running.values()), how
     return [], ""
@@ -189,10 +189,9 @@ class _Ray:
     """Workers of a Ray cluster, which does the tasks of lost ones again."""
 
     def __init__(self, workers: int) -> None:
-        try:
-            import ray
-        except ImportError as e:
-            raise DataError("engine: ray needs Ray: pip install 'nsdr[ray]'") from e
+        check_installed("ray", "engine: ray needs Ray", "ray")
+        import ray
+
         if not ray.is_initialized():
             ray.init(log_to_driver=False)
         self.most = workers or RAY_TASKS_PER_CORE * max(int(ray.cluster_resources().get("CPU", 1)), 1)
@@ -321,14 +320,11 @@ def _do(function: Callable[[Item, Path], Any], job: Job[Item]) -> None:
 
 
 def _append(folder: Path, fingerprints: Mapping[str, str]) -> None:
-    """Write lines of the ledger to the disk, after what a kill or a full disk left unfinished."""
+    """Write lines of the ledger to the disk; what a kill or a full disk left unfinished before them is a line of its own."""
     path = folder / LEDGER
-    lines = "".join(json.dumps([output, value]) + "\n" for output, value in fingerprints.items())
     with writing(path):
-        with path.open("ab+") as ledger:
-            end = ledger.tell()
-            ledger.seek(max(end - 1, 0))
-            ledger.write((b"\n" if ledger.read() not in (b"", b"\n") else b"") + lines.encode())
+        with path.open("a", encoding="utf-8") as ledger:
+            ledger.writelines(f"\n{json.dumps(pair)}" for pair in fingerprints.items())
         sync(path)
 
 

@@ -7,7 +7,6 @@ import codecs
 import io
 import json
 import lzma
-import math
 import os
 import stat
 import struct
@@ -26,19 +25,17 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
-from nsdr.validation import convert
+from nsdr.validation import explained
 
 __all__ = [
     "UNZIP_ERRORS",
     "parse_json",
     "parse_json_lines",
-    "parse_typed",
     "read_bytes",
     "read_json",
     "read_json_bytes",
     "read_npz",
     "read_text",
-    "read_typed",
     "read_yaml",
 ]
 
@@ -46,6 +43,8 @@ GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
 MAX_YAML_DEPTH = 50
 """Nesting of a YAML file: its parser takes minutes for thousands of levels."""
+MAX_YAML_ALIASES = 20
+"""Aliases in a YAML file: nested ones can stand for exponentially much."""
 UNZIP_ERRORS = (
     zipfile.BadZipFile,
     zlib.error,
@@ -59,8 +58,6 @@ UNZIP_ERRORS = (
 """What damaged or encrypted zip archives raise, beside OSError."""
 HEADER_ERRORS = (SyntaxError, TypeError, tokenize.TokenError)
 """What damaged headers of arrays raise."""
-MAX_YAML_ALIASES = 20
-"""Aliases in a YAML file: nested ones can stand for exponentially much."""
 
 ErrorKind = Callable[[str], Exception]
 
@@ -78,7 +75,7 @@ def _named(name: str, kind: str, error: ErrorKind) -> Iterator[None]:
         raise error(f"{name}: not a readable {kind} (not UTF-8 text at byte {e.start})") from e
     except RecursionError as e:
         raise error(f"{name}: not a readable {kind} (nested too deeply)") from e
-    except (*UNZIP_ERRORS, *HEADER_ERRORS, OSError, ArithmeticError, MemoryError) as e:
+    except (*UNZIP_ERRORS, *HEADER_ERRORS, msgspec.MsgspecError, OSError, ArithmeticError, MemoryError) as e:
         reason = getattr(e, "strerror", None) or str(e) or type(e).__name__
         raise error(f"{name}: not a readable {kind} ({reason.splitlines()[0]})") from e
 
@@ -96,68 +93,54 @@ def read_bytes(path: str | Path, limit: str = "json_bytes", error: ErrorKind = D
         DataError: the file is missing, no regular file, unreadable or too large; with `error` given, what that returns.
     """
     with _named(str(path), kind, error):
-        _check_regular(path, limit)
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
+            raise DataError(f"{path}: is a folder or a device; expected a file")
+        check_limit(status.st_size, limit, str(path))
         return Path(path).read_bytes()
 
 
-def _check_regular(path: str | Path, limit: str) -> None:
-    status = os.stat(path)
-    if not stat.S_ISREG(status.st_mode):
-        raise DataError(f"{path}: is a folder or a device; expected a file")
-    check_limit(status.st_size, limit, str(path))
-
-
-def read_text(
-    path: str | Path, limit: str = "json_bytes", error: ErrorKind = DataError, kind: str = "text file"
-) -> str:
+def read_text(path: str | Path, limit: str = "json_bytes", kind: str = "text file") -> str:
     """The content of a UTF-8 text file; arguments and errors are those of `read_bytes`."""
-    with _named(str(path), kind, error):
-        return read_bytes(path, limit, error, kind).decode("utf-8-sig")
+    with _named(str(path), kind, DataError):
+        return read_bytes(path, limit, kind=kind).decode("utf-8-sig")
 
 
-def read_json(path: str | Path, error: ErrorKind = DataError) -> Any:
-    """The content of a JSON file, which may be gzipped.
-
-    Args:
-        path: the file.
-        error: makes the exception from a message that names the file.
-
-    Raises:
-        DataError: the file is missing or not JSON; with `error` given, what that returns.
-    """
-    return parse_json(read_bytes(path, "json_bytes", error, "JSON file"), str(path), error)
+def read_json(path: str | Path, kind: Any = Any, error: ErrorKind = DataError) -> Any:
+    """The content of a JSON file; arguments and errors are those of `parse_json`, or the file is missing or too large."""
+    return parse_json(read_bytes(path, "json_bytes", error, "JSON file"), str(path), kind, error)
 
 
 def read_json_bytes(path: str | Path) -> bytes:
     """The bytes of a JSON file, decompressed and without a byte order mark; raises `DataError` as `read_bytes`."""
-    data = read_bytes(path, "json_bytes", DataError, "JSON file")
     with _named(str(path), "JSON file", DataError):
-        content = _gunzipped(data, str(path)) if data.startswith(GZIP_MAGIC) else data
-    return content.removeprefix(codecs.BOM_UTF8)
+        return _text(read_bytes(path, kind="JSON file"), str(path))
 
 
-def parse_json(data: bytes, name: str, error: ErrorKind = DataError, unique: bool = False) -> Any:
+def parse_json(data: bytes, name: str, kind: Any = Any, error: ErrorKind = DataError) -> Any:
     """Parse JSON from bytes, which may be gzipped.
 
     Args:
         data: the bytes.
         name: where they come from, for the error message.
+        kind: type of the content: a msgspec structure, a `TypedDict`, or a type made of them.
         error: makes the exception from a message that names the file.
-        unique: refuse objects that have a key twice, which takes longer.
 
     Raises:
-        DataError: not JSON, or it holds NaN, Infinity or characters that are not Unicode; names `name`.
+        DataError: not JSON (NaN and Infinity are not), or the content is of another type: names `name`, and the place, what
+            was expected there and what was found. With `error` given, what that returns.
     """
     with _named(name, "JSON file", error):
-        return _parsed(_gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data, unique)
+        text = _text(data, name)
+        try:
+            return _decoder(kind).decode(text)
+        except msgspec.ValidationError as e:
+            raise DataError(explained(e, msgspec.json.decode(text), kind, f"{name}: ")) from e
 
 
-def _parsed(data: bytes, unique: bool = False) -> Any:
-    text = data.decode("utf-8-sig")
-    value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_twice if unique else None)
-    if "\\ud" in text or "\\uD" in text:
-        json.dumps(value, ensure_ascii=False).encode()  # lone surrogates cannot be encoded
-    return value
+@lru_cache(maxsize=32)
+def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
+    return msgspec.json.Decoder(kind)
 
 
 def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
@@ -168,48 +151,46 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
     """
     for number, line in enumerate(data.splitlines(), 1):
         if line.strip():
-            yield number, parse_json(line, f"{name}, line {number}", unique=True)
+            value = parse_json(line, f"{name}, line {number}")
+            with _named(f"{name}, line {number}", "JSON file", DataError):
+                json.loads(line, object_pairs_hook=_refuse_twice)
+            yield number, value
 
 
-def read_typed(path: str | Path, kind: Any) -> Any:
-    """The content of a JSON file, which may be gzipped, as a value of a type (`nsdr.validation.convert`).
-
-    Raises:
-        DataError: the file is missing, not JSON, or does not fit; names the file, the place, what was expected and found.
-    """
-    return parse_typed(read_bytes(path, "json_bytes", DataError, "JSON file"), str(path), kind)
+def _refuse_twice(pairs: list[tuple[str, Any]]) -> None:
+    keys = [key for key, _ in pairs]
+    if len(set(keys)) < len(keys):
+        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r:.60} is there twice")
 
 
-def parse_typed(data: bytes, name: str, kind: Any) -> Any:
-    """As `read_typed`, from bytes; `name` says where they come from."""
-    with _named(name, "JSON file", DataError):
-        content = _gunzipped(data, name) if data.startswith(GZIP_MAGIC) else data
-        content.decode()  # msgspec does not look at what no type asks for
-    try:
-        return _decoder(kind).decode(content.removeprefix(codecs.BOM_UTF8))
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
-        with _named(name, "JSON file", DataError):
-            value = _parsed(content)
-        return convert(value, kind, f"{name}: ")  # says what is wrong, and where
+def _text(data: bytes, name: str) -> bytes:
+    """JSON text in UTF-8, decompressed and without a byte order mark."""
+    if data.startswith(GZIP_MAGIC):
+        stream = zlib.decompressobj(wbits=31)
+        data = stream.decompress(data, limits().json_bytes + 1)
+        check_limit(len(data), "json_bytes", f"{name}, decompressed")
+        if stream.unused_data:
+            raise ValueError("data after the end of the compressed data")
+        if not stream.eof:
+            raise EOFError("compressed data end too early")
+    data.decode()  # msgspec does not look at what no type asks for
+    return data.removeprefix(codecs.BOM_UTF8)
 
 
-@lru_cache(maxsize=32)
-def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
-    return msgspec.json.Decoder(kind)
-
-
-def read_npz(path: str | Path, error: ErrorKind = DataError) -> dict[str, NDArray[Any]]:
-    """All arrays of an NPZ file, read-only.
+def read_npz(path: str | Path) -> dict[str, NDArray[Any]]:
+    """All arrays of an NPZ file.
 
     Raises:
-        DataError: the file is missing or damaged, holds Python objects, or an array's header asks for more than is stored or
-            than `Limits.array_bytes`; names the file and the array. With `error` given, what that returns.
+        DataError: the file is missing or damaged, holds Python objects, or more than `Limits.array_bytes`; names the file and
+            the array.
     """
-    data = io.BytesIO(read_bytes(path, "array_bytes", error, "NPZ file"))
-    with _named(str(path), "NPZ file", error), zipfile.ZipFile(data) as archive:
-        members = archive.infolist()
-        check_limit(sum(m.file_size for m in members), "array_bytes", str(path))
-        return {m.filename.removesuffix(".npy"): _read_array(archive, m, str(path)) for m in members}
+    data, arrays = io.BytesIO(read_bytes(path, "array_bytes", kind="NPZ file")), {}
+    with _named(str(path), "NPZ file", DataError), zipfile.ZipFile(data) as archive:
+        check_limit(sum(m.file_size for m in archive.infolist()), "array_bytes", str(path))
+        for name in archive.namelist():
+            with _named(f"{path}: {name}", "array", DataError), archive.open(name) as file:
+                arrays[name.removesuffix(".npy")] = np.lib.format.read_array(file, allow_pickle=False)
+    return arrays
 
 
 def read_yaml(path: str | Path) -> Any:
@@ -234,41 +215,3 @@ def read_yaml(path: str | Path) -> Any:
             return yaml.safe_load(text)
         except yaml.YAMLError as e:
             raise ValueError(" ".join(str(e).split())) from e
-
-
-def _gunzipped(data: bytes, name: str) -> bytes:
-    stream = zlib.decompressobj(wbits=31)
-    content = stream.decompress(data, limits().json_bytes + 1)
-    check_limit(len(content), "json_bytes", f"{name}, decompressed")
-    if stream.unused_data:
-        raise ValueError("data after the end of the compressed data")
-    if not stream.eof:
-        raise EOFError("compressed data end too early")
-    return content
-
-
-def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:
-    with _named(f"{name}: {member.filename}", "array", DataError), archive.open(member) as file:
-        version = np.lib.format.read_magic(file)
-        read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-        if version not in read_header:
-            raise ValueError(f"version {version} of the NPY format")
-        shape, fortran_order, dtype = read_header[version](file)
-        needed, stored = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
-        if dtype.hasobject or min(shape, default=0) < 0 or needed != stored:
-            raise ValueError(f"shape {shape} of {dtype} does not fit the {stored} stored bytes")
-        array = np.frombuffer(file.read(), dtype, math.prod(shape))
-    return array.reshape(shape[::-1]).T if fortran_order else array.reshape(shape)
-
-
-def _refuse_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The object with these keys and values."""
-    made = dict(pairs)
-    if len(made) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r:.60} is there twice")
-    return made
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is no number of JSON")

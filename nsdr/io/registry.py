@@ -28,18 +28,8 @@ class Registry(Generic[T]):
         self.what, self.group = what, group
         self._parts: dict[str, str | T] = dict(builtin)
 
-    def register(self, name: str, part: T) -> None:
-        """Add a part in this process.
-
-        Raises:
-            DataError: the name is taken.
-        """
-        if name in self.names():
-            raise DataError(f"{self.what} {name!r} is registered already; choose another name")
-        self._parts[name] = part
-
     def names(self) -> list[str]:
-        """All names: built-in, registered and those of installed packages."""
+        """All names: built-in and those of installed packages."""
         return list(dict.fromkeys([*self._parts, *(e.name for e in entry_points(group=self.group))]))
 
     def check(self, name: str) -> None:

@@ -1,6 +1,7 @@
 """Saving and loading the data types of `nsdr.types`: as JSON, or as NPZ where arrays are large."""
 
 import dataclasses
+import inspect
 import json
 import math
 from collections.abc import Mapping
@@ -16,7 +17,6 @@ from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import parse_json, read_json, read_npz
-from nsdr.types import DynamicsPrediction, Scene
 from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
 
 __all__ = ["load", "save"]
@@ -25,6 +25,16 @@ T = TypeVar("T")
 _KINDS: dict[str, type] = {name: getattr(types, name) for name in types.__all__}
 OLD_KEYS = {"doubts": "uncertain"}
 """Keys of files of version 0.2 and earlier -> those of today."""
+LIMITS = {
+    "n_frames": "frames",
+    "frame": "frames",
+    "objects": "scene_objects",
+    "events": "events",
+    "unseen": "events",
+    "collisions": "events",
+    "uncertain": "events",
+}
+"""Keys whose numbers or lengths `nsdr.io.limits` ends, and by which limit."""
 
 
 class _StoredArray(msgspec.Struct):
@@ -97,7 +107,6 @@ def load(kind: type[T], path: str | Path) -> T:
         tree = read_json(path)
     try:
         value = _decoded(tree, arrays, "")
-        _check_sizes(value)
     except (DataError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as e:
         raise DataError(f"{path}: not a {kind.__name__} ({str(e).splitlines()[0]:.300})") from e
     if not isinstance(value, kind):
@@ -132,19 +141,6 @@ def _listed(array: NDArray[Any]) -> Any:
     return array.ravel().tolist()
 
 
-def _check_sizes(value: Any) -> None:
-    """Check what is read against `nsdr.io.limits`."""
-    if isinstance(value, Scene):
-        later = [*(value.unseen or ()), *(e for events in (value.counterfactual or {}).values() for e in events)]
-        later += [one.event for one in value.uncertain or ()]
-        check_limit(len(value.events) + len(later), "events", "events")
-        check_limit(
-            max((e.frame for e in later), default=0), "frames", "unseen, counterfactual and uncertain events: frame"
-        )
-    if isinstance(value, Scene | DynamicsPrediction):
-        check_limit(len(value.objects), "scene_objects", "objects")
-
-
 def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
     """The value of a tree; `where` is its place in the file, for error messages."""
     if isinstance(tree, list):
@@ -169,20 +165,18 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
         raise DataError(
             f"{place}: expected an array, a map, or a type of `nsdr.types`, such as Scene, got type {shown(name)}"
         )
-    known = dataclasses.fields(kind)
-    for field in known:
-        if field.name not in content and field.default is field.default_factory is dataclasses.MISSING:
-            raise DataError(f"{place}: missing key {field.name!r} of a {name}")
-    for key in content:
-        if key not in {f.name for f in known}:
-            raise DataError(f"{place}: unknown key {shown(key)} of a {name}")
-    if isinstance(content.get("n_frames"), int):
-        check_limit(content["n_frames"], "frames", f"{place}.n_frames")
+    for key, limit in LIMITS.items():
+        size = len(content[key]) if isinstance(content.get(key), list) else content.get(key)
+        if isinstance(size, int):
+            check_limit(size, limit, f"{place}.{key}")
     decoded: dict[str, Any] = {key: _decoded(v, arrays, f"{where}.{key}") for key, v in content.items()}
     try:
+        inspect.signature(kind).bind(**decoded)
         value = kind(**decoded)
         if not isinstance(value, Checked):
             check_fields(value, f"{name}.")
+    except TypeError as e:
+        raise DataError(f"{place}: not a {name}: {e}") from e
     except DataError as e:
         raise DataError(f"{place}: {e}" if where else str(e)) from e
     return value

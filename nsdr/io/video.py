@@ -43,18 +43,14 @@ REPRODUCIBLE = {"threads": "1", "mbtree": "0"}
 HEAD_BYTES = 4096
 """Bytes at a file's start that tell its kind."""
 CONVERT = "convert it to H.264, for example: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
-KINDS = {
-    "PNG image": (b"\x89PNG",),
-    "JPEG image": (b"\xff\xd8\xff",),
-    "BMP image": (b"BM",),
-    "TIFF image": (b"II*\0", b"MM\0*"),
-    "MP3 sound": (b"ID3", b"\xff\xfb", b"\xff\xf3"),
-    "AAC or FLAC sound": (b"\xff\xf1", b"fLaC"),
-    "PDF document": (b"%PDF",),
-    "zip archive": (b"PK\x03\x04",),
-    "gzip file": (b"\x1f\x8b",),
+IMAGES = {
+    "PNG image": b"\x89PNG",
+    "JPEG image": b"\xff\xd8\xff",
+    "BMP image": b"BM",
+    "TIFF image": b"II*\0",
+    "big-endian TIFF image": b"MM\0*",
 }
-"""How files begin that are certainly no videos."""
+"""How images begin, which OpenCV reads as videos of one frame."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,7 @@ def sample_frames(path: str | Path, seconds: float, spacing: int) -> VideoSample
                 break
             if index % spacing == 0:
                 size = (frame.shape[1], frame.shape[0])
-                frames.append(_small(frame))
+                frames.append(_scaled(frame, most=1.0))
         if not frames:
             raise _undecodable(path)
     return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
@@ -166,9 +162,7 @@ def _opened(path: Path) -> Iterator[tuple[cv2.VideoCapture, float]]:
     check_is_video(path)
     # OpenCV and FFmpeg print their own complaints about broken files; ours follow.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    level = cv2.utils.logging.getLogLevel() if hasattr(cv2, "utils") else None
-    if level is not None:
-        cv2.utils.logging.setLogLevel(0)
+    level = cv2.utils.logging.setLogLevel(0)
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
@@ -182,8 +176,7 @@ def _opened(path: Path) -> Iterator[tuple[cv2.VideoCapture, float]]:
         yield capture, rate
     finally:
         capture.release()
-        if level is not None:
-            cv2.utils.logging.setLogLevel(level)
+        cv2.utils.logging.setLogLevel(level)
 
 
 def _decoded(capture: cv2.VideoCapture, path: Path, rate: float) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -229,32 +222,28 @@ def _at_rate(frames: Iterator[tuple[float, NDArray[np.uint8]]], rate: float) -> 
         yield from repeat(held, max(round(time + FPS / rate), 1) - following)
 
 
-def _small(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The frame scaled down to at most 480x320 pixels."""
-    height, width = frame.shape[:2]
-    scale = min(WIDTH_PX / width, HEIGHT_PX / height)
-    if scale >= 1:
-        return frame
-    size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
 def _fitted(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.uint8]:
+    """CLEVRER's image in a frame, scaled to 480x320."""
     if layout.box_xyxy_px is not None:
         left, top, right, bottom = layout.box_xyxy_px
         frame = frame[top:bottom, left:right]
-    height, width = frame.shape[:2]
-    scale = min(WIDTH_PX / width, HEIGHT_PX / height)
-    size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    if layout.stretched:
-        size = (WIDTH_PX, HEIGHT_PX)
-    small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-    if size == (WIDTH_PX, HEIGHT_PX):
-        return np.asarray(small, np.uint8)
+    small = _scaled(frame, stretched=layout.stretched)
+    height, width = small.shape[:2]
+    if (height, width) == (HEIGHT_PX, WIDTH_PX):
+        return small
     canvas = np.full((HEIGHT_PX, WIDTH_PX, 3), small.reshape(-1, 3).mean(0), np.uint8)
-    top, left = (HEIGHT_PX - size[1]) // 2, (WIDTH_PX - size[0]) // 2
-    canvas[top : top + size[1], left : left + size[0]] = small
+    top, left = (HEIGHT_PX - height) // 2, (WIDTH_PX - width) // 2
+    canvas[top : top + height, left : left + width] = small
     return canvas
+
+
+def _scaled(frame: NDArray[np.uint8], most: float = math.inf, stretched: bool = False) -> NDArray[np.uint8]:
+    """The frame scaled so that it just fits into 480x320 pixels, by a factor of at most `most`; or stretched to that size."""
+    height, width = frame.shape[:2]
+    scale = min(WIDTH_PX / width, HEIGHT_PX / height, most)
+    size = (WIDTH_PX, HEIGHT_PX) if stretched else (max(round(width * scale), 1), max(round(height * scale), 1))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(frame, size, interpolation=how), np.uint8)
 
 
 def write_video(
@@ -295,7 +284,7 @@ def check_is_video(path: Path) -> None:
     """Refuse what is certainly no video, by the file's first bytes.
 
     Raises:
-        VideoError: no such file, a folder or device, an empty file, or an image, sound, text or archive; says which.
+        VideoError: no such file, a folder or device, an empty file, an image or a text; says which.
     """
     if path.is_dir():
         raise VideoError(f"{path}: is a folder; expected a video (`nsdr parse-videos` takes folders)")
@@ -311,22 +300,16 @@ def check_is_video(path: Path) -> None:
 
 
 def _other_kind(head: bytes) -> str | None:
-    """What a file with these first bytes is, if it is no video."""
-    if head[:4] == b"RIFF" and head[8:12] in (b"WAVE", b"WEBP"):
-        return "WAV sound" if head[8:12] == b"WAVE" else "WebP image"
-    if head[4:11] in (b"ftypM4A", b"ftypM4B"):
-        return "M4A sound"
-    return next(
-        (kind for kind, starts in KINDS.items() if head.startswith(starts)), "text file" if _is_text(head) else None
-    )
-
-
-def _is_text(head: bytes) -> bool:
+    """What a file with these first bytes is, if it is an image or a text, which OpenCV would read as a video."""
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return "WebP image"
     try:
         text = head.decode("utf-8") if len(head) < HEAD_BYTES else head[:-4].decode("utf-8", "ignore")
     except UnicodeDecodeError:
-        return False
-    return all(c.isprintable() or c in "\n\r\t\f" for c in text)
+        text = "\0"
+    if all(c.isprintable() or c in "\n\r\t\f" for c in text):
+        return "text file"
+    return next((kind for kind, start in IMAGES.items() if head.startswith(start)), None)
 
 
 def _undecodable(path: Path) -> VideoError:

@@ -44,9 +44,9 @@ def average_checkpoints(folders: Sequence[str | Path], part: str, output: str | 
         raise DataError(f"expected two or more folders of checkpoints to average, got {len(folders)}")
     check_output_folder(output)
     states, details = zip(*(load_checkpoint(folder, part) for folder in folders), strict=True)
-    first = _settings(details[0])
-    shapes = {name: value.shape for name, value in states[0].items()}
-    for folder, state, description in zip(folders[1:], states[1:], details[1:], strict=True):
+    first, shapes = _settings(details[0]), {name: value.shape for name, value in states[0].items()}
+    averaged = []
+    for folder, state, description in zip(folders, states, details, strict=True):
         other = _settings(description)
         for name in (k for k in {**first, **other} if first.get(k) != other.get(k)):
             raise DataError(
@@ -55,8 +55,6 @@ def average_checkpoints(folders: Sequence[str | Path], part: str, output: str | 
             )
         if {name: value.shape for name, value in state.items()} != shapes:
             raise DataError(f"{folder}: {part}.safetensors: has other tensors than {folders[0]}; restore the files")
-    averaged = []
-    for folder, description in zip(folders, details, strict=True):
         digest = hashlib.sha256((Path(folder) / f"{part}.safetensors").read_bytes()).hexdigest()[:DIGITS]
         averaged.append({"weights_sha256": digest} | {k: description[k] for k in OWN if k in description})
     common = {k: v for k, v in details[0].items() if k not in (*OWN, "part", "config")}

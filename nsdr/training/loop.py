@@ -60,17 +60,13 @@ class LoopConfig(Settings):
         clip_norm: maximum norm of the gradient; larger gradients are scaled down.
         ema: decay per step of an exponential moving average of the weights, which is evaluated and saved instead of them; 0
             for none.
-        precision: "float32" (CUDA's convolutions are TF32, as PyTorch has it) or "bfloat16" (mixed); "auto" is "bfloat16" where
-            the device multiplies matrices of it (processors without AMX do so slowly).
+        precision: "float32", "bfloat16" (mixed), or "auto": "bfloat16" where the device multiplies matrices of it fast.
         seed: seed of the initial weights, the batches and the augmentation.
         log_every: steps between two lines of losses in `metrics.jsonl`.
         evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
         save_every: steps between two checkpoints.
         device: "auto" (an accelerator where there is one), "cpu", "cuda" or "cuda:N". With several processes
             (`torchrun`, `accelerate launch`), "auto" or "cpu": the launcher assigns the devices.
-
-    Raises:
-        DataError: a value out of its range; names it.
     """
 
     steps: PositiveCount = 1000
@@ -130,14 +126,13 @@ class _Losses(nn.Module):
 
     def __init__(self, task: Task) -> None:
         super().__init__()
-        self.model = task.model
-        self.losses = task.losses
+        self.model, self.losses = task.model, task.losses
 
-    def forward(self, batch: Any) -> dict[str, tuple[Tensor, Tensor]]:
+    def forward(self, batch: Any) -> dict[str, Tensor]:
+        """Total and number of items (2,) of each term."""
         terms = self.losses(self.model, batch)
-        return {
-            name: (term.total, torch.as_tensor(term.items, device=term.total.device)) for name, term in terms.items()
-        }
+        counts = (torch.as_tensor(term.items, device=term.total.device) for term in terms.values())
+        return {k: torch.stack([terms[k].total.float(), n.float()]) for k, n in zip(terms, counts, strict=True)}
 
 
 def learning_rate_at(step: int, config: LoopConfig) -> float:
@@ -232,7 +227,7 @@ class _Training:
             group["lr"] = learning_rate_at(step, self.config)
         model.train()
         terms = self.losses(batch)
-        totals, counts = (torch.stack([term[k].float() for term in terms.values()]) for k in (0, 1))
+        totals, counts = torch.stack(list(terms.values()), 1)
         all_totals, all_counts = accelerator.reduce(torch.stack([totals.detach(), counts]), "sum")
         all_counts = all_counts.clamp(min=1)
         # Gradients are averaged over processes, while the means are over the items of all of them.

@@ -1,13 +1,11 @@
 from .annotate import (
     annotated_image as annotated_image,
     stroboscopic_image as stroboscopic_image,
-    write_annotated_image as write_annotated_image,
     write_annotated_video as write_annotated_video,
 )
 from .distributions import (
     program_curve as program_curve,
     question_figure as question_figure,
-    training_curves as training_curves,
 )
 from .figures import causal_figure as causal_figure, figure_png as figure_png, plan_figure as plan_figure
 from .report import write_report as write_report

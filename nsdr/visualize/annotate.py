@@ -1,8 +1,6 @@
 """Frames and videos annotated with masks, object names, trails and collisions; and a video as a stroboscopic image."""
 
 import colorsys
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +10,8 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.errors import DataError
-from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.files import atomic_path
 from nsdr.io.video import write_video
-from nsdr.pipeline import Perception
 from nsdr.types import Event, Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS_RGB, attributes_of
@@ -23,7 +19,6 @@ from nsdr.world.vocabulary import COLORS_RGB, attributes_of
 __all__ = [
     "annotated_image",
     "stroboscopic_image",
-    "write_annotated_image",
     "write_annotated_video",
     "write_image",
 ]
@@ -32,47 +27,25 @@ IMAGE_SUFFIXES = (".png", ".jpg")
 """Endings of image files."""
 
 SCALE = 2
-"""Size of an annotated image relative to the video's frames."""
+"""Size of an annotated image relative to the video's frames. All sizes below are pixels of the annotated image."""
 LIGHTNESS = 0.72
 """HLS lightness of the annotation colours; the hue is the object's."""
-LINE_WIDTH_PX = 2
-"""Width of outlines and trails (pixels of the annotated image)."""
-TRAIL_DOT_EVERY = 8
-"""Frames between two dots on a trail."""
-TRAIL_DOT_RADIUS_PX = 3
-"""Radius of a trail's dots (pixels of the annotated image)."""
-STAR_SIZE_PX = 22
-"""Size of the star that marks a collision (pixels of the annotated image)."""
-FONT = cv2.FONT_HERSHEY_SIMPLEX
-FONT_SCALE = 0.5
-"""Text size, in OpenCV's units."""
-WHITE = (255, 255, 255)
-RIM_COLOR = (20, 20, 20)
-"""Colour of the rim that keeps text readable on any background."""
+LINE_WIDTH_PX, STAR_SIZE_PX = 2, 22
+"""Width of outlines and trails, and size of the star that marks a collision."""
+TRAIL_DOT_EVERY, TRAIL_DOT_RADIUS_PX = 8, 3
+"""Frames between two dots on a trail, and their radius."""
+FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.5
+WHITE, RIM_COLOR = (255, 255, 255), (20, 20, 20)
+"""Colours of text, and of the rim that keeps it readable on any background."""
 TEXT_MARGIN_PX = 2
 """Minimum distance of a text from the image border, and step by which overlapping texts are moved up."""
-
-FLASH_FRAMES = 8
-"""Frames over which a collision's flash fades."""
-FLASH_RADIUS_PX = 14
-"""Radius of the flash in the collision's frame (pixels of the annotated image)."""
-FLASH_GROWTH_PX = 5
-"""Growth of the flash's radius per frame (pixels of the annotated image)."""
-FLASH_LINE_WIDTH_PX = 5
-"""Line width of the flash (pixels of the annotated image)."""
-FLASH_COLOR = (255, 240, 160)
-"""Colour of the flash, RGB."""
-FLASH_OPACITY = 0.9
-"""Opacity of the flash in the collision's frame."""
 
 STROBE_EVERY = 12
 """Default number of frames between two copies of a stroboscopic image."""
 MIN_DISPLACEMENT_PX = 6.0
 """A copy closer than this to the next one is left out, because it would only blur it (pixels of the video)."""
-MIN_OPACITY = 0.35
-"""Opacity of a copy of the first frame."""
-OPACITY_RANGE = 0.5
-"""Increase of a copy's opacity from the first to the last frame."""
+MIN_OPACITY, OPACITY_RANGE = 0.35, 0.5
+"""Opacity of a copy of the first frame, and how much more a copy of the last one has."""
 SOFT_EDGE_PX = 3
 """Width of the Gaussian kernel that softens the edge of a copy (pixels of the video)."""
 
@@ -122,31 +95,6 @@ def annotated_image(
     return image  # type: ignore[return-value]
 
 
-def write_annotated_image(
-    path: str | Path, video: str | Path, perception: Perception, config: VideoConfig | None = None
-) -> None:
-    """Write the annotated last frame of a video; missing folders are created.
-
-    Args:
-        path: image file ending in .png or .jpg.
-        video: the video file.
-        perception: result of `Pipeline.perceive` for this video.
-        config: what the pipeline expected of videos (`Pipeline.video`).
-
-    Raises:
-        DataError: the perception has no tracks, or the image file cannot be written.
-        VideoError: the video cannot be read.
-    """
-    if perception.tracks is None:
-        raise DataError(f"{video}: no tracks to draw; the perception was made without them")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # perceiving the video has already shown them
-        for index, frame in enumerate(clip_frames(video, config)):
-            last_index, last_frame = index, frame
-    image = annotated_image(last_frame, last_index, perception.proposals, perception.tracks, perception.scene)
-    write_image(path, image)
-
-
 def write_annotated_video(
     path: str | Path,
     frames: NDArray[np.uint8],
@@ -160,24 +108,15 @@ def write_annotated_video(
     Args:
         path: file to write.
         frames: (T, 320, 480, 3) uint8 RGB.
-        proposals: masks whose outlines are drawn; None draws no outlines.
-        tracks: objects whose names and trails are drawn.
-        scene: source of the collisions.
+        proposals, tracks, scene: as of `annotated_image`.
         preset: as of `nsdr.io.video.write_video`.
 
     Raises:
         DataError: PyAV is missing.
     """
 
-    def images() -> Iterator[NDArray[np.uint8]]:
-        for index, frame in enumerate(frames):
-            image = annotated_image(frame, index, proposals, tracks, scene)
-            for event in scene.events:
-                if event.kind == "collision" and 0 <= index - event.frame < FLASH_FRAMES:
-                    _draw_flash(image, event, tracks, index - event.frame)
-            yield image
-
-    write_video(path, images(), preset=preset)
+    images = (annotated_image(frame, f, proposals, tracks, scene) for f, frame in enumerate(frames))
+    write_video(path, images, preset=preset)
 
 
 def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
@@ -228,24 +167,10 @@ def _draw_trail(image: NDArray[Any], centroids_px: NDArray[Any], color: Color) -
         cv2.circle(image, point.tolist(), TRAIL_DOT_RADIUS_PX, color, -1, cv2.LINE_AA)
 
 
-def _place(event: Event, tracks: VideoTracks) -> list[int]:
-    """Where a collision is in the annotated image (pixels)."""
-    pair = [tracks.tracks[i] for i in event.objects]
-    positions = [t.centroid_px[int(np.abs(t.frame_index - event.frame).argmin())] for t in pair]
-    return list(_scaled(np.mean(positions, 0)).tolist())
-
-
-def _draw_flash(image: NDArray[Any], event: Event, tracks: VideoTracks, age: int) -> None:
-    """Draw the flash of a collision, `age` frames after it."""
-    layer = image.copy()
-    radius = FLASH_RADIUS_PX + FLASH_GROWTH_PX * age
-    cv2.circle(layer, _place(event, tracks), radius, FLASH_COLOR, FLASH_LINE_WIDTH_PX, cv2.LINE_AA)
-    opacity = FLASH_OPACITY * (1 - age / FLASH_FRAMES)
-    image[:] = np.round(layer * opacity + image * (1 - opacity)).astype(np.uint8)
-
-
 def _draw_collision(image: NDArray[Any], event: Event, tracks: VideoTracks, number: int, occupied: list[Box]) -> None:
-    center = _place(event, tracks)
+    pair = [tracks.tracks[i] for i in event.objects]
+    places = [t.centroid_px[int(np.abs(t.frame_index - event.frame).argmin())] for t in pair]
+    center = _scaled(np.mean(places, 0)).tolist()
     cv2.drawMarker(image, center, WHITE, cv2.MARKER_STAR, STAR_SIZE_PX, LINE_WIDTH_PX, cv2.LINE_AA)
     text = f"{number}: hit at {event.frame}"
     _draw_text(image, text, _free_position(image, text, (center[0] + 12, center[1] + 4), occupied), WHITE)

@@ -1,14 +1,12 @@
-"""Figures of a question set and of trainings: distributions of questions and answers, program-count curve, training curves."""
+"""Figures of question sets: distributions of questions and answers, and the program-count curve."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from nsdr.clevrer.files.questions import QUESTION_TYPES, by_type
 from nsdr.visualize.figures import pyplot
 
-__all__ = ["program_curve", "question_figure", "training_curves"]
+__all__ = ["program_curve", "question_figure"]
 
 FIGURE_INCHES, CURVE_INCHES = (9.5, 6.0), (9.5, 3.4)
 """Width and height of the figures (inches)."""
@@ -20,10 +18,8 @@ LABEL_PT, VALUE_PT, TITLE_PT = 7.5, 7, 10
 """Font sizes of labels, of the values at bars, and of titles (points)."""
 HEADROOM = 1.2
 """Height of an axis relative to its largest bar, so that the values at bars and the names of groups have space."""
-GRID_ALPHA, FAINT_ALPHA = 0.3, 0.2
-"""Opacity of the grid, and of losses as they were logged."""
-SMOOTHED_LINES = 15
-"""Logged losses whose mean a training curve shows."""
+GRID_ALPHA = 0.3
+"""Opacity of the grid."""
 MARKERS = dict(zip(QUESTION_TYPES, "os^D", strict=True))
 """Marker of each question type in the curve."""
 SUBTYPES = ("count", "exist", "query_color", "query_shape", "query_material")
@@ -146,38 +142,3 @@ def program_curve(rows: Sequence[Mapping[str, Any]]) -> Any:
         axes.grid(alpha=GRID_ALPHA)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=LABEL_PT)
     return figure
-
-
-def training_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Any:
-    """The loss of several trainings by step: faint what was logged, and the mean of `SMOOTHED_LINES` around each step.
-
-    Args:
-        runs: lines of each run's `metrics.jsonl`, by its name; those with `loss` are drawn at their `step`.
-
-    Returns:
-        A matplotlib figure.
-
-    Raises:
-        DataError: matplotlib is missing.
-    """
-    figure, axes = pyplot().subplots(figsize=CURVE_INCHES, layout="constrained")
-    for name, lines in runs.items():
-        drawn = [line for line in lines if "loss" in line]
-        steps, losses = ([line[key] for line in drawn] for key in ("step", "loss"))
-        (curve,) = axes.plot(steps, _smoothed(losses), label=name, linewidth=1.5)
-        axes.plot(steps, losses, color=curve.get_color(), linewidth=0.5, alpha=FAINT_ALPHA)
-    axes.set(xlabel="step", ylabel="training loss")
-    axes.set_ylim(bottom=0)
-    axes.tick_params(labelsize=LABEL_PT)
-    axes.grid(alpha=GRID_ALPHA)
-    axes.spines[["top", "right"]].set_visible(False)
-    figure.legend(loc="outside right center", fontsize=LABEL_PT, frameon=False)
-    return figure
-
-
-def _smoothed(values: Sequence[float]) -> Any:
-    """Means of the `SMOOTHED_LINES` values around each, at the ends of those that there are."""
-    if not values:
-        return []
-    around = np.ones(2 * min(SMOOTHED_LINES // 2, (len(values) - 1) // 2) + 1)
-    return np.convolve(values, around, "same") / np.convolve(np.ones(len(values)), around, "same")

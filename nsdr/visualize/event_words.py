@@ -1,13 +1,16 @@
 """Events in words: who hits whom, and what differs in a simulation."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.types import DynamicsPrediction, Event, EventChange, Rollout, Scene, Simulation
+from nsdr.symbolic.world import VERBS
+from nsdr.types import DynamicsPrediction, Event, EventChange, Rollout, Scene, SceneObject, Simulation
 from nsdr.types.interventions import intervention_text
 from nsdr.world.physics_constants import FRAME_SECONDS
 
-__all__ = ["approach_speeds", "change_text", "event_text", "hitter", "interventions_text", "percent"]
+__all__ = ["change_text", "event_text", "hitter", "interventions_text", "percent"]
 
 WINDOW_FRAMES = 6
 """Frames before a collision whose displacement gives the velocities."""
@@ -18,13 +21,27 @@ CLEAR_RATIO = 0.5
 on 11 clips 28 of 28 clear hitters are right and none of 6 unclear ones is named; with 0.65, 3 of these are."""
 
 
-def approach_speeds(location_world: NDArray[np.floating], event: Event) -> tuple[float, float]:
-    """Speed of each object of a collision towards the other one, before it (world units/s); NaN where it is not known.
+def hitter(rollout: Rollout, event: Event) -> int | None:
+    """Id of the object that hits the other one; None where that is not clear.
+
+    It comes clearly faster towards the other one. Before an object is in the image its velocity is not known: one that enters
+    right before the collision hits an object that does not come towards it.
 
     Args:
-        location_world: (n_objects, F, 2) ground positions.
-        event: a collision.
+        rollout: trajectories of all objects.
+        event: one of its collisions.
     """
+    speeds = _approach_speeds(rollout.location_world, event)
+    faster, slower = max(speeds), min(speeds)
+    if faster >= MIN_APPROACH_WORLD_PER_S:
+        return event.objects[speeds.index(faster)] if slower <= CLEAR_RATIO * faster else None
+    first = {i: int(rollout.visible[i].argmax()) for i in event.objects}
+    entered = [i for i in event.objects if 0 < first[i] <= event.frame < first[i] + WINDOW_FRAMES]
+    return entered[0] if len(entered) == 1 and np.isfinite(faster) else None
+
+
+def _approach_speeds(location_world: NDArray[np.floating], event: Event) -> tuple[float, float]:
+    """Speed of each object towards the other one before a collision (world units/s); NaN where it is not known."""
     last = max(event.frame - 1, 0)
     first = max(last - WINDOW_FRAMES, 0)
     paths = location_world[list(event.objects), first : last + 1]
@@ -38,34 +55,17 @@ def approach_speeds(location_world: NDArray[np.floating], event: Event) -> tuple
     return float(velocity[0] @ towards), float(-velocity[1] @ towards)
 
 
-def hitter(rollout: Rollout, event: Event) -> int | None:
-    """Id of the object that hits the other one; None where that is not clear.
-
-    It comes clearly faster towards the other one. Before an object is in the image its velocity is not known: one that enters
-    right before the collision hits an object that does not come towards it.
-
-    Args:
-        rollout: trajectories of all objects.
-        event: one of its collisions.
-    """
-    speeds = approach_speeds(rollout.location_world, event)
-    faster, slower = max(speeds), min(speeds)
-    if faster >= MIN_APPROACH_WORLD_PER_S:
-        return event.objects[speeds.index(faster)] if slower <= CLEAR_RATIO * faster else None
-    first = {i: int(rollout.visible[i].argmax()) for i in event.objects}
-    entered = [i for i in event.objects if 0 < first[i] <= event.frame < first[i] + WINDOW_FRAMES]
-    return entered[0] if len(entered) == 1 and np.isfinite(faster) else None
-
-
 def event_text(event: Event, scene: Scene, dynamics: DynamicsPrediction | None = None) -> str:
     """An event as a sentence without its frame; of a collision, who hits whom where trajectories make that clear."""
-    names = [f"the {scene.objects[i].name}" for i in event.objects]
-    if event.kind != "collision":
-        return f"{names[0]} {'enters' if event.kind == 'in' else 'leaves'}"
-    first = None if dynamics is None else hitter(dynamics.observed, event)
+    first = hitter(dynamics.observed, event) if dynamics is not None and event.kind == "collision" else None
     if first is None:
-        return f"{names[0]} and {names[1]} collide"
-    return f"the {scene.objects[first].name} hits {names[1 - event.objects.index(first)]}"
+        return _clause(event, scene.objects)
+    other = event.objects[1 - event.objects.index(first)]
+    return f"the {scene.objects[first].name} hits the {scene.objects[other].name}"
+
+
+def _clause(event: Event, objects: Sequence[SceneObject]) -> str:
+    return VERBS[event.kind].format(*(f"the {objects[i].name}" for i in event.objects))
 
 
 def interventions_text(simulation: Simulation) -> str:
@@ -78,10 +78,8 @@ def change_text(simulation: Simulation, change: EventChange) -> str:
     """For example "no longer: the red metal cube and the blue rubber sphere collide (frame 48, <1 %)"."""
     probable = "" if change.probability is None else f", {percent(change.probability)}"
     before = "" if change.kind != "other frame" else f" instead of {change.before}"
-    event = change.event
-    names = [f"the {simulation.objects[i].name}" for i in event.objects]
-    happens = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}[event.kind].format(*names)
-    return f"{change.kind}: {happens} (frame {event.frame}{before}{probable})"
+    happens = _clause(change.event, simulation.objects)
+    return f"{change.kind}: {happens} (frame {change.event.frame}{before}{probable})"
 
 
 def percent(probability: float) -> str:

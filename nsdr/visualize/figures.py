@@ -1,13 +1,12 @@
 """Matplotlib figures: the ground seen from above with its rollouts, and the causal graph over time."""
 
 import io
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import DataError
+from nsdr.io.files import check_installed
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
@@ -31,32 +30,23 @@ PLAN_LARGEST_WORLD = 9.0
 """The plan never shows positions with a larger coordinate: they are errors of the prediction (world units)."""
 PLAN_MARGIN_WORLD = 0.5
 """Space around the outermost position (world units)."""
-PLAN_WIDTH_IN = 7.5
-"""Width of the plan (inches)."""
+PLAN_WIDTH_IN, LEGEND_WIDTH_IN = 7.5, 1.9
+"""Widths of the plan and of the names beside it (inches)."""
 FAR_EDGE_PX = 60
 """Image row up to which the visible ground is shaded (pixels from the top)."""
 SAME_POSITION_WORLD = 0.05
 """A counterfactual trajectory is drawn dashed from the frame in which it is farther than this from the observed one
 (world units)."""
-LABEL_DISTANCES_PT = (12, 22, 34, 50, 70, 95)
-"""Distances between a label and its point that are tried (points)."""
-LABEL_DIRECTIONS = 16
-"""Number of directions that are tried at each distance."""
-LEADER_FROM_PT = 30
-"""Labels that are farther than this from their point get a line to it (points)."""
-LABEL_PADDING_PX = 2.0
-"""Space around a label (pixels of the figure)."""
-LABEL_COSTS = {"label": 100.0, "outside": 100.0, "mark": 20.0, "line": 3.0}
-"""What it costs a label to cover another label, to lie outside of the axes, to cover a mark, and to cover a point of a line;
-a unit of distance costs 0.1."""
+NUMBER_OFFSET_PT = (6, 4)
+"""From a collision to its number (points)."""
 MISSING_DIFFERENCE_WORLD = 9.0
 """Distance assumed where one of two compared trajectories is missing (world units), so that it counts as different."""
 
 
 def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, camera: Camera = CLEVRER_CAMERA) -> Any:
-    """The ground from above: observed trajectories solid, predicted ones dashed, collisions as stars.
+    """The ground from above: observed trajectories solid, predicted ones dashed, collisions as numbered stars.
 
-    Stars of observed collisions are filled; the number beside a star is the collision's frame.
+    Stars of observed collisions are filled. The legend has the names of the objects and the frames of the collisions.
 
     Args:
         prediction: from a dynamics backend.
@@ -69,40 +59,37 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
     Raises:
         DataError: matplotlib is missing.
     """
-    plt = pyplot()
     rollout = prediction.observed if removed is None else prediction.counterfactual[removed]
     low, high = _extent(prediction, rollout)
     height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
-    figure, axes = plt.subplots(figsize=(PLAN_WIDTH_IN, height_in), constrained_layout=True)
+    figure, axes = pyplot().subplots(figsize=(PLAN_WIDTH_IN + LEGEND_WIDTH_IN, height_in), constrained_layout=True)
     corners_px = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
-    corners = _on_plan(camera.ground(np.array(corners_px), 0.0))
-    axes.fill(corners[:, 0], corners[:, 1], color="0.96", zorder=0)
-    labels = []
+    axes.fill(*_on_plan(camera.ground(np.array(corners_px), 0.0)).T, color="0.96", zorder=0)
     for o in prediction.objects:
-        faint = o.id == removed
         path = _on_plan(prediction.observed.location_world[o.id, : prediction.n_frames])
-        if faint:
+        if o.id == removed:
             axes.plot(*path.T, color="0.75", lw=1.5, ls=":")
         else:
             _draw_trajectory(axes, o, rollout, prediction, removed)
             path = _on_plan(rollout.location_world[o.id, : prediction.n_frames])
         known = path[np.isfinite(path[:, 0])]
         if len(known):
-            _draw_object(axes, o, known[-1], faint)
-            style = {"fontsize": 8, "color": "0.6" if faint else "0.15", "zorder": 6}
-            labels.append((f"{o.id} {o.name}", tuple(known[-1]), style))
-    for event in rollout.collisions:
+            edge = {"mew": 2.0, "mec": "0.85"} if o.material == "metal" else {"mew": 0.8, "mec": "black"}
+            fill, opacity = np.array(COLORS_RGB[o.color]) / 255, 0.3 if o.id == removed else 1.0
+            style = {"ls": "", "ms": OBJECT_SIZE_PT, "mfc": fill, "alpha": opacity, "zorder": 4, **edge}
+            axes.plot(*known[-1], marker=MARKERS[o.shape], label=f"{o.id} {o.name}", **style)
+    for number, event in enumerate(rollout.collisions, 1):
         at = np.nanmean(_on_plan(rollout.location_world[list(event.objects), event.frame]), 0)
         observed = event.frame < prediction.n_frames and (removed is None or event in prediction.observed.collisions)
-        fill = "gold" if observed else "white"
-        axes.plot(*at, "*", ms=STAR_SIZE_PT, mfc=fill, mec="black", mew=0.8, zorder=5)
-        labels.append((f"frame {event.frame}", tuple(at), {"fontsize": 8, "zorder": 6, "style": "italic"}))
+        style = {"ls": "", "ms": STAR_SIZE_PT, "mfc": "gold" if observed else "white", "mec": "black", "zorder": 5}
+        axes.plot(*at, marker="*", label=f"{number}: frame {event.frame}", **style)
+        axes.annotate(str(number), at, NUMBER_OFFSET_PT, textcoords="offset points", fontsize=8, zorder=6)
     title = (
         "observed, then predicted (dashed)" if removed is None else f"without the {prediction.objects[removed].name}"
     )
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set(xlabel="y (right of the image)", ylabel="-x", title=title)
-    _place_labels(axes, labels, [_on_plan(path) for path in rollout.location_world])
+    figure.legend(loc="outside right upper", fontsize=8, markerscale=0.6, frameon=False)
     return figure
 
 
@@ -136,13 +123,6 @@ def _draw_trajectory(
         axes.plot(observed[:, 1], -observed[:, 0], color="0.8", lw=1)
     axes.plot(location[~predicted, 1], -location[~predicted, 0], color=color, lw=2)
     axes.plot(location[predicted, 1], -location[predicted, 0], color=color, lw=2, ls=(0, (3, 2)))
-
-
-def _draw_object(axes: Any, o: SceneObject, at: NDArray[Any], faint: bool) -> None:
-    fill = np.array(COLORS_RGB[o.color]) / 255
-    edge = {"mew": 2.0, "mec": "0.85"} if o.material == "metal" else {"mew": 0.8, "mec": "black"}
-    opacity = 0.3 if faint else 1.0
-    axes.plot(*at, MARKERS[o.shape], ms=OBJECT_SIZE_PT, mfc=fill, alpha=opacity, zorder=4, **edge)
 
 
 def causal_figure(scene: Scene) -> Any:
@@ -192,52 +172,6 @@ def _between(first: int, second: int) -> float:
     return low + (high - low - 1) // 2 + 0.5
 
 
-def _place_labels(
-    axes: Any,
-    labels: Sequence[tuple[str, tuple[float, float], dict[str, Any]]],
-    lines: Sequence[NDArray[np.floating[Any]]],
-) -> None:
-    """Write labels beside their points, each in the free place that is nearest, the first ones first.
-
-    Args:
-        axes: Matplotlib axes whose limits are final.
-        labels: (text, point in data coordinates, keyword arguments of the text); the points are marks, not to be covered.
-        lines: (N, 2) points in data coordinates of what is better not covered.
-    """
-    figure = axes.figure
-    figure.draw_without_rendering()
-    pixels, window = figure.dpi / 72, axes.get_window_extent()
-    marks = np.array([axes.transData.transform(point) for _, point, _ in labels])
-    covered = np.concatenate([*(axes.transData.transform(line) for line in lines), np.zeros((0, 2))])
-    angles = np.tile(np.arange(LABEL_DIRECTIONS) * 2 * np.pi / LABEL_DIRECTIONS - np.pi / 4, len(LABEL_DISTANCES_PT))
-    distances = np.repeat(LABEL_DISTANCES_PT, LABEL_DIRECTIONS)
-    directions = np.stack([np.cos(angles), np.sin(angles)], 1)
-    taken = np.zeros((0, 4))
-    for (text, point, style), at in zip(labels, marks, strict=True):
-        note = axes.annotate(text, point, (0, 0), textcoords="offset points", ha="center", va="center", **style)
-        note.set_in_layout(False)
-        size = np.array(note.get_window_extent().size) + 2 * LABEL_PADDING_PX
-        moved = directions * distances[:, None] * pixels
-        moved += np.sign(directions.round(6)) * size / 2 * abs(directions).round(1)
-        boxes = np.concatenate([at + moved - size / 2, at + moved + size / 2], 1)
-        low, high = boxes[:, None, :2], boxes[:, None, 2:]
-        cost = 0.1 * distances
-        cost += LABEL_COSTS["label"] * ((low < taken[:, 2:]) & (taken[:, :2] < high)).all(2).sum(1)
-        cost += LABEL_COSTS["outside"] * ((boxes[:, :2] < window.min) | (boxes[:, 2:] > window.max)).any(1)
-        near = 8 * pixels
-        cost += LABEL_COSTS["mark"] * ((marks > low - near) & (marks < high + near)).all(2).sum(1)
-        cost += LABEL_COSTS["line"] * ((covered > low) & (covered < high)).all(2).sum(1)
-        best = int(cost.argmin())
-        taken = np.vstack([taken, boxes[best]])
-        note.set_position(tuple(moved[best] / pixels))
-        nearest = np.clip(np.zeros(2), moved[best] - size / 2, moved[best] + size / 2)
-        if np.hypot(*nearest) / pixels > LEADER_FROM_PT:
-            axes.annotate(
-                "", point, tuple(nearest / pixels), textcoords="offset points", zorder=3,
-                arrowprops={"arrowstyle": "-", "color": "0.5", "lw": 0.7, "shrinkA": 0, "shrinkB": 6},
-            ).set_in_layout(False)  # fmt: skip
-
-
 def figure_png(figure: Any) -> bytes:
     """A matplotlib figure as the bytes of a PNG file; closes the figure."""
     buffer = io.BytesIO()
@@ -248,11 +182,10 @@ def figure_png(figure: Any) -> bytes:
 
 def pyplot() -> Any:
     """Matplotlib's pyplot without a window; raises `DataError` where matplotlib is missing."""
-    try:
-        import matplotlib
+    check_installed("matplotlib", "figures need matplotlib", "visualize")
+    import matplotlib
 
-        matplotlib.use("Agg")
-        import matplotlib.pyplot as plt
-    except ImportError as e:
-        raise DataError("figures need matplotlib: pip install 'nsdr[visualize]'") from e
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
     return plt

@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 from nsdr.dynamics.interventions import simulate_removal
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
-from nsdr.types import Answer, DynamicsPrediction, Event, Remove, Scene, Simulation
+from nsdr.types import Answer, Remove, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, annotated_image, stroboscopic_image, write_annotated_video
-from nsdr.visualize.event_words import change_text, event_text
+from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-from nsdr.visualize.html_parts import answer_html, data_uri, figure_html, jpeg, summary_html, thumbnail
-from nsdr.visualize.plan_frames import draw_plan
-from nsdr.visualize.timeline import TIMELINE_STYLE, spans, timeline_html
-from nsdr.world.vocabulary import COLORS_RGB
+from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, summary_html
+from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
 
 __all__ = ["write_report"]
 
@@ -46,8 +44,6 @@ code { background: var(--code); padding: 0 .2em } table { border-collapse: colla
 td, th { padding: .25em .6em; text-align: left; vertical-align: top; border-top: 1px solid var(--line) }
 .answer { font-size: 1.3em } .correct { color: var(--good) } .wrong, .error { color: var(--bad) } td img { width: 150px }
 summary { cursor: pointer; color: var(--faint) } .number { text-align: right; width: 4em }
-.swatch { display: inline-block; width: 1em; height: 1em; border-radius: 3px; border: 1px solid var(--faint);
-vertical-align: -.1em } .metal { background-image: linear-gradient(135deg, #fff8, #fff0 50%) }
 """
 
 
@@ -71,15 +67,14 @@ def write_report(
     if frames is not None and perception.tracks is not None:
         body += ["<h2>Video</h2>", _video(frames, perception)]
     body += [
-        "<h2>Objects</h2>",
-        _objects(scene),
-        "<h2>Events</h2>",
+        "<h2>Objects and events</h2>",
         timeline_html(perception, frames, "#video video"),
-        _events(scene, dynamics),
         "<h2>Pictures</h2><div class=row>",
     ]
-    if frames is not None and perception.tracks is not None:
-        body += _pictures(frames, perception)
+    if frames is not None and perception.tracks is not None and perception.proposals is not None:
+        strobe = stroboscopic_image(frames, perception.proposals, perception.tracks)
+        caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
+        body.append(figure_html(jpeg(strobe), caption))
     if dynamics is not None:
         caption = "From above: observed trajectories solid, predicted ones dashed."
         body.append(figure_html(figure_png(plan_figure(dynamics, camera=perception.camera)), caption))
@@ -103,7 +98,7 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
             content = file.read_bytes()
         if len(content) <= MAX_VIDEO_BYTES:
             source = "data:video/mp4;base64," + base64.b64encode(content).decode()
-            caption = "Masks, names and trails in every frame; flashes mark collisions."
+            caption = "Masks, names and trails in every frame; stars mark collisions."
             player = f"<video controls loop muted src='{source}'></video>"
             return f"<figure id=video>{player}<figcaption>{caption}</figcaption></figure>"
     shown = np.linspace(0, len(frames) - 1, SHOWN_FRAMES).astype(int).tolist()
@@ -112,45 +107,6 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
         annotated_image(frames[f], f, perception.proposals, perception.tracks, scene) for f in dict.fromkeys(shown)
     ]
     return f"<div class=row>{''.join(figure_html(jpeg(image), '') for image in images)}</div>"
-
-
-def _objects(scene: Scene) -> str:
-    rows = []
-    for o in scene.objects:
-        red, green, blue = COLORS_RGB[o.color]
-        swatch = f"<span class='swatch {o.material}' style='background-color: rgb({red},{green},{blue})'></span>"
-        moving = "not known" if scene.moving is None else _frames(scene.moving[o.id] & scene.visible[o.id])
-        rows.append(f"<tr><td class=number>{o.id}<td>{swatch} {o.name}<td>{_frames(scene.visible[o.id])}<td>{moving}")
-    return f"<table><tr><th class=number>object<th>name<th>in frames<th>moves in frames{''.join(rows)}</table>"
-
-
-def _frames(flags: NDArray[np.bool_]) -> str:
-    """The frames at which flags are set."""
-    stretches = [f"{a}\u2013{end - 1}" if end - a > 1 else str(a) for a, end in spans(flags)]
-    return ", ".join(stretches) or "never"
-
-
-def _events(scene: Scene, dynamics: DynamicsPrediction | None) -> str:
-    def row(event: Event, about: str) -> str:
-        return f"<tr><td class=number>{about}{event.frame}<td>{html.escape(event_text(event, scene, dynamics))}"
-
-    rows = [row(event, "") for event in scene.events] or ["<tr><td><td>nothing happens"]
-    if scene.unseen is not None:
-        rows.append("<tr><td><td><b>Predicted after the video</b>")
-        rows += [row(event, "about ") for event in scene.unseen] or ["<tr><td><td>nothing"]
-    return f"<table><tr><th class=number>frame<th>event{''.join(rows)}</table>"
-
-
-def _pictures(frames: NDArray[np.uint8], perception: Perception) -> list[str]:
-    assert perception.tracks is not None
-    last = len(frames) - 1
-    image = annotated_image(frames[last], last, perception.proposals, perception.tracks, perception.scene)
-    figures = [figure_html(jpeg(image), "Frame parser and tracker: masks, ids and trails; stars mark collisions.")]
-    if perception.proposals is not None:
-        strobe = stroboscopic_image(frames, perception.proposals, perception.tracks, STROBE_EVERY)
-        caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
-        figures.insert(0, figure_html(jpeg(strobe), caption))
-    return figures
 
 
 def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers: Sequence[Answer]) -> list[str]:
@@ -172,15 +128,10 @@ def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.
     """A picture and a line for each difference: what no longer happens in the video's frame, else from above."""
     cards = []
     for change in simulation.differences():
-        event, gone = change.event, change.kind == "no longer"
-        if gone and frames is not None and perception.tracks is not None and event.frame < len(frames):
-            picture = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects)
-        else:
-            rollout = simulation.original if gone else simulation.changed
-            plan = draw_plan(simulation.objects, rollout, simulation.changed_yaw, event.frame, camera=perception.camera)
-            picture = data_uri(jpeg(plan))
-        image = f"<img alt='frame {event.frame}' src='{picture}'>"
-        cards.append(f"<div>{image}{html.escape(change_text(simulation, change))}</div>")
+        gone = change.kind == "no longer"
+        simulated = simulation.original if gone else simulation.changed, simulation.changed_yaw
+        picture = event_picture(change.event, perception, frames if gone else None, simulated)
+        cards.append(f"<div>{picture}{html.escape(change_text(simulation, change))}</div>")
     return f"<div class=cards>{''.join(cards)}</div>" if cards else ""
 
 

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.pipeline import Perception
-from nsdr.types import Event, Scene
+from nsdr.types import Event, Rollout, Scene
 from nsdr.visualize.event_words import event_text, percent
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.timeline import FPS, horizon_frame
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["TIMELINE_STYLE", "event_cards", "spans", "timeline_html"]
+__all__ = ["TIMELINE_STYLE", "event_picture", "timeline_html"]
 
 LABEL_WIDTH, LANE_WIDTH, LANE_HEIGHT, AXIS_HEIGHT = 170, 550, 24, 24
 """Sizes of the drawing (units of its view box)."""
@@ -56,23 +56,22 @@ def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, vide
     drawn += [_mark(event, number, perception, video) for number, event in enumerate(events)]
     box = f"0 0 {LABEL_WIDTH + LANE_WIDTH} {height}"
     svg = f"<svg viewBox='{box}' role=img aria-label='timeline of the events'>{''.join(drawn)}</svg>"
-    return f"<div class=timeline>{svg}{event_cards(perception, frames, video)}</div>"
+    return f"<div class=timeline>{svg}{_event_cards(perception, frames, video)}</div>"
 
 
-def event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video: str = "") -> str:
-    """A picture of each event with its frame and words: the frame with boxes, or the ground from above after the video.
-
-    Args:
-        perception, frames, video: as of `timeline_html`.
-    """
-    scene = perception.scene
+def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video: str) -> str:
+    """A picture of each event with its frame and words: the frame with boxes, or the ground from above after the video."""
+    scene, dynamics = perception.scene, perception.dynamics
+    simulated = None
+    if frames is not None and dynamics is not None:
+        simulated = dynamics.observed, np.zeros(dynamics.observed.visible.shape)
     cards = []
     for number, event in enumerate([*scene.events, *(scene.unseen or ())]):
         later = event.frame >= scene.n_frames
-        text = html.escape(event_text(event, scene, perception.dynamics) + _probability(event, scene))
+        text = html.escape(event_text(event, scene, dynamics) + _probability(event, scene))
         when = f"about frame {event.frame}, predicted" if later else f"frame {event.frame}"
         click = "" if later else _seek(event.frame, video)
-        image = _picture(event, perception, frames)
+        image = event_picture(event, perception, frames, simulated)
         cards.append(f"<button type=button data-event={number}{click}>{image}<b>{when}</b>{text}</button>")
     return f"<div class=cards>{''.join(cards)}</div>"
 
@@ -101,15 +100,16 @@ def _lanes(perception: Perception) -> list[str]:
         y = LANE_HEIGHT * o.id
         parts.append(f"<text x=0 y={y + 16}>{o.id} {html.escape(o.name)}</text>")
         moving = np.zeros(scene.n_frames, bool) if scene.moving is None else scene.moving[o.id] & scene.visible[o.id]
-        for flags, opacity in ((scene.visible[o.id], 0.35), (moving, 0.95)):
-            for first, end in spans(flags):
+        for what, flags, opacity in (("in the image", scene.visible[o.id], 0.35), ("moves", moving, 0.95)):
+            for first, end in _spans(flags):
                 x, width = _x(first, scene), round(_x(end, scene) - _x(first, scene), 1)
                 style = f"fill='rgb({red},{green},{blue})' opacity={opacity}"
-                parts.append(f"<rect x={x} y={y + 7} width={width} height=10 rx=3 {style} />")
+                title = f"<title>{what}: frames {first}\u2013{end - 1}</title>"
+                parts.append(f"<rect x={x} y={y + 7} width={width} height=10 rx=3 {style}>{title}</rect>")
     return parts
 
 
-def spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Ranges (first, one after the last) in which flags are set."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -149,16 +149,24 @@ def _probability(event: Event, scene: Scene) -> str:
     return f" ({percent(known[0])})" if known else ""
 
 
-def _picture(event: Event, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
-    if frames is None or perception.tracks is None:
-        return ""
-    if event.frame < len(frames):
+def event_picture(
+    event: Event,
+    perception: Perception,
+    frames: NDArray[np.uint8] | None,
+    simulated: tuple[Rollout, NDArray[np.floating]] | None,
+) -> str:
+    """The frame of an event with boxes around its objects; without that frame, the ground from above; "" without both.
+
+    Args:
+        event: one of the video, or of what is simulated.
+        perception: of the video.
+        frames: (T, 320, 480, 3) uint8 RGB of it; None leaves these out.
+        simulated: rollout and (n, F) yaws (radians).
+    """
+    if frames is not None and perception.tracks is not None and event.frame < len(frames):
         source = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects, CARD_WIDTH_PX)
-    elif perception.dynamics is not None:
-        rollout = perception.dynamics.observed
-        yaw = np.zeros(rollout.visible.shape)
-        image = draw_plan(perception.dynamics.objects, rollout, yaw, event.frame, camera=perception.camera)
-        source = data_uri(jpeg(image))
+    elif simulated is not None:
+        source = data_uri(jpeg(draw_plan(perception.scene.objects, *simulated, event.frame, camera=perception.camera)))
     else:
         return ""
     return f"<img alt='frame {event.frame}' src='{source}'>"

@@ -63,8 +63,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "data frames": (("data", "frames", "{good}", "--proposals", "{good}/release/derender_proposals", "-o", "out"),
                     {"--every": ("0", "-1", "x"), "--proposals": ("nowhere",)}),
     "generate dataset": (GENERATE, {
-        "--shards": ("0", "-1", "x", "1.5", "1000000"), "--first_shard": ("-1", "x", "1.5", "1000000000001"),
-        "--videos": ("0", "-1", "x", "1000000"), "--seed": ("-1", "x"), "--first_scene": ("-1", "1000000"),
+        "--videos": ("0", "-1", "x", "1000000"), "--seed": ("-1", "x", "1000000000001"), "--first_scene": ("-1", "1000000"),
         "--renderer": ("zebra",), "--workers": ("-1",), "--engine": ("zebra",), "--zebra": ("1",),
         "--splits": ("{zebra: 1}", "{train: 0}", "{train: -1}", "{train: x}", "5", "{}", "{train: .nan}"),
         "--scene.objects": ("{0: 1}", "{1: 1}", "{4: -1}", "{4: x}", "{x: 1}", "{400: 1}", "{}"),
@@ -145,7 +144,6 @@ COMMANDS_WRONG = {
     "serve no folder": ("serve", "nowhere"), "serve a file": ("serve", "{good}/video.mp4"),
     "serve no clips": ("serve", "{good}/truth"),
     "mcp of no folder": ("mcp", "nowhere"), "mcp of a file": ("mcp", "{good}/video.mp4"),
-    "shards over seeds": (*GENERATE, "--shards", "2", "--seed", str(10**12)),
 }  # fmt: skip
 
 
@@ -174,7 +172,6 @@ WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "evaluate submission": (EVALUATE_TRUTH[:-2], "--submission", "out.json"),
     "parse-video": (PARSE_ONE, "-o", "scene.json"),
     "parse-video proposals": ((*PARSE_ONE, "-o", "scene.json"), "--proposals-out", "proposals.json"),
-    "parse-video image": ((*PARSE_ONE, "-o", "scene.json"), "--image", "image.png"),
     "visualize": (("visualize", "{good}/video.mp4"), "-o", "image.png"),
     "visualize video": (("visualize", "{good}/video.mp4"), "-o", "out.mp4"),
     "demo": (("demo",), "-o", "demo.png"),
@@ -192,11 +189,10 @@ FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {
     "generate dataset": (("generate", "dataset", *GENERATE[4:]), "--output"),
     "experiment": (("experiment", "rows.yaml"), "-o"),
     "train": (("train", "question-parser", *TRAIN[4:]), "--run_dir"),
-    "shards": (("generate", "dataset", *GENERATE[4:], "--shards", "2"), "--output"),
     "controls": ((*CONTROLS[:4], "--workers", "1"), "-o"),
     "export": (EXPORT[:4], "-o"),
 }
-ENDING_DECIDES = ("parse-video", "parse-video image", "visualize", "demo")
+ENDING_DECIDES = ("parse-video", "visualize", "demo")
 """Outputs whose form the ending decides."""
 NO_ENDINGS = ("visualize video",)
 """Outputs whose endings are tried by another of these commands."""

@@ -17,7 +17,7 @@ from nsdr.clevrer.files.questions import Question
 from nsdr.clevrer.files.schema import Id, check_unique
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, write_json
-from nsdr.io.reading import parse_json_lines, read_json_bytes, read_typed
+from nsdr.io.reading import parse_json_lines, read_json, read_json_bytes
 from nsdr.validation import expect, shown
 
 __all__ = [
@@ -245,7 +245,7 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    content: list[dict[str, Any]] = read_typed(path, list[_Scene])
+    content: list[dict[str, Any]] = read_json(path, list[_Scene])
     check_unique([scene["scene_index"] for scene in content], f"{path}: ", ".scene_index")
     for s, scene in enumerate(content):
         place = f"{path}: [{s}].questions"

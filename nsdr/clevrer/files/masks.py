@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError
 from nsdr.validation import convert, expect
 
-__all__ = ["check_mask", "mask_numbers"]
+__all__ = ["check_mask"]
 
 MaskNumbers = tuple[tuple[float, float], int, tuple[int, int, int, int]]
 """Mean (column, row) of the pixel centres, number of pixels, and box (left, top, right, bottom) with exclusive end (px)."""
@@ -71,27 +71,11 @@ def numbers_of_runs(runs: NDArray[np.int64], height: int) -> MaskNumbers:
     """Centroid, area and box of the mask with these runs; all zero for an empty mask."""
     ends = runs.cumsum()[1::2]
     lengths = runs[1::2]
+    if not lengths.any():
+        return (0.0, 0.0), 0, (0, 0, 0, 0)
     starts = ends - lengths
     # Position of each object pixel, column by column: its run's start, plus its place in the run.
     pixels = np.arange(lengths.sum()) + np.repeat(starts - (lengths.cumsum() - lengths), lengths)
     columns, rows = np.divmod(pixels, height)
-    return _numbers(rows, columns)
-
-
-def mask_numbers(mask: NDArray[np.uint8]) -> MaskNumbers:
-    """Centroid, area and bounding box of a mask; all zero for an empty mask.
-
-    Args:
-        mask: (H, W) uint8.
-
-    Returns:
-        Mean (column, row) of the pixel centres, number of pixels, and box (left, top, right, bottom) with exclusive end.
-    """
-    return _numbers(*np.nonzero(mask))
-
-
-def _numbers(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> MaskNumbers:
-    if not len(rows):
-        return (0.0, 0.0), 0, (0, 0, 0, 0)
     box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
     return (float(columns.mean()) + PIXEL_CENTRE_PX, float(rows.mean()) + PIXEL_CENTRE_PX), len(rows), box

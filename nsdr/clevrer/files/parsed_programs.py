@@ -16,7 +16,7 @@ from msgspec import Meta
 from nsdr.clevrer.files.questions import Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import read_typed
+from nsdr.io.reading import read_json
 from nsdr.validation import expect
 
 __all__ = ["with_parsed_programs"]
@@ -58,7 +58,7 @@ def with_parsed_programs(scenes: Iterable[SceneQuestions], files: Sequence[str |
     Raises:
         DataError: a malformed file, or one whose rows are not the questions of a scene; names the file and the place.
     """
-    contents: dict[str, dict[str, _Scene]] = {str(path): read_typed(path, dict[SceneKey, _Scene]) for path in files}
+    contents: dict[str, dict[str, _Scene]] = {str(path): read_json(path, dict[SceneKey, _Scene]) for path in files}
     result = []
     for scene in scenes:
         questions = [

@@ -17,7 +17,7 @@ import numpy as np
 from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
 from nsdr.clevrer.files.schema import Coordinate, check_frame, check_unique
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import read_typed
+from nsdr.io.reading import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
 from nsdr.validation import convert, expect
 from nsdr.world.camera import (
@@ -145,7 +145,7 @@ def read_predictions(path: str | Path) -> PredictionFile:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    content: PredictionFile = read_typed(path, PredictionFile)
+    content: PredictionFile = read_json(path, PredictionFile)
     return content
 
 

@@ -1,8 +1,9 @@
 """CLEVRER's mask proposals: official JSON files (plain or gzipped), and compact NPZ files of many videos without masks."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -13,9 +14,9 @@ from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_m
 from nsdr.clevrer.files.schema import LARGEST_ID, check_frame
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
-from nsdr.io.reading import parse_typed, read_json, read_npz, read_typed
+from nsdr.io.reading import parse_json, read_bytes, read_json, read_npz
 from nsdr.types import VideoProposals
-from nsdr.validation import Share, convert, expect
+from nsdr.validation import Array, IntArray, Settings, Share, convert, expect
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.timeline import VIDEO_FRAMES
 from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, Color, Material, Shape, attribute_index, attributes_of
@@ -25,7 +26,6 @@ __all__ = [
     "ground_truth_of",
     "parse_proposals",
     "proposals_document",
-    "proposals_from_document",
     "proposals_from_rows",
     "read_compact_proposals",
     "read_ground_truth",
@@ -38,7 +38,39 @@ COMPACT_SCORE_STEPS = 255.0
 """Steps per unit of score in compact files, which store scores as bytes."""
 COMPACT_CENTROID_STEPS_PER_PX = 64.0
 """Steps per pixel of centroids in compact files."""
-COMPACT_ARRAYS = ("video", "frame", "attr", "score", "cx64", "cy64", "area", "box")
+
+
+@dataclass(frozen=True)
+class _Compact(Settings):
+    """The arrays of a compact file."""
+
+    video: Annotated[IntArray, Array("n", low=0, high=LARGEST_ID)]
+    frame: Annotated[IntArray, Array("n", low=0)]
+    attr: Annotated[IntArray, Array("n", low=0, high=N_ATTRIBUTE_TRIPLES - 1)]
+    score: Annotated[IntArray, Array("n", low=0, high=COMPACT_SCORE_STEPS)]
+    cx64: Annotated[IntArray, Array("n", low=0, high=WIDTH_PX * COMPACT_CENTROID_STEPS_PER_PX)]
+    cy64: Annotated[IntArray, Array("n", low=0, high=HEIGHT_PX * COMPACT_CENTROID_STEPS_PER_PX)]
+    area: Annotated[IntArray, Array("n", low=1, high=HEIGHT_PX * WIDTH_PX)]
+    box: Annotated[IntArray, Array("n", 4, low=0, high=WIDTH_PX)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_limit(int(self.frame.max()) + 1, "frames", "frame")
+        left, top, right, bottom = self.box.T
+        fits = (left < right) & (top < bottom) & (bottom <= HEIGHT_PX)
+        row = int(fits.argmin())
+        expected = f"left < right, top < bottom, bottom up to {HEIGHT_PX}"
+        expect(bool(fits.all()), f"box: row {row}", expected, self.box[row].tolist())
+        place = self.video.astype(np.int64) * limits().frames + self.frame
+        ascending = np.diff(place, prepend=0) >= 0
+        row = int(ascending.argmin())
+        after, found = (f"video {self.video[r]}, frame {self.frame[r]}" for r in (row - 1, row))
+        expect(bool(ascending.all()), f"row {row}", "ascending videos and frames", f"{found} after {after}")
+        per_frame = np.diff(np.flatnonzero(np.diff(place, prepend=-1, append=-1)))
+        check_limit(int(per_frame.max()), "frame_objects", "detections in a frame")
+
+
+COMPACT_ARRAYS = tuple(field.name for field in fields(_Compact))
 """Arrays of a compact file."""
 
 
@@ -82,34 +114,23 @@ class _File(msgspec.Struct):
         expect(n is None or before < n <= most, ".n_frames", f"{before + 1} to {most}", n)
 
 
+class _FileWithTruth(_File, kw_only=True):
+    ground_truth: dict[str, Any]
+    video_index: Any = None
+
+
 def read_proposals(path: str | Path) -> VideoProposals:
     """Read CLEVRER's `proposal_N.json` or the released code's `sim_N.json`, plain or gzipped.
 
     Raises:
         DataError: not a proposal file; names the file, the location in the file and what was expected there.
     """
-    return _proposals_of(read_typed(path, _File), str(path))
+    return parse_proposals(read_bytes(path), str(path))
 
 
 def parse_proposals(data: bytes, name: str) -> VideoProposals:
-    """Parse the bytes of a proposal file, JSON, plain or gzipped; errors are those of `proposals_from_document`."""
-    return _proposals_of(parse_typed(data, name, _File), name)
-
-
-def proposals_from_document(content: Any, name: str) -> VideoProposals:
-    """The proposals of a file's JSON document.
-
-    Args:
-        content: the document.
-        name: name of the file, for error messages.
-
-    Raises:
-        DataError: not a proposal file; names `name`, the location in the file and what was expected there.
-    """
-    return _proposals_of(convert(content, _File, f"{name}: "), name)
-
-
-def _proposals_of(content: _File, name: str) -> VideoProposals:
+    """As `read_proposals`, from the bytes of a file with that name."""
+    content: _File = parse_json(data, name, _File)
     rows = [
         (
             frame.frame_index,
@@ -148,17 +169,12 @@ def ground_truth_of(content: Any, name: str) -> dict[str, Any]:
     Raises:
         DataError: there is no such block, or it is malformed; names `name` and the location in the file.
     """
-    block: dict[str, Any] = convert(content, _WithTruth, f"{name}: ")["ground_truth"]
-    file: _File = convert(content, _File, f"{name}: ")
+    file: _FileWithTruth = convert(content, _FileWithTruth, f"{name}: ")
     n_frames = file.frames[-1].frame_index + 1
     # Events of irregular videos may lie behind the frames that the file has.
-    irregular = content.get("video_index") in IRREGULAR_VIDEOS
-    check_ground_truth(block, f"{name}: ground_truth", max(n_frames, VIDEO_FRAMES) if irregular else n_frames)
-    return block
-
-
-class _WithTruth(TypedDict):
-    ground_truth: dict[str, Any]
+    last = max(n_frames, VIDEO_FRAMES) if file.video_index in IRREGULAR_VIDEOS else n_frames
+    check_ground_truth(file.ground_truth, f"{name}: ground_truth", last)
+    return file.ground_truth
 
 
 def proposals_from_rows(
@@ -276,11 +292,11 @@ def read_compact_proposals(
         DataError: a missing or malformed file, or values out of range; names the file, the array and the first wrong row.
     """
     a = _compact_arrays(path)
-    starts = np.flatnonzero(np.diff(a["video"].astype(np.int64), prepend=-1))
-    for start, stop in zip(starts, [*starts[1:], len(a["video"])], strict=True):
+    starts = np.flatnonzero(np.diff(a.video.astype(np.int64), prepend=-1))
+    for start, stop in zip(starts, [*starts[1:], len(a.video)], strict=True):
         rows = slice(int(start), int(stop))
-        video = int(a["video"][start])
-        frame = a["frame"][rows].astype(np.int64)
+        video = int(a.video[start])
+        frame = a.frame[rows].astype(np.int64)
         shown_frames = max(VIDEO_FRAMES, int(frame[-1]) + 1)
         length = (n_frames or {}).get(video, shown_frames)
         if int(frame[-1]) >= length:
@@ -295,53 +311,22 @@ def read_compact_proposals(
             VideoProposals(
                 length,
                 frame,
-                a["attr"][rows].astype(np.int64),
-                a["score"][rows] / COMPACT_SCORE_STEPS,
-                np.stack([a["cx64"][rows], a["cy64"][rows]], 1) / COMPACT_CENTROID_STEPS_PER_PX + PIXEL_CENTRE_PX,
-                a["area"][rows].astype(np.int64),
-                a["box"][rows].astype(np.int64),
+                a.attr[rows].astype(np.int64),
+                a.score[rows] / COMPACT_SCORE_STEPS,
+                np.stack([a.cx64[rows], a.cy64[rows]], 1) / COMPACT_CENTROID_STEPS_PER_PX + PIXEL_CENTRE_PX,
+                a.area[rows].astype(np.int64),
+                a.box[rows].astype(np.int64),
             ),
         )
 
 
-def _compact_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a compact file, checked."""
-    a = read_npz(path)
-    missing = [name for name in COMPACT_ARRAYS if name not in a]
+def _compact_arrays(path: str | Path) -> _Compact:
+    stored = read_npz(path)
+    missing = [name for name in COMPACT_ARRAYS if name not in stored]
     if missing:
         raise DataError(f"{path}: not a compact proposal file: it has no {', '.join(missing)}")
-    n = len(a["video"]) if a["video"].ndim else 0
-    for name in COMPACT_ARRAYS:
-        shape = (n, 4) if name == "box" else (n,)
-        if a[name].shape != shape or a[name].dtype.kind not in "iu" or not n:
-            expected = f"whole numbers of the shape {shape}" if n else "at least 1 row"
-            raise DataError(f"{path}: {name}: expected {expected}, got {a[name].dtype} {a[name].shape}")
-    highest = {
-        "video": LARGEST_ID,
-        "frame": limits().frames - 1,
-        "attr": N_ATTRIBUTE_TRIPLES - 1,
-        "score": int(COMPACT_SCORE_STEPS),
-        "cx64": int(WIDTH_PX * COMPACT_CENTROID_STEPS_PER_PX),
-        "cy64": int(HEIGHT_PX * COMPACT_CENTROID_STEPS_PER_PX),
-        "area": HEIGHT_PX * WIDTH_PX,
-        "box": WIDTH_PX,
-    }
-    for name, end in highest.items():
-        start, low, high = int(name == "area"), a[name].min(), a[name].max()
-        if low < start or high > end:
-            raise DataError(f"{path}: {name}: expected {start} to {end}, found {low} to {high}")
-    left, top, right, bottom = a["box"].T
-    fits = (left < right) & (top < bottom) & (bottom <= HEIGHT_PX)
-    if not fits.all():
-        row = int(fits.argmin())
-        expected = f"left < right, top < bottom, bottom up to {HEIGHT_PX}"
-        raise DataError(f"{path}: box: row {row}: expected {expected}, got {a['box'][row].tolist()}")
-    place = a["video"].astype(np.int64) * limits().frames + a["frame"]
-    ascending = np.diff(place, prepend=0) >= 0
-    if not ascending.all():
-        row = int(ascending.argmin())
-        after, found = (f"video {a['video'][r]}, frame {a['frame'][r]}" for r in (row - 1, row))
-        raise DataError(f"{path}: row {row}: expected ascending videos and frames, got {found} after {after}")
-    per_frame = np.diff(np.flatnonzero(np.diff(place, prepend=-1, append=-1)))
-    check_limit(int(per_frame.max()), "frame_objects", f"{path}: detections in a frame")
-    return a
+    expect(stored["video"].size > 0, str(path), "at least 1 row", "none")
+    try:
+        return _Compact(**{name: stored[name] for name in COMPACT_ARRAYS})
+    except DataError as e:
+        raise DataError(f"{path}: {e}") from e

@@ -12,7 +12,7 @@ from nsdr.clevrer.files.schema import FileName, Id, Program, check_lines, check_
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import read_typed
+from nsdr.io.reading import read_json
 from nsdr.validation import expect
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHAPES, SPEED_UNIT
 
@@ -155,7 +155,7 @@ def read_questions(path: str | Path) -> list[SceneQuestions]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    rows: list[_SceneRow] = read_typed(path, list[_SceneRow])
+    rows: list[_SceneRow] = read_json(path, list[_SceneRow])
     check_unique([row.scene_index for row in rows], f"{path}: ", ".scene_index")
     if not any(row.questions for row in rows):
         raise DataError(f"{path}: expected at least 1 question, found {len(rows)} scenes without one")

@@ -135,7 +135,7 @@ class _Problem:
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.reference = np.zeros(n)
         self.first = np.zeros((n, LOG_MASS + 1))
-        rows = []
+        rows: list[tuple[int, ...]] = []
         for i in range(n):
             moving = self._first_stretch(i)
             collides = any(i in e.objects for e in collisions)

@@ -18,18 +18,8 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError
 
 __all__ = [
-    "COLUMNS",
-    "ROWS",
-    "TURNS",
-    "FloatArray",
-    "GroundFit",
-    "best_fit",
-    "cells",
-    "corrected_levels",
-    "fit_ground",
-    "read_background",
-    "references",
-    "turned",
+    *("COLUMNS", "ROWS", "TURNS", "FloatArray", "GroundFit", "best_fit", "cells", "corrected_levels", "fit_ground"),
+    *("fit_cells", "read_background", "references", "turned"),
 ]
 
 FloatArray = NDArray[np.floating[Any]]
@@ -37,12 +27,12 @@ COLUMNS, ROWS = 48, 32
 """Number of cells that images are compared in."""
 KEPT = 0.6
 """Share of cells that are taken as ground: those that fit best. Objects cover at most 30 % of CLEVRER's images."""
-ITERATIONS = 15
+ROUNDS = 15
 """Rounds of fitting and choosing cells; they converge in fewer."""
 MIN_GAIN = 0.1
 """With less contrast than this share of the reference's, there is no pattern to compare."""
 MIN_SPREAD = 1e-6
-"""Standard deviation of the brightness of cells below which there is no pattern at all."""
+"""Standard deviation of red minus blue of cells below which there is no colour (levels of 255)."""
 DARK_QUANTILE, DARKEST = 0.001, 42.0
 """Brightness of CLEVRER's darkest pixels: this quantile over a video's first seconds is 24 to 68 in 14 videos (mean 42)."""
 GAMMA = (0.5, 2.5)
@@ -95,18 +85,26 @@ def turned(image: NDArray[Any], turn: str) -> NDArray[Any]:
     return np.ascontiguousarray(back[:, ::-1] if is_mirrored else back)
 
 
+def fit_cells(ways: FloatArray, values: FloatArray, start: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """How much (K,) of each of K ways (N, K) is in the values (N,) of cells, and the cells that are taken as ground.
+
+    Fits and choices of the cells that fit best take turns, from the fit `start` (K,) on.
+    """
+    found = start
+    for _ in range(ROUNDS):
+        ground = np.argsort(np.abs(values - ways @ found))[: int(KEPT * len(values))]
+        found = np.linalg.lstsq(ways[ground], values[ground])[0]
+    return found, ground
+
+
 def fit_ground(image: NDArray[Any], reference: FloatArray) -> GroundFit:
     """Compare an image (height, width, 3) with a reference (32, 48, 3), both RGB of 0-255."""
     found = cells(image)
-    x, y = reference.mean(2).ravel(), found.mean(2).ravel()
-    gain, offset = 1.0, float(np.median(y - x))
-    for _ in range(ITERATIONS):
-        ground = np.argsort(np.abs(y - gain * x - offset))[: int(KEPT * len(x))]
-        xs, ys = x[ground] - x[ground].mean(), y[ground] - y[ground].mean()
-        gain = float(xs @ ys / max(xs @ xs, MIN_SPREAD))
-        offset = float(y[ground].mean() - gain * x[ground].mean())
-    rms = float(np.sqrt(np.square(y - gain * x - offset)[ground].mean()))
-    warm, expected = ((image[..., 0] - image[..., 2]).ravel()[ground] for image in (found, reference))  # red minus blue
+    x, y = (of.mean(2).ravel().astype(float) for of in (reference, found))
+    ways = np.stack([x - x.mean(), np.ones_like(x)], 1)
+    fit, ground = fit_cells(ways, y, np.array([1.0, x.mean() + np.median(y - x)]))
+    gain, rms = float(fit[0]), float(np.sqrt(np.square(y - ways @ fit)[ground].mean()))
+    warm, expected = ((of[..., 0] - of[..., 2]).ravel()[ground] for of in (found, reference))  # red minus blue
     exposure = min(float(y[ground].mean() / x[ground].mean()), 1.0)
     is_colored = min(warm.std(), expected.std()) > MIN_SPREAD
     return GroundFit(

@@ -89,23 +89,21 @@ def find_layout(
         known: (32, 48, 3) images of the scene without objects.
     """
     inner = content_box(median)
-    left, top, right, bottom = inner
     image = part_of(median, inner)
-    doubts: list[str] = []
+    left, top, right, bottom = np.multiply(inner, np.tile(np.divide(size_px, median.shape[1::-1]), 2))
+    warned: list[str] = []
     box: Box | None = None
     if image.shape != median.shape:
-        scale = np.array(size_px)[[0, 1, 0, 1]] / np.array(median.shape)[[1, 0, 1, 0]]
-        x0, y0, x1, y1 = (int(v) for v in np.round(scale * inner))
-        box = x0, y0, x1, y1
-        left_over = f"{x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
-        doubts.append(f"bars around the image are cut off: {left_over}")
-    aspect = (right - left) / (bottom - top) * (size_px[0] / median.shape[1]) / (size_px[1] / median.shape[0])
+        x0, y0, x1, y1 = box = round(left), round(top), round(right), round(bottom)
+        remains = f"{x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
+        warned.append(f"bars around the image are cut off: {remains}")
+    aspect = (right - left) / (bottom - top)
     if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
-        return inner, Layout(box, stretched=True), known, doubts
+        return inner, Layout(box, stretched=True), known, warned
     middle = [_middle_of(reference, aspect) for reference in known]
     shape = f"an image of {aspect:.2f}:1, not {ASPECT:g}:1"
     if best_fit(image, known)[0].distance <= best_fit(image, middle)[0].distance:
-        doubts.append(f"{shape}: taken as stretched, and stretched back")
-        return inner, Layout(box, stretched=True), known, doubts
-    doubts.append(f"{shape}: taken as the middle of one; what was cut off is not seen")
-    return inner, Layout(box), middle, doubts
+        warned.append(f"{shape}: taken as stretched, and stretched back")
+        return inner, Layout(box, stretched=True), known, warned
+    warned.append(f"{shape}: taken as the middle of one; what was cut off is not seen")
+    return inner, Layout(box), middle, warned

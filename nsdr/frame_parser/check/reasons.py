@@ -9,7 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.check.ground import COLUMNS, KEPT, ROWS, FloatArray, GroundFit, cells, corrected_levels
+from nsdr.frame_parser.check.ground import (
+    COLUMNS,
+    ROWS,
+    FloatArray,
+    GroundFit,
+    cells,
+    corrected_levels,
+    fit_cells,
+)
 from nsdr.frame_parser.check.shots import change
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
@@ -45,12 +53,10 @@ MAX_MARKED_PX = 200
 
 CELL_PX = WIDTH_PX / COLUMNS
 """Width and height of a cell (pixels of a 480x320 image)."""
-ROUNDS = 8
-"""Rounds of fitting and choosing the cells that fit best, as of `ground.fit_ground`."""
 SPACING = 2
 """Every second frame is looked at, which saves time."""
-RIDGE = 1e-9
-"""Added to squares (levels squared), for frames that are all the same."""
+TINY = 1e-9
+"""Added to a divisor (levels squared), for frames that are all the same."""
 STROKE = np.ones((9, 9), np.uint8)
 """Marks are thinner than this square, objects are not (pixels of 480x320)."""
 CONTRAST, TOUCHED = 25.0, 12.0
@@ -168,35 +174,23 @@ def camera_motion(frames: NDArray[np.uint8]) -> float:
     Args:
         frames: (F, height, width, 3) uint8.
     """
-    images = np.stack([cells(frame).mean(2) for frame in frames[::SPACING]])
+    images = np.stack([cells(frame).mean(2).astype(float) for frame in frames[::SPACING]])
     base = np.median(images, 0)
     down, right = np.gradient(base)
     y, x = np.mgrid[:ROWS, :COLUMNS] - np.array([ROWS - 1, COLUMNS - 1])[:, None, None] / 2
-    motion = np.stack([right, down, right * x + down * y], -1).reshape(base.size, -1)
-    exposure = np.stack([np.ones_like(base), base], -1).reshape(base.size, -1)
+    ways = [right, down, right * x + down * y, np.ones_like(base), base]
+    motion_and_exposure = np.stack([way.ravel() for way in ways], 1)
+    exposure = motion_and_exposure[:, 3:]
     reach = np.array([1.0, 1.0, float(np.mean(x * x + y * y))])
     distances = []
-    for image in images:
-        found, explained = _fitted((image - base).ravel(), motion, exposure)
-        distances.append(explained * float(np.sqrt(reach @ np.square(found))))
+    for difference in (images - base).reshape(len(images), -1):
+        everywhere = np.linalg.lstsq(motion_and_exposure, difference)[0]
+        found, ground = fit_cells(motion_and_exposure, difference, everywhere)
+        left = difference - motion_and_exposure @ found
+        without = difference[ground] - exposure[ground] @ np.linalg.lstsq(exposure[ground], difference[ground])[0]
+        explained = max(1 - np.square(left[ground]).sum() / (np.square(without).sum() + TINY), 0.0)
+        distances.append(explained * np.sqrt(reach @ np.square(found[:3])))
     return CELL_PX * float(np.median(distances))
-
-
-def _fitted(difference: FloatArray, motion: FloatArray, exposure: FloatArray) -> tuple[FloatArray, float]:
-    """How much of each motion (N, 3) is in a difference (N,), and the share that motion explains beyond exposure (N, 2)."""
-    both = np.concatenate([motion, exposure], 1)
-    ground = np.arange(len(difference))
-    found = _least_squares(both, difference)
-    for _ in range(ROUNDS):
-        ground = np.argsort(np.abs(difference - both @ found))[: int(KEPT * len(difference))]
-        found = _least_squares(both[ground], difference[ground])
-    left = np.square(difference - both @ found)[ground].sum()
-    without = difference[ground] - exposure[ground] @ _least_squares(exposure[ground], difference[ground])
-    return found[: motion.shape[1]], max(1 - float(left / (np.square(without).sum() + RIDGE)), 0.0)
-
-
-def _least_squares(ways: FloatArray, difference: FloatArray) -> FloatArray:
-    return np.linalg.solve(ways.T @ ways + RIDGE * np.eye(ways.shape[1]), ways.T @ difference)
 
 
 def marked_px(image: FloatArray, reference: FloatArray, fit: GroundFit) -> int:

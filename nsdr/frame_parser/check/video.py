@@ -56,30 +56,30 @@ class VideoCheck:
     """What was found out about a video before it is processed.
 
     Attributes:
-        refusals: why it certainly is not of CLEVRER's scene.
-        doubts: what else differs from CLEVRER's videos.
+        refused: why it certainly is not of CLEVRER's scene.
+        warned: what else differs from CLEVRER's videos.
         layout: where in the frames the image is.
         levels: what each level of the image has to become, (256,) uint8; None where they are right.
         ground: how the ground compares with the scene without objects; None where nothing is to be seen.
     """
 
-    refusals: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+    warned: tuple[str, ...] = ()
     layout: Layout = field(default_factory=Layout)
     levels: NDArray[np.uint8] | None = None
     ground: GroundFit | None = None
 
     @property
     def kind(self) -> str:
-        """Class of the video: "in" (as CLEVRER's), "doubtful" or "out"."""
-        return "out" if self.refusals else "doubtful" if self.doubts else "in"
+        """Class of the video: "in" (as CLEVRER's), "warned" or "refused"."""
+        return "refused" if self.refused else "warned" if self.warned else "in"
 
 
 def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoCheck:
     """Look at a video's first seconds.
 
     Raises:
-        VideoError: the file cannot be read, or the video is "out" and the configuration refuses such.
+        VideoError: the file cannot be read, or the video is "refused" and the configuration wants an error.
         DataError: the background of the configuration cannot be read.
     """
     path, config = Path(path), config or VideoConfig()
@@ -88,9 +88,9 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
     check_is_video(path)
     status = path.stat()
     found = _looked_at(path, status.st_mtime_ns, status.st_size, config.background)
-    if found.kind == "out" and config.check == "refuse":
+    if found.kind == "refused" and config.check == "refuse":
         raise VideoError(
-            f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refusals)}. Expected: its grey ground, lamps and "
+            f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refused)}. Expected: its grey ground, lamps and "
             f"camera, upright, in colour, 480x320. --force goes on all the same (in Python, VideoConfig(check='warn')); "
             "docs/other_cameras.md is about other scenes"
         )
@@ -100,14 +100,14 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
 def clip_frames(path: str | Path, config: VideoConfig | None = None) -> Iterator[NDArray[np.uint8]]:
     """The frames of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
 
-    Warns of everything that is doubtful.
+    Warns of all that is unusual.
 
     Raises:
         VideoError, DataError: as of `check_video`; before the first frame.
     """
     config = config or VideoConfig()
     check = check_video(path, config)
-    for reason in (*check.refusals, *check.doubts):
+    for reason in (*check.refused, *check.warned):
         warnings.warn(f"{path}: {reason}", stacklevel=2)
     frames = read_frames(path, check.layout)
     if config.check == "off":
@@ -154,21 +154,21 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         return VideoCheck((f"the background is {color}",))
     frames = _until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
-    box, layout, expected, doubts = find_layout(median, sample.size_px, known)
+    box, layout, expected, warned = find_layout(median, sample.size_px, known)
     image, frames = part_of(median, box), part_of(frames, box)
     ground, reference = best_fit(image, expected)
-    refusals: list[str] = []
+    refused: list[str] = []
     if ground.distance > MAX_GROUND_DISTANCE:
         fits = {turn: best_fit(turned(image, turn), known) for turn in TURNS}
         turn = min(fits, key=lambda t: fits[t][0].distance)
         after, fitting = fits[turn]
         if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
-            (doubts if turn == "mirrored" else refusals).append(f"it is {turn}")
+            (warned if turn == "mirrored" else refused).append(f"it is {turn}")
             image, ground, reference = turned(image, turn), after, fitting
     seen = Look(frames, len(frames) * SPACING_FRAMES / FPS, image, reference, ground)
     for is_certain, text in reasons(seen):
-        (refusals if is_certain else doubts).append(text)
-    return VideoCheck(tuple(refusals), tuple(doubts), layout, seen.levels, ground)
+        (refused if is_certain else warned).append(text)
+    return VideoCheck(tuple(refused), tuple(warned), layout, seen.levels, ground)
 
 
 def _until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:

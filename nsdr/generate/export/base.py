@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypedDict
+from typing import Annotated, Any
 
 from msgspec import Meta
 from tqdm import tqdm
@@ -18,7 +18,7 @@ from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
-from nsdr.generate.dataset import LARGEST_SEED, SCENES_PER_SEED, Files
+from nsdr.generate.dataset import SCENES_PER_SEED, Files, SceneSeed
 from nsdr.generate.export.records import Record, reasoner, scene_records
 from nsdr.io.files import (
     atomic_path,
@@ -30,7 +30,7 @@ from nsdr.io.files import (
     writing,
 )
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.reading import read_json, read_typed
+from nsdr.io.reading import read_json
 from nsdr.io.registry import Registry
 from nsdr.validation import Count, Settings, convert, one_of
 
@@ -38,7 +38,6 @@ __all__ = [
     "EXPORTERS",
     "Export",
     "ExportConfig",
-    "ExportedScene",
     "Exporter",
     "SplitSummary",
     "export_dataset",
@@ -108,18 +107,6 @@ class SplitSummary:
     unanswered: int
 
 
-class ExportedScene(NamedTuple):
-    """A video and the questions about it.
-
-    Attributes:
-        video: the video's file; None if the export has no videos.
-        records: at least one.
-    """
-
-    video: Path | None
-    records: tuple[Record, ...]
-
-
 class Export:
     """An export in progress, as a format's writer gets it.
 
@@ -152,30 +139,32 @@ class Export:
 
     def questions(self, split: str) -> Iterator[SceneQuestions]:
         """Yield the split's videos that have questions, one by one."""
-        path = self._question_file(split)
-        found = (scene for scene in read_questions(path) if scene.questions)
+        found = (scene for scene in read_questions(self._question_file(split)) if scene.questions)
         return islice(found, self.config.limit or None)
 
-    def scenes(self, split: str) -> Iterator[ExportedScene]:
-        """Yield the split's videos with the records of their questions, and show progress; copies and links no videos."""
+    def scenes(self, split: str) -> Iterator[tuple[Path | None, tuple[Record, ...]]]:
+        """Yield each video's file (None if the export has no videos) and at least one record, and show progress.
+
+        Videos are neither copied nor linked.
+        """
         total = self.splits[split].videos
         for scene in tqdm(self.questions(split), total=total, unit="video", desc=split):
             index = scene.scene_index
             seed = None if self._seed is None else self._seed + index
             name = self._scene_name(split, index) if self.config.scenes else None
-            records = scene_records(scene, split, self._video_name(split, index), seed, self._tell(split, index), name)
-            source = None if self.config.videos == "none" else self._sources[split].video(index)
-            yield ExportedScene(source, records)
+            tell = self._tell(split, index) if self.config.reasoning else None
+            video = None if self.config.videos == "none" else self._sources[split].video(index)
+            yield video, scene_records(scene, split, self._video_name(split, index), seed, tell, name)
 
     def records(self, split: str) -> Iterator[Record]:
         """Yield the split's records; each video is copied or linked before its first record."""
-        for scene in self.scenes(split):
-            first = scene.records[0]
-            if scene.video is not None:
-                self._place(scene.video, self.folder / first.video)
+        for video, records in self.scenes(split):
+            first = records[0]
+            if video is not None:
+                self._place(video, self.folder / first.video)
                 if first.scene is not None:
                     self._place(self._root.root / first.scene, self.folder / first.scene)
-            yield from scene.records
+            yield from records
 
     def settings(self) -> dict[str, Any]:
         """Everything that the output depends on."""
@@ -241,25 +230,24 @@ class Export:
             )
         return entry.path.relative_to(self._root.root).as_posix()
 
-    def _tell(self, split: str, index: int) -> Callable[[Question], str | None] | None:
-        if not self.config.reasoning:
-            return None
+    def _tell(self, split: str, index: int) -> Callable[[Question], str | None]:
         path = self._root.root / self._scene_name(split, index)
         scenes = {number: scene for number, _, scene in iterate_scenes(path)}
         if list(scenes) != [index]:
             raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
 
-    def _place(self, video: Path, target: Path) -> None:
+    def _place(self, source: Path, target: Path) -> None:
+        """Copy a file, or link to it."""
         if os.path.lexists(target):
             return
         if self.config.videos == "copy":
             with atomic_path(target) as temporary:
-                shutil.copyfile(video, temporary)
-            return
-        with writing(target):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.symlink_to(video.resolve())
+                shutil.copyfile(source, temporary)
+        else:
+            with writing(target):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.symlink_to(source.resolve())
 
 
 @dataclass(frozen=True)
@@ -291,14 +279,10 @@ def _first_seed(root: CLEVRER) -> int | None:
     """The number from which video 0 of a generated data set is simulated (`DatasetConfig.scene_seed`); None of other data."""
     if root.manifest is None or "config" not in root.manifest:
         return None
-    where = f"{root.root / 'manifest.json'}: config"
-    config: _SeedConfig = convert(root.manifest["config"], _SeedConfig, f"{where}.")
-    return config["seed"] * SCENES_PER_SEED + config["first_scene"]
-
-
-class _SeedConfig(TypedDict):
-    seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
-    first_scene: Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
+    where = f"{root.root / 'manifest.json'}: config."
+    config = convert(root.manifest["config"], dict[str, Any], where)
+    seed, first = (convert(config.get(name), SceneSeed, f"{where}{name}: ") for name in ("seed", "first_scene"))
+    return int(seed * SCENES_PER_SEED + first)
 
 
 EXPORTERS: Registry[Exporter] = Registry(
@@ -338,23 +322,17 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
         _write(export, exporter)
     for name, summary in export.splits.items():
         if summary.unanswered:
-            log.warning(
-                "%s: %d of %d questions have no answer in their file and were exported without a solution",
-                name,
-                summary.unanswered,
-                summary.questions,
-            )
+            share = f"{summary.unanswered} of {summary.questions} questions"
+            log.warning("%s: %s have no answer in their file and were exported without a solution", name, share)
     return export.splits
 
 
 def _write(export: Export, exporter: Exporter) -> None:
     path = export.folder / MANIFEST
-    manifest = {
-        "settings": export.settings(),
-        "splits": {name: asdict(summary) for name, summary in export.splits.items()},
-    }
+    counts = {name: asdict(summary) for name, summary in export.splits.items()}
+    manifest = {"settings": export.settings(), "splits": counts}
     if path.exists():
-        existing = convert(read_typed(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
+        existing = convert(read_json(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
         changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)
         if changed:
             raise DataError(f"{path}: was made with other settings ({', '.join(changed)}); choose another folder")

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from nsdr.generate.export.base import Export, Exporter, write_json_lines
+from nsdr.generate.export.base import Exporter, write_json_lines
 from nsdr.generate.export.records import Record
 
 __all__ = ["CHAT", "GRPO", "chat_row", "grpo_row"]
@@ -36,15 +36,7 @@ def chat_row(record: Record) -> dict[str, Any]:
     return {"id": record.id, "messages": messages, **others}
 
 
-def _write_grpo(export: Export) -> None:
-    write_json_lines(export, grpo_row)
-
-
-def _write_chat(export: Export) -> None:
-    write_json_lines(export, chat_row)
-
-
-GRPO = Exporter(_write_grpo)
+GRPO = Exporter(lambda export: write_json_lines(export, grpo_row))
 """SPLIT.jsonl with `grpo_row` of each question, and `videos/`."""
-CHAT = Exporter(_write_chat)
+CHAT = Exporter(lambda export: write_json_lines(export, chat_row))
 """SPLIT.jsonl with `chat_row` of each question, and `videos/`."""

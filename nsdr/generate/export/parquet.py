@@ -1,6 +1,5 @@
 """A folder that Hugging Face `datasets.load_dataset` reads: Parquet files, videos, and a card (README.md) for the Hub."""
 
-from collections import Counter
 from collections.abc import Mapping
 from itertools import islice
 from math import ceil
@@ -9,6 +8,7 @@ from typing import Any
 import yaml
 
 from nsdr.generate.export.base import Export, Exporter
+from nsdr.generate.export.records import COLUMNS
 from nsdr.generate.statistics import count_questions
 from nsdr.io.files import atomic_path
 
@@ -18,22 +18,6 @@ QUESTIONS_PER_FILE = 50_000
 """Questions of a Parquet file; they are in memory while it is written. CLEVRER's train split has 152,572."""
 SIZES = {1_000: "n<1K", 10_000: "1K<n<10K", 100_000: "10K<n<100K", 1_000_000: "100K<n<1M", 10_000_000: "1M<n<10M"}
 """The Hub's names of sizes, by the number of questions from which the next one holds."""
-FIELDS = """\
-| column | content |
-|---|---|
-| `id` | `SCENE_INDEX-QUESTION_ID` |
-| `split`, `scene_index`, `question_id` | the video's split and index, the question's id within the video |
-| `video` | path of the video, {videos} |
-| `question_type`, `subtype` | descriptive (with its subtype), explanatory, predictive or counterfactual |
-| `question`, `options`, `letters` | texts; a descriptive question has no options |
-| `prompt` | question, options and how to answer |
-| `solution` | the right answer, such as `<answer>A,C</answer>`, `<answer>none</answer>` or `<answer>red</answer>`; null if unknown |
-| `tags` | of each counterfactual option: `observational` (the recording without the removed object has the answer) or `inferential`; null if unknown |
-| `blind` | of each option, or of the descriptive question: whether texts alone predict the answer; null if unknown |
-| `program`, `option_programs` | postfix tokens, or null |
-| `seed` | number of the simulated scene; null for CLEVRER's own videos |
-| `reasoning`, `scene` | sentences that lead to the solution, and the path of the true scene; null if not exported |
-"""  # noqa: E501  # one column a line
 CARD = """\
 ---
 {metadata}---
@@ -52,7 +36,10 @@ data = load_dataset("FOLDER")
 
 ## Columns
 
-{fields}
+| column | content |
+|---|---|
+{columns}
+
 ## Statistics
 
 {statistics}
@@ -77,36 +64,17 @@ def _write(export: Export) -> None:
 
 
 def _features(datasets: Any) -> Any:
-    """The types of the columns: the attributes of `nsdr.generate.export.records.Record`.
+    """The types of the columns: those of `COLUMNS`.
 
     The video is a path, which every version of `datasets` and every training program reads: the type `Video` takes bytes
     inside of Parquet files (a copy for each of a video's 15 questions), and needs torchcodec.
     """
     text, number, flag = (datasets.Value(name) for name in ("string", "int64", "bool"))
     texts = datasets.List(text)
-    return datasets.Features(
-        {
-            "id": text,
-            "split": text,
-            "scene_index": number,
-            "question_id": number,
-            "video": text,
-            "question_type": text,
-            "subtype": text,
-            "question": text,
-            "options": texts,
-            "letters": texts,
-            "prompt": text,
-            "solution": text,
-            "tags": texts,
-            "blind": datasets.List(flag),
-            "program": texts,
-            "option_programs": datasets.List(texts),
-            "seed": number,
-            "reasoning": text,
-            "scene": text,
-        }
-    )
+    types = dict.fromkeys(COLUMNS, text)
+    types |= dict.fromkeys(("scene_index", "question_id", "seed"), number)
+    types |= dict.fromkeys(("options", "letters", "tags", "program"), texts)
+    return datasets.Features(types | {"blind": datasets.List(flag), "option_programs": datasets.List(texts)})
 
 
 def _card(export: Export) -> str:
@@ -125,14 +93,9 @@ def _card(export: Export) -> str:
     statistics = ["| split | videos | questions | without answers |", "|---|---|---|---|"]
     statistics += [f"| {n} | {s.videos} | {s.questions} | {s.unanswered} |" for n, s in export.splits.items()]
     for split in export.splits:
-        options = (c for scene in export.questions(split) for q in scene.questions for c in q.choices)
-        tags = dict(sorted(Counter(c.tag for c in options if c.tag is not None).items()))
-        counts: dict[str, Mapping[str, float]] = {**count_questions(export.questions(split))}
-        counts["tags of counterfactual options"] = tags
-        for title, values in counts.items():
+        for title, values in count_questions(export.questions(split)).items():
             if any(key != "None" and value for key, value in values.items()):
                 statistics += ["", *_table(f"{split}: {title}", values)]
-    where = "relative to the original data set's folder" if export.config.videos == "none" else "relative to this file"
     return CARD.format(
         metadata=yaml.safe_dump(metadata, sort_keys=False),
         origin="generated by `nsdr generate dataset`"
@@ -141,7 +104,7 @@ def _card(export: Export) -> str:
         license="Licence: not stated (`nsdr export --license` states one)."
         if identifier == "unknown"
         else f"Licence: {identifier}.",
-        fields=FIELDS.format(videos=where),
+        columns="\n".join(f"| `{name}` | {content} |" for name, content in COLUMNS.items()),
         statistics="\n".join(statistics),
     )
 

@@ -12,35 +12,38 @@ from nsdr.errors import NsdrError
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
-__all__ = ["Record", "reasoner", "scene_records"]
+__all__ = ["COLUMNS", "Record", "reasoner", "scene_records"]
+
+
+COLUMNS = {
+    "id": "`SCENE_INDEX-QUESTION_ID`, such as `10003-7`",
+    "split": "the video's split: train, validation or test",
+    "scene_index": "the video's index",
+    "question_id": "the question's id within the video",
+    "video": "path of the video, relative to this folder; without copied or linked videos, to the original data set's",
+    "question_type": "descriptive, explanatory, predictive or counterfactual",
+    "subtype": "of a descriptive question, such as `query_color`; null for multiple choice",
+    "question": "the question alone",
+    "options": "texts of the options; a descriptive question has none",
+    "letters": "their letters, A, B, …",
+    "prompt": "question, options and how to answer",
+    "solution": "the right answer, such as `<answer>A,C</answer>`, `<answer>none</answer>` or `<answer>red</answer>`; null if "
+    "unknown",
+    "tags": "of each counterfactual option: `observational` (the recording without the removed object has the answer) or "
+    "`inferential`; null if unknown",
+    "blind": "of each option, or of the descriptive question: whether texts alone predict the answer; null if unknown",
+    "program": "postfix tokens of the question, or null",
+    "option_programs": "those of each option",
+    "seed": "number from which `nsdr generate scene` simulates the scene; null for data that nsdr did not generate",
+    "reasoning": "checkable sentences that end with the solution (`nsdr.narrate`); null if not exported, or not known",
+    "scene": "path of the true scene (a truth or annotation file), relative like `video`; null if not exported",
+}
+"""What every format says about a question: the attributes of `Record`."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """One question about one video.
-
-    Attributes:
-        id: "SCENE_INDEX-QUESTION_ID", such as "10003-7".
-        split: "train", "validation" or "test".
-        scene_index: index of the video.
-        question_id: id of the question within the video.
-        video: path of the video, relative to the export's folder; without copied or linked videos, to the data set's.
-        question_type: one of `nsdr.clevrer.files.questions.QUESTION_TYPES`.
-        subtype: subtype of a descriptive question, such as "query_color"; None for multiple choice.
-        question: the question alone.
-        options: texts of the options; empty for a descriptive question.
-        letters: their letters, "A", "B", …
-        prompt: question, options and how to answer (`nsdr.clevrer.answers.prompts.prompt`).
-        solution: the right answer in its tags (`nsdr.clevrer.answers.prompts.solution`); None if the file has no answers.
-        tags: of each option, one of `nsdr.clevrer.files.questions.OPTION_TAGS`; None where it is not known.
-        blind: of each option, or of the one descriptive question, whether texts alone predict the answer; None where it is
-            not known.
-        program: postfix tokens of the question; None if the file has none.
-        option_programs: those of each option.
-        seed: number from which `nsdr generate scene` simulates the video's scene; None for data that nsdr did not generate.
-        reasoning: checkable sentences that end with the solution (`nsdr.narrate`); None if not asked for, or not known.
-        scene: path of the true scene (a truth or annotation file), relative like `video`; None if not asked for.
-    """
+    """One question about one video; `COLUMNS` says what each attribute holds (None stands for null)."""
 
     id: str
     split: str
@@ -77,13 +80,7 @@ def scene_records(
 ) -> tuple[Record, ...]:
     """The records of one video's questions, in their order.
 
-    Args:
-        scene: the questions.
-        split: the video's split.
-        video: `Record.video`.
-        seed: `Record.seed`.
-        tell: gives `Record.reasoning` of a question; None for none.
-        true_scene: `Record.scene`.
+    The arguments are attributes of `Record` of the same name; `tell` gives its `reasoning`, and `true_scene` is its `scene`.
 
     Raises:
         DataError: a question has more options than there are letters.

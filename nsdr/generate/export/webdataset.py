@@ -2,8 +2,11 @@
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
 
-from nsdr.generate.export.base import Export, ExportedScene, Exporter
+from nsdr.generate.export.base import Export, Exporter
+from nsdr.generate.export.records import Record
 from nsdr.io.files import atomic_path
 
 __all__ = ["WEBDATASET"]
@@ -11,15 +14,21 @@ __all__ = ["WEBDATASET"]
 BYTES_PER_MB = 10**6
 MEMBER_BYTES = 2 * 512
 """What the tar format adds to a member at most: its header, and padding to the next 512 bytes."""
-Sample = tuple[str, bytes, ExportedScene]
-"""Key, questions as JSON, and the video with its records."""
+
+
+class _Sample(NamedTuple):
+    """The files of a video: name without ending, the video, and its questions as JSON."""
+
+    key: str
+    video: Path
+    questions: bytes
 
 
 def _write(export: Export) -> None:
     import webdataset
 
     for split in export.splits:
-        samples = (_sample(scene) for scene in export.scenes(split))
+        samples = (_sample(video, records) for video, records in export.scenes(split) if video is not None)
         for number, shard in enumerate(_shards(samples, export.config.shard_mb * BYTES_PER_MB)):
             path = export.folder / f"{split}-{number:06d}.tar"
             if path.exists():
@@ -29,27 +38,24 @@ def _write(export: Export) -> None:
                 temporary.open("wb") as file,
                 webdataset.TarWriter(file, encoder=False, mtime=0) as tar,
             ):
-                for key, questions, scene in shard:
-                    assert scene.video is not None
-                    tar.write({"__key__": key, "json": questions, "mp4": scene.video.read_bytes()})
+                for sample in shard:
+                    tar.write({"__key__": sample.key, "json": sample.questions, "mp4": sample.video.read_bytes()})
 
 
-def _sample(scene: ExportedScene) -> Sample:
-    first = scene.records[0]
+def _sample(video: Path, records: tuple[Record, ...]) -> _Sample:
+    first = records[0]
     key = f"video_{first.scene_index:05d}"
-    rows = [record.row() | {"video": f"{key}.mp4"} for record in scene.records]
+    rows = [record.row() | {"video": f"{key}.mp4"} for record in records]
     document = {"scene_index": first.scene_index, "split": first.split, "seed": first.seed, "questions": rows}
-    return key, json.dumps(document).encode(), scene
+    return _Sample(key, video, json.dumps(document).encode())
 
 
-def _shards(samples: Iterator[Sample], limit: int) -> Iterator[list[Sample]]:
+def _shards(samples: Iterator[_Sample], limit: int) -> Iterator[list[_Sample]]:
     """Groups of consecutive samples whose files stay below the limit (bytes), unless a single one is larger."""
-    shard: list[Sample] = []
+    shard: list[_Sample] = []
     size = 0
     for sample in samples:
-        _, questions, scene = sample
-        assert scene.video is not None
-        added = len(questions) + scene.video.stat().st_size + 2 * MEMBER_BYTES
+        added = len(sample.questions) + sample.video.stat().st_size + 2 * MEMBER_BYTES
         if shard and size + added > limit:
             yield shard
             shard, size = [], 0

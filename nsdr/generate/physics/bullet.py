@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
+from nsdr.io.files import check_installed
 from nsdr.validation import NotNegative, Settings, Share
 from nsdr.world.physics_constants import (
     CONTACT_PAUSE_STEPS,
@@ -127,7 +127,10 @@ class Simulator:
 
     def __init__(self, config: BulletConfig | None = None) -> None:
         self.config = config or BulletConfig()
-        self._bullet = _pybullet()
+        check_installed("pybullet", "the simulator needs PyBullet", "generate")
+        with quiet():  # PyBullet prints its build time
+            import pybullet
+        self._bullet: Any = pybullet
         self._client = self._bullet.connect(self._bullet.DIRECT)
 
     def __enter__(self) -> "Simulator":
@@ -209,12 +212,3 @@ class Simulator:
             p.changeDynamics(number, -1, **surface, physicsClientId=client)
             numbers.append(number)
         return numbers
-
-
-def _pybullet() -> Any:
-    try:
-        with quiet():  # PyBullet prints its build time
-            import pybullet
-    except ImportError as e:
-        raise DataError("the simulator needs PyBullet: pip install 'nsdr[generate]'") from e
-    return pybullet

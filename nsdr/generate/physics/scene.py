@@ -92,16 +92,13 @@ class SimulatedScene:
     counterfactual: Mapping[int, tuple[Contact, ...]]
 
 
-def simulate_scene(
-    seed: int, config: SceneConfig | None = None, simulator: Simulator | None = None, counterfactuals: bool = True
-) -> SimulatedScene:
+def simulate_scene(seed: int, config: SceneConfig | None = None, simulator: Simulator | None = None) -> SimulatedScene:
     """Generate the scene of a seed. It depends on the seed and the configuration only, not on earlier simulations.
 
     Args:
         seed: 0 or more.
         config: what scenes look like; None is CLEVRER.
         simulator: a simulator to reuse; None starts one for this scene.
-        counterfactuals: False leaves out the simulations without each object, about half of the time.
 
     Raises:
         DataError: a negative seed, no scene fits the configuration, or PyBullet is not installed.
@@ -111,15 +108,14 @@ def simulate_scene(
     config = config or SceneConfig()
     if simulator is None:
         with Simulator(config.physics) as own:
-            return simulate_scene(seed, config, own, counterfactuals)
+            return simulate_scene(seed, config, own)
     rng = random.Random(seed)
     for _ in range(RESTARTS):
         scene = _Construction(config, simulator, rng).build()
         if scene is None:
             continue
         triples, bodies, motion, visible = scene
-        removed = range(len(bodies)) if counterfactuals else ()
-        without = {i: _without(i, bodies, config, simulator) for i in removed}
+        without = {i: _without(i, bodies, config, simulator) for i in range(len(bodies))}
         objects = tuple(SceneObject(i, *triple) for i, triple in enumerate(triples))
         mass = np.array([b.mass for b in bodies])
         return SimulatedScene(seed, objects, mass, config.n_frames, motion, visible, without)
@@ -146,7 +142,9 @@ class _Construction:
         self.config, self.simulator, self.rng = config, simulator, rng
         numbers = sorted(config.objects)
         self.n = rng.choices(numbers, [config.objects[k] for k in numbers])[0]
-        self.triples = self._draw_triples()
+        self.triples = rng.sample(config.triples, self.n)
+        while config.only and not any(matches_any(t, config.only) for t in self.triples):
+            self.triples = rng.sample(config.triples, self.n)
         self.bodies: list[Body] = []
         self.motion: BulletMotion | None = None
 
@@ -169,12 +167,6 @@ class _Construction:
         if not visible[:, : self.config.n_frames].any(1).all():
             return None
         return self.triples, self.bodies, motion, visible
-
-    def _draw_triples(self) -> list[Triple]:
-        while True:
-            triples = self.rng.sample(self.config.triples, self.n)
-            if not self.config.only or any(matches_any(t, self.config.only) for t in triples):
-                return triples
 
     def _body(self, k: int, x: float, y: float, heading: float, speed: float) -> Body:
         shape = self.triples[k][2]

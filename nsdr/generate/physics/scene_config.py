@@ -9,7 +9,7 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.io.limits import check_limit, limits
-from nsdr.validation import NotNegative, Positive, Settings, expect
+from nsdr.validation import NotNegative, Positive, Settings, expect, one_of
 from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S
 from nsdr.world.timeline import VIDEO_FRAMES, horizon_frame
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
@@ -47,9 +47,9 @@ class SceneConfig(Settings):
 
     objects: Mapping[int, NotNegative] = field(default_factory=lambda: {4: 0.36, 5: 0.335, 6: 0.305})
     participants: Annotated[int, Meta(ge=MIN_OBJECTS)] = 4
-    shapes: tuple[str, ...] = SHAPES
-    colors: tuple[str, ...] = COLORS
-    materials: tuple[str, ...] = MATERIALS
+    shapes: Annotated[tuple[Annotated[str, one_of(SHAPES)], ...], Meta(min_length=1)] = SHAPES
+    colors: Annotated[tuple[Annotated[str, one_of(COLORS)], ...], Meta(min_length=1)] = COLORS
+    materials: Annotated[tuple[Annotated[str, one_of(MATERIALS)], ...], Meta(min_length=1)] = MATERIALS
     held_out: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
     speed: tuple[Positive, Positive] = START_SPEED_RANGE_WORLD_PER_S
@@ -59,10 +59,6 @@ class SceneConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, known in (("shapes", SHAPES), ("colors", COLORS), ("materials", MATERIALS)):
-            words = getattr(self, name)
-            if not words or set(words) - set(known):
-                raise DataError(f"{name}: expected some of {', '.join(known)}, got {', '.join(words) or 'none'}")
         most = limits().scene_objects
         check_limit(self.n_frames, "frames", "n_frames")
         check_limit(self.participants, "scene_objects", "participants")

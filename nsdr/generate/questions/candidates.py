@@ -3,12 +3,12 @@
 import random
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from dataclasses import replace
+from functools import cache
 from itertools import combinations
 
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.files.questions import OPTION_TAGS
+from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
 from nsdr.errors import ExecutionError
 from nsdr.language.rules import Chooser, Pair
 from nsdr.language.texts import clevrer
@@ -19,11 +19,11 @@ from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
     "EXTENSION_KINDS",
-    "Descriptive",
-    "MultipleChoice",
-    "Option",
     "changed_questions",
     "descriptive_questions",
+    "family",
+    "form",
+    "is_negated",
     "multiple_choice_questions",
 ]
 
@@ -46,66 +46,19 @@ _ATTRIBUTE_WORDS = frozenset(word for known in ATTRIBUTES.values() for word in k
 _ATTRIBUTE_TOKENS = re.compile(r"\S+ filter_(color|material|shape) ?")
 
 
-@dataclass(frozen=True)
-class Descriptive:
-    """A descriptive question.
-
-    Attributes:
-        text: the question.
-        program: its program.
-        subtype: CLEVRER's subtype, such as "count" or "query_color".
-        answer: the correct answer.
-        family: the program without attribute words and their filters.
-    """
-
-    text: str
-    program: tuple[str, ...]
-    subtype: str
-    answer: str
-    family: str
-
-    @cached_property
-    def form(self) -> str:
-        """The program without attribute words; their filters stay, unlike in `family`."""
-        return " ".join(token for token in self.program if token not in _ATTRIBUTE_WORDS)
+def form(asked: Question | Choice) -> str:
+    """The program without attribute words; their filters stay."""
+    return " ".join(token for token in asked.program or () if token not in _ATTRIBUTE_WORDS)
 
 
-@dataclass(frozen=True)
-class Option:
-    """An option of a multiple-choice question.
-
-    Attributes:
-        text: the option.
-        program: its program.
-        correct: whether it is correct.
-        kind: the rules' symbol that it was made from, in lower case, such as "presence" or "collision".
-        tag: one of `OPTION_TAGS` of an option of a counterfactual question.
-    """
-
-    text: str
-    program: tuple[str, ...]
-    correct: bool
-    kind: str
-    tag: str | None = None
+def family(asked: Question | Choice) -> str:
+    """The program without attribute words and their filters."""
+    return _ATTRIBUTE_TOKENS.sub("", " ".join(asked.program or ()))
 
 
-@dataclass(frozen=True)
-class MultipleChoice:
-    """A multiple-choice question with all options that the scene allows.
-
-    Attributes:
-        text: the question.
-        program: its program.
-        type: "explanatory", "predictive" or "counterfactual".
-        negated: whether it asks with "not".
-        options: all options, correct and wrong.
-    """
-
-    text: str
-    program: tuple[str, ...]
-    type: str
-    negated: bool
-    options: tuple[Option, ...]
+def is_negated(question: Question) -> bool:
+    """Whether it asks with "not"."""
+    return (question.program or ())[-1:] == ("negate",)
 
 
 class SceneWords:
@@ -150,8 +103,8 @@ def _attributes(words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for word in words for name, known in ATTRIBUTES.items() if word in known)
 
 
-def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Descriptive]:
-    """All descriptive questions that have an answer in the scene, each in a random wording.
+def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Question]:
+    """All descriptive questions that have an answer in the scene, each in a random wording; their ids are 0.
 
     Questions about motion are omitted when the scene's `moving` is None.
 
@@ -165,16 +118,15 @@ def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False
     for symbol in map(str.upper, EXTENSION_KINDS) if beyond else of_clevrer:
         for text, program in clevrer().every(symbol, words, rng):
             try:
-                value = executor.answer(program).answer
+                answer = executor.answer(program).answer
             except ExecutionError:  # not known, no such object or event, or more than one
                 continue
-            assert value is not None
-            family = symbol.lower() if beyond else _ATTRIBUTE_TOKENS.sub("", " ".join(program))
-            yield Descriptive(text, tuple(program), symbol.lower() if beyond else program[-1], value, family)
+            subtype = symbol.lower() if beyond else program[-1]
+            yield Question(0, text, "descriptive", subtype, tuple(program), answer, ())
 
 
-def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
-    """All multiple-choice questions with all their options.
+def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[Question]:
+    """All multiple-choice questions with all their options, correct and wrong; all ids are 0.
 
     Predictive and counterfactual questions are omitted when the scene lacks that ground truth.
     """
@@ -195,11 +147,10 @@ class _Namer:
         self.words.named = list(objects)
         return next(clevrer().every(symbol, self.words, self.rng))
 
-    def option(self, question: Sequence[str], symbol: str, objects: Sequence[int]) -> Option:
+    def option(self, question: Sequence[str], symbol: str, objects: Sequence[int]) -> Choice:
         """An option for a question's program, with its correctness."""
         text, program = self(symbol, objects)
-        correct = bool(self.executor.run([*program, *question]))
-        return Option(text, tuple(program), correct, symbol.lower())
+        return Choice(0, text, tuple(program), _judged(self.executor, question, program))
 
     def is_unique(self, symbol: str, objects: Sequence[int]) -> bool:
         """Whether the description fits exactly one event."""
@@ -210,7 +161,11 @@ class _Namer:
         return True
 
 
-def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
+def _judged(executor: Executor, question: Sequence[str], option: Sequence[str]) -> str:
+    return "correct" if executor.run([*option, *question]) else "wrong"
+
+
+def _explanatory(scene: Scene, rng: random.Random) -> Iterator[Question]:
     name = _Namer(scene, rng)
     about: list[tuple[str, tuple[int, ...]]] = []
     for event in scene.events:
@@ -232,33 +187,35 @@ def _explanatory(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
         yield from _both_ways(text, question, "explanatory", options)
 
 
-def _both_ways(text: str, program: Sequence[str], kind: str, options: Sequence[Option]) -> Iterator[MultipleChoice]:
+def _both_ways(text: str, program: Sequence[str], kind: str, options: Sequence[Choice]) -> Iterator[Question]:
     """The question in its affirmative and its negated form; "{}" in the text is where "not" goes."""
-    yield MultipleChoice(text.format(""), tuple(program), kind, False, tuple(options))
-    negated = tuple(replace(o, correct=not o.correct) for o in options)
-    yield MultipleChoice(text.format("not "), (*program, "negate"), kind, True, negated)
+    yield Question(0, text.format(""), kind, None, tuple(program), None, tuple(options))
+    negated = tuple(replace(o, answer="wrong" if o.answer == "correct" else "correct") for o in options)
+    yield Question(0, text.format("not "), kind, None, (*program, "negate"), None, negated)
 
 
-def _predictive(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
+def _predictive(scene: Scene, rng: random.Random) -> Iterator[Question]:
     name = _Namer(scene, rng)
     text, program = name("PREDICTIVE", [])
     pairs = combinations(range(len(scene.objects)), 2)
-    options = [name.option(program, "HAPPENS", _shuffled(pair, rng)) for pair in pairs]
-    yield MultipleChoice(text, tuple(program), "predictive", False, tuple(options))
+    options = tuple(name.option(program, "HAPPENS", _shuffled(pair, rng)) for pair in pairs)
+    yield Question(0, text, "predictive", None, tuple(program), None, options)
 
 
-def _counterfactual(scene: Scene, rng: random.Random) -> Iterator[MultipleChoice]:
+def _counterfactual(scene: Scene, rng: random.Random) -> Iterator[Question]:
     name, recording = _Namer(scene, rng), Executor(keep_recording(scene))
     for removed in range(len(scene.objects)):
         pairs = combinations([i for i in range(len(scene.objects)) if i != removed], 2)
         text, program = name("COUNTERFACTUAL", [removed])
-        options = [name.option(program, "HAPPENS", _shuffled(pair, rng)) for pair in pairs]
-        kept = [bool(recording.run([*o.program, *program])) for o in options]
-        options = [replace(o, tag=OPTION_TAGS[k != o.correct]) for k, o in zip(kept, options, strict=True)]
+        options = []
+        for pair in pairs:
+            option = name.option(program, "HAPPENS", _shuffled(pair, rng))
+            differs = _judged(recording, program, option.program or ()) != option.answer
+            options.append(replace(option, tag=OPTION_TAGS[differs]))
         yield from _both_ways(text.replace(" will happen", " will {}happen"), program, "counterfactual", options)
 
 
-def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: int) -> Iterator[MultipleChoice]:
+def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: int) -> Iterator[Question]:
     """Up to `n` what-if questions about changed objects, drawn at random, each with all pairs of objects as options.
 
     Args:
@@ -281,7 +238,7 @@ def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: i
         except ExecutionError:  # impossible, or not known
             continue
         asked.add(change)
-        yield MultipleChoice(text, program, "counterfactual", program[-1] == "negate", options)
+        yield Question(0, text, "counterfactual", None, program, None, options)
 
 
 def _shuffled(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:

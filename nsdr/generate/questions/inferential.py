@@ -2,12 +2,15 @@
 
 import random
 import warnings
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
+from typing import Any
 
-from nsdr.clevrer.files.questions import OPTION_TAGS
-from nsdr.generate.questions.candidates import MultipleChoice, Option
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
+from nsdr.generate.questions.candidates import is_negated
 
 __all__ = ["InferentialSelection"]
 
@@ -21,11 +24,10 @@ MORE_OPTIONS = 1.0
 Of 1 to 10 and 0.1 to 2 on 440 simulated training scenes, these two meet shares of 0.2 and 0.5 within the tolerance, with as
 many correct as wrong options in each half (within 0.5 %) and the fewest questions without a correct one; the statistics of
 `nsdr generate questions --questions.inferential_share 0.5` show all three."""
-CELLS = tuple((tag, correct) for tag in OPTION_TAGS for correct in (True, False))
-"""Kinds of options, (tag, correct), in the order of all tuples of numbers here."""
-
-FORMS = ((False, False), (False, True), (True, False), (True, True))
-"""Options by (whether the question has "not", whether they are correct)."""
+CELLS = tuple((tag, answer) for tag in OPTION_TAGS for answer in ("correct", "wrong"))
+"""Kinds of options, (tag, answer): the last axis of all arrays of numbers here."""
+CORRECT, INFERENTIAL = [0, 2], [2, 3]
+"""Those of `CELLS` that are correct, and inferential."""
 
 
 class InferentialSelection:
@@ -52,53 +54,50 @@ class InferentialSelection:
         tolerance: float,
         rng: random.Random,
     ) -> None:
-        self.share, self.correct_shares, self.tolerance, self.rng = share, correct_shares, tolerance, rng
-        self.max_options = n_options[1]
-        self.permitted = [
-            numbers
-            for numbers in product(range(self.max_options + 1), repeat=len(CELLS))
-            if n_options[0] <= sum(numbers) <= self.max_options
-            and sum(numbers) - _correct(numbers) >= min_wrong
-            and _correct(numbers) in correct_shares
-        ]
-        self.selected = (0,) * len(CELLS)
-        self.forms: Counter[tuple[bool, bool]] = Counter()
-        self.questions: Counter[int] = Counter()
+        self.share, self.tolerance, self.rng, self.max_options = share, tolerance, rng, n_options[1]
+        every = np.array(list(product(range(self.max_options + 1), repeat=len(CELLS))))
+        total, correct = every.sum(1), every[:, CORRECT].sum(1)
+        fits = (n_options[0] <= total) & (total <= self.max_options) & (total - correct >= min_wrong)
+        self.permitted = every[fits & np.isin(correct, list(correct_shares))]
+        self.correct_shares = np.array([correct_shares.get(n, 0.0) for n in range(self.max_options + 1)])
+        self.selected = np.zeros(len(CELLS), int)
+        self.forms = np.zeros((2, 2), int)  # options by (whether the question has "not", whether they are correct)
+        self.questions = np.zeros(self.max_options + 1, int)  # by their number of correct options
 
-    def choose(self, candidates: Sequence[MultipleChoice], owed: float) -> tuple[MultipleChoice, list[Option]] | None:
+    def choose(self, candidates: Sequence[Question], owed: float) -> tuple[Question, list[Choice]] | None:
         """The question that brings the counts closest to their targets, and its options in random order.
 
         None where no candidate has options enough, or where all lead away from the share and few questions are owed.
         """
-        having = [(c, Counter((o.tag, o.correct) for o in c.options)) for c in candidates]
-        fitting: dict[tuple[bool, tuple[int, ...]], list[MultipleChoice]] = {}
-        for negated, numbers in product((False, True), self.permitted):
-            found = [
-                candidate
-                for candidate, available in having
-                if candidate.negated == negated
-                and all(available[cell] >= n for cell, n in zip(CELLS, numbers, strict=True))
-            ]
-            if found:
-                fitting[negated, numbers] = found
+        having = np.array([[[(o.tag, o.answer) for o in q.choices].count(cell) for cell in CELLS] for q in candidates])
+        enough = (having[:, None] >= self.permitted).all(2)
+        has_not = np.array([is_negated(q) for q in candidates])
+        fitting = [
+            (distance, self.rng.random(), negated, k)
+            for negated in (False, True)
+            for k, distance in enumerate(self._distances(negated))
+            if enough[has_not == negated, k].any()
+        ]
         if not fitting:
             return None
-        negated, numbers = min(fitting, key=lambda form: (self._distance(*form), self.rng.random()))
+        _, _, negated, k = min(fitting)
+        numbers = self.permitted[k]
         if owed < MAX_OWED and self._leads_away(numbers):
             return None
-        self.selected = _sum(self.selected, numbers)
-        self.forms += _form(negated, numbers)
-        self.questions[_correct(numbers)] += 1
-        chosen = self.rng.choice(fitting[negated, numbers])
-        options = []
-        for cell, n in zip(CELLS, numbers, strict=True):
-            options += self.rng.sample([o for o in chosen.options if (o.tag, o.correct) == cell], n)
+        correct = numbers[CORRECT].sum()
+        self.selected += numbers
+        self.forms[int(negated)] += numbers.sum() - correct, correct
+        self.questions[correct] += 1
+        chosen = candidates[self.rng.choice(np.flatnonzero(enough[:, k] & (has_not == negated)))]
+        options: list[Choice] = []
+        for cell, n in zip(CELLS, numbers.tolist(), strict=True):
+            options += self.rng.sample([o for o in chosen.choices if (o.tag, o.answer) == cell], n)
         self.rng.shuffle(options)
         return chosen, options
 
     def warn_if_missed(self) -> None:
         """Warn where the share that was reached is farther from its target than the tolerance and one question's options."""
-        total, reached = sum(self.selected), _inferential(self.selected)
+        total, reached = self.selected.sum(), self.selected[INFERENTIAL].sum()
         if total and self._missed(self.selected) <= self._allowed(self.selected):
             return
         what = f"{reached / total:.3f} was reached ({reached} of {total} options)" if total else "no option was found"
@@ -108,45 +107,28 @@ class InferentialSelection:
             stacklevel=2,
         )
 
-    def _distance(self, negated: bool, numbers: tuple[int, ...]) -> float:
-        """Distance of all counts from their targets, in options, if a question with these numbers of options is added."""
-        selected = _sum(self.selected, numbers)
-        total, asked = sum(selected), self.questions.total() + 1
-        halves = (1 - self.share, 1 - self.share, self.share, self.share)
-        cells = sum(abs(n - share / 2 * total) for n, share in zip(selected, halves, strict=True))
-        forms = self.forms + _form(negated, numbers)
-        of_forms = sum(abs(forms[form] - total / 4) for form in FORMS)
-        of_questions = sum(
-            abs(self.questions[k] + (k == _correct(numbers)) - share * asked)
-            for k, share in self.correct_shares.items()
-        )
-        return cells + self._missed(selected) + of_forms + QUESTION_WEIGHT * of_questions - MORE_OPTIONS * sum(numbers)
+    def _distances(self, negated: bool) -> NDArray[np.floating[Any]]:
+        """Distances of all counts from their targets, in options, if a question with `permitted` options is added."""
+        selected, added = self.selected + self.permitted, self.permitted.sum(1)
+        total, correct = selected.sum(1), self.permitted[:, CORRECT].sum(1)
+        halves = np.array([1 - self.share, 1 - self.share, self.share, self.share]) / 2
+        cells = abs(selected - halves * total[:, None]).sum(1)
+        forms = np.tile(self.forms, (len(added), 1, 1))
+        forms[:, int(negated)] += np.stack([added - correct, correct], 1)
+        of_forms = abs(forms.reshape(-1, 4) - total[:, None] / 4).sum(1)
+        questions = self.questions + (correct[:, None] == np.arange(len(self.questions)))
+        of_questions = abs(questions - self.correct_shares * questions.sum(1, keepdims=True)).sum(1)
+        distances = cells + self._missed(selected) + of_forms + QUESTION_WEIGHT * of_questions - MORE_OPTIONS * added
+        return np.asarray(distances)
 
-    def _leads_away(self, numbers: tuple[int, ...]) -> bool:
+    def _leads_away(self, numbers: NDArray[np.int_]) -> bool:
         """Whether these options bring the share farther from its target, and beyond the tolerance."""
-        selected = _sum(self.selected, numbers)
-        return self._missed(selected) > max(self._missed(self.selected), self._allowed(selected))
+        selected = self.selected + numbers
+        return bool(self._missed(selected) > max(self._missed(self.selected), self._allowed(selected)))
 
-    def _missed(self, selected: tuple[int, ...]) -> float:
+    def _missed(self, selected: NDArray[np.int_]) -> Any:
         """Inferential options too many or too few."""
-        return abs(_inferential(selected) - self.share * sum(selected))
+        return abs(selected[..., INFERENTIAL].sum(-1) - self.share * selected.sum(-1))
 
-    def _allowed(self, selected: tuple[int, ...]) -> float:
-        return self.tolerance * sum(selected) + self.max_options
-
-
-def _sum(one: tuple[int, ...], other: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(a + b for a, b in zip(one, other, strict=True))
-
-
-def _correct(numbers: tuple[int, ...]) -> int:
-    return sum(n for (_, correct), n in zip(CELLS, numbers, strict=True) if correct)
-
-
-def _inferential(numbers: tuple[int, ...]) -> int:
-    return sum(n for (tag, _), n in zip(CELLS, numbers, strict=True) if tag == OPTION_TAGS[1])
-
-
-def _form(negated: bool, numbers: tuple[int, ...]) -> Counter[tuple[bool, bool]]:
-    """Numbers of options by form, as in `FORMS`."""
-    return Counter({(negated, True): _correct(numbers), (negated, False): sum(numbers) - _correct(numbers)})
+    def _allowed(self, selected: NDArray[np.int_]) -> float:
+        return float(self.tolerance * selected.sum() + self.max_options)

@@ -19,26 +19,19 @@ from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
     EXTENSION_KINDS,
-    Descriptive,
-    MultipleChoice,
-    Option,
     changed_questions,
     descriptive_questions,
+    family,
+    form,
+    is_negated,
     multiple_choice_questions,
 )
 from nsdr.generate.questions.inferential import InferentialSelection
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
-from nsdr.validation import Count, NotNegative, Settings, Share
+from nsdr.validation import Count, NotNegative, Settings, Share, one_of
 
-__all__ = [
-    "Candidates",
-    "ExtensionSelection",
-    "QuestionConfig",
-    "find_candidates",
-    "generate_questions",
-    "select_questions",
-]
+__all__ = ["QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
 
 PER_VIDEO = {
     "count": 4.0,
@@ -95,7 +88,7 @@ class QuestionConfig(Settings):
             physics; each takes seconds of simulation.
     """
 
-    per_video: Mapping[str, NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
+    per_video: Mapping[Annotated[str, one_of(PER_VIDEO)], NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
     max_options: Annotated[int, Meta(ge=MIN_OPTIONS, le=MAX_OPTIONS)] = 4
     seed: Count = 0
     inferential_share: Share | None = None
@@ -104,37 +97,16 @@ class QuestionConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if set(self.per_video) - set(PER_VIDEO):
-            raise DataError(f"per_video: expected some of {', '.join(PER_VIDEO)}, got {', '.join(self.per_video)}")
         if self.changed_per_video and not self.extensions:
             raise DataError("changed_per_video: expected 0 without extensions; such questions are beyond CLEVRER")
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """The questions that can be asked about one scene.
-
-    Attributes:
-        scene_index: index of the video.
-        video_filename: file name of the video.
-        descriptive: descriptive questions with their answers.
-        multiple_choice: multiple-choice questions with all options.
-        extensions: descriptive questions beyond CLEVRER.
-        changed: what-if questions about changed objects, with all options.
-    """
-
-    scene_index: int
-    video_filename: str
-    descriptive: tuple[Descriptive, ...]
-    multiple_choice: tuple[MultipleChoice, ...]
-    extensions: tuple[Descriptive, ...] = ()
-    changed: tuple[MultipleChoice, ...] = ()
-
-
 def find_candidates(
     item: tuple[int, str, Scene] | tuple[int, str, Scene, Simulate | None], config: QuestionConfig | None = None
-) -> Candidates:
-    """Candidate questions of a scene, at most `KEPT_PER_ANSWER` per family and answer.
+) -> SceneQuestions:
+    """Candidate questions of a scene, with all their options. All ids are 0.
+
+    Of descriptive ones there are at most `KEPT_PER_ANSWER` per answer and family of programs.
 
     Args:
         item: index, file name and scene; for what-if questions also what gives the true collisions with a change.
@@ -143,29 +115,27 @@ def find_candidates(
     index, filename, scene, *simulate = item
     config = config or QuestionConfig()
     rng = random.Random(f"{config.seed} questions {index}")
-    kept = _kept(descriptive_questions(scene, rng), rng)
-    options = tuple(multiple_choice_questions(scene, rng))
-    if not config.extensions:
-        return Candidates(index, filename, kept, options)
-    rng = random.Random(f"{config.seed} extensions {index}")
-    beyond = _kept(descriptive_questions(scene, rng, beyond=True), rng)
-    changed: tuple[MultipleChoice, ...] = ()
-    if config.changed_per_video and simulate and simulate[0] is not None:
-        changed = tuple(changed_questions(scene, simulate[0], rng, config.changed_per_video))
-    return Candidates(index, filename, kept, options, beyond, changed)
+    found = _kept(((family(q), q) for q in descriptive_questions(scene, rng)), rng)
+    found += multiple_choice_questions(scene, rng)
+    if config.extensions:
+        rng = random.Random(f"{config.seed} extensions {index}")
+        found += _kept(((str(q.subtype), q) for q in descriptive_questions(scene, rng, beyond=True)), rng)
+        if config.changed_per_video and simulate and simulate[0] is not None:
+            found += changed_questions(scene, simulate[0], rng, config.changed_per_video)
+    return SceneQuestions(index, filename, tuple(found))
 
 
-def _kept(questions: Iterable[Descriptive], rng: random.Random) -> tuple[Descriptive, ...]:
-    """At most `KEPT_PER_ANSWER` per family and answer, drawn at random."""
+def _kept(questions: Iterable[tuple[str, Question]], rng: random.Random) -> list[Question]:
+    """At most `KEPT_PER_ANSWER` per group and answer, drawn at random from (group, question)."""
     found, kept = list(questions), []
-    seen: Counter[tuple[str, str]] = Counter()
+    seen: Counter[tuple[str, str | None]] = Counter()
     rng.shuffle(found)
-    for question in found:
-        key = (question.family, question.answer)
+    for group, question in found:
+        key = (group, question.answer)
         if seen[key] < KEPT_PER_ANSWER:
             seen[key] += 1
             kept.append(question)
-    return tuple(kept)
+    return kept
 
 
 def generate_questions(
@@ -179,22 +149,21 @@ def generate_questions(
     return select_questions((find_candidates(scene, config) for scene in scenes), config)
 
 
-def select_questions(candidates: Iterable[Candidates], config: QuestionConfig) -> Iterator[SceneQuestions]:
+def select_questions(candidates: Iterable[SceneQuestions], config: QuestionConfig) -> Iterator[SceneQuestions]:
     """Select from the candidates of each scene, in order, the questions that balance the data set.
 
     Warns at the end if the scenes did not allow `QuestionConfig.inferential_share`.
     """
-    selection, beyond = _Selection(config), ExtensionSelection(config.seed, config.max_options)
+    selection, beyond = _Selection(config), _ExtensionSelection(config.seed, config.max_options)
     for scene in candidates:
-        found = selection.scene(scene)
-        more = beyond.questions(scene.extensions, scene.changed, len(found.questions))
-        yield replace(found, questions=(*found.questions, *more))
+        found = [*selection.questions(scene.questions), *beyond.questions(scene.questions)]
+        yield replace(scene, questions=tuple(replace(q, id=i) for i, q in enumerate(found)))
     if selection.inferential is not None:
         selection.inferential.warn_if_missed()
 
 
 class _Selection:
-    """Counts of the questions selected so far, and the choice of the next ones."""
+    """Counts of CLEVRER's questions selected so far, and the choice of the next ones."""
 
     def __init__(self, config: QuestionConfig) -> None:
         self.config, self.rng = config, random.Random(f"{config.seed} selection")
@@ -202,9 +171,10 @@ class _Selection:
         self.answers: Counter[tuple[str, str]] = Counter()
         self.forms: Counter[str] = Counter()
         self.forms_with: Counter[tuple[str, str]] = Counter()
-        self.families: Counter[tuple[str, ...]] = Counter()
+        self.families: Counter[tuple[str, str]] = Counter()
+        self.negated: Counter[tuple[str, bool]] = Counter()
         self.correct: Counter[tuple[str, bool, int]] = Counter()
-        self.options: Counter[tuple[str, bool, str, bool]] = Counter()
+        self.options: Counter[tuple[str, bool, str, str]] = Counter()
         self.inferential: InferentialSelection | None = None
         if (share := config.inferential_share) is not None:
             kind, n_options = "counterfactual", (MIN_OPTIONS, config.max_options)
@@ -212,38 +182,36 @@ class _Selection:
                 share, CORRECT_SHARES[kind], n_options, MIN_WRONG[kind], MAX_SURPLUS, self.rng
             )
 
-    def scene(self, candidates: Candidates) -> SceneQuestions:
-        questions: list[Question] = []
+    def questions(self, candidates: Sequence[Question]) -> list[Question]:
+        """The selected questions of a scene, descriptive ones first."""
+        selected: list[Question] = []
         for kind in self.config.per_video:
             self.owed[kind] += self.config.per_video[kind]
-            select = self._multiple_choice if kind in CORRECT_SHARES else self._descriptive
-            questions += select(kind, candidates)
-        ordered = sorted(questions, key=lambda q: q.type != "descriptive")
-        return SceneQuestions(
-            candidates.scene_index,
-            candidates.video_filename,
-            tuple(replace(q, id=i) for i, q in enumerate(ordered)),
-        )
+            if kind in CORRECT_SHARES:
+                selected += self._multiple_choice(kind, [q for q in candidates if q.type == kind and not _changes(q)])
+            else:
+                selected += self._descriptive(kind, [q for q in candidates if q.subtype == kind])
+        return sorted(selected, key=lambda q: q.type != "descriptive")
 
-    def _descriptive(self, kind: str, candidates: Candidates) -> list[Question]:
-        remaining = [c for c in candidates.descriptive if c.subtype == kind]
+    def _descriptive(self, kind: str, remaining: list[Question]) -> list[Question]:
         selected: list[Question] = []
         in_scene: Counter[str] = Counter()
+
+        def rank(q: Question) -> tuple[float, ...]:
+            return in_scene[family(q)], self._excess(q), self.families[kind, family(q)], self.rng.random()
+
         while remaining and self.owed[kind] >= MIN_OWED:
-            answer = self._scarcest(kind, sorted({c.answer for c in remaining}))
-            best = min(
-                (c for c in remaining if c.answer == answer),
-                key=lambda c: (in_scene[c.family], self._excess(c), self.families[kind, c.family], self.rng.random()),
-            )
+            answer = self._scarcest(kind, sorted({str(q.answer) for q in remaining}))
+            best = min((q for q in remaining if q.answer == answer), key=rank)
             self.answers[kind, answer] += 1
-            self.forms[best.form] += 1
-            self.forms_with[best.form, answer] += 1
-            self.families[kind, best.family] += 1
-            in_scene[best.family] += 1
+            self.forms[form(best)] += 1
+            self.forms_with[form(best), answer] += 1
+            self.families[kind, family(best)] += 1
+            in_scene[family(best)] += 1
             self.owed[kind] -= 1
-            selected.append(Question(0, best.text, "descriptive", kind, best.program, best.answer, ()))
+            selected.append(best)
             remaining = [
-                c for c in remaining if c.program != best.program and (c.family, c.answer) != (best.family, best.answer)
+                q for q in remaining if q.program != best.program and (family(q), q.answer) != (family(best), answer)
             ]
         return selected
 
@@ -251,12 +219,12 @@ class _Selection:
         """The answer that was given least, relative to its target share."""
         return min(answers, key=lambda a: (self.answers[kind, a] + self.rng.random()) / _target_share(kind, a))
 
-    def _excess(self, c: Descriptive) -> float:
+    def _excess(self, q: Question) -> float:
         """By how many questions of its form its answer would exceed its target share."""
-        return self.forms_with[c.form, c.answer] + 1 - _target_share(c.subtype, c.answer) * (self.forms[c.form] + 1)
+        share = _target_share(str(q.subtype), str(q.answer))
+        return self.forms_with[form(q), str(q.answer)] + 1 - share * (self.forms[form(q)] + 1)
 
-    def _multiple_choice(self, kind: str, candidates: Candidates) -> list[Question]:
-        remaining = [c for c in candidates.multiple_choice if c.type == kind]
+    def _multiple_choice(self, kind: str, remaining: list[Question]) -> list[Question]:
         self.rng.shuffle(remaining)
         selected: list[Question] = []
         limit = PREDICTIVE_PER_SCENE if kind == "predictive" else len(remaining)
@@ -265,62 +233,60 @@ class _Selection:
                 found = self.inferential.choose(remaining, self.owed[kind])
                 if found is None:
                     break
-                candidate, options = found
-                remaining.remove(candidate)
+                question, options = found
+                remaining.remove(question)
             else:
                 # Each question is asked in one form only: affirmative or negated, whichever was used less.
-                remaining.sort(key=lambda c: self.families[kind, str(c.negated)])
-                candidate = remaining.pop(0)
-                options = self._options(candidate)
+                remaining.sort(key=lambda q: self.negated[kind, is_negated(q)])
+                question = remaining.pop(0)
+                options = self._options(question)
             if not options:
                 continue
-            other = candidate.program[:-1] if candidate.negated else (*candidate.program, "negate")
-            remaining = [c for c in remaining if c.program != other]
-            self.families[kind, str(candidate.negated)] += 1
+            program = question.program or ()
+            other = program[:-1] if is_negated(question) else (*program, "negate")
+            remaining = [q for q in remaining if q.program != other]
+            self.negated[kind, is_negated(question)] += 1
             self.owed[kind] -= 1
-            choices = tuple(
-                Choice(i, o.text, o.program, "correct" if o.correct else "wrong", o.tag) for i, o in enumerate(options)
-            )
-            selected.append(Question(0, candidate.text, kind, None, candidate.program, None, choices))
+            selected.append(_with_choices(question, options))
         return selected
 
-    def _options(self, question: MultipleChoice) -> list[Option]:
+    def _options(self, question: Question) -> list[Choice]:
         """Options in random order, with the number of correct ones that is most below its target share; [] when none fits."""
-        kind, form = question.type, (question.type, question.negated)
-        correct = [o for o in question.options if o.correct]
-        wrong = [o for o in question.options if not o.correct]
+        kind, group = question.type, (question.type, is_negated(question))
+        correct, wrong = _by_answer(question)
         max_options = PREDICTIVE_OPTIONS if kind == "predictive" else self.config.max_options
         shares = CORRECT_SHARES[kind]
-        total = sum(self.correct[*form, k] for k in shares) + 1
+        total = sum(self.correct[*group, k] for k in shares) + 1
         feasible = {k: min(max_options - k, len(wrong)) for k in shares if k <= min(len(correct), max_options)}
         feasible = {k: w for k, w in feasible.items() if k + w >= MIN_OPTIONS and w >= MIN_WRONG[kind]}
         if not feasible:
             return []
-        count = max(feasible, key=lambda k: (shares[k] - self.correct[*form, k] / total, self.rng.random()))
-        if self.correct[*form, count] > (shares[count] + MAX_SURPLUS) * total:
+        count = max(feasible, key=lambda k: (shares[k] - self.correct[*group, k] / total, self.rng.random()))
+        if self.correct[*group, count] > (shares[count] + MAX_SURPLUS) * total:
             return []
-        self.correct[*form, count] += 1
-        options = self._least_used(question, correct, count) + self._least_used(question, wrong, feasible[count])
+        self.correct[*group, count] += 1
+        options = self._least_used(group, correct, count) + self._least_used(group, wrong, feasible[count])
         self.rng.shuffle(options)
         return options
 
-    def _least_used(self, question: MultipleChoice, options: Sequence[Option], count: int) -> list[Option]:
+    def _least_used(self, group: tuple[str, bool], remaining: list[Choice], count: int) -> list[Choice]:
         """Options whose kind was least often correct (or wrong, like these) relative to the opposite."""
-        remaining, selected = list(options), []
+        selected: list[Choice] = []
+
+        def excess(o: Choice) -> float:
+            opposite = "wrong" if o.answer == "correct" else "correct"
+            used, others = (self.options[*group, family(o), answer] for answer in (str(o.answer), opposite))
+            return used - others + self.rng.random()
+
         for _ in range(count):
-
-            def excess(o: Option) -> float:
-                same = self.options[question.type, question.negated, o.kind, o.correct]
-                return same - self.options[question.type, question.negated, o.kind, not o.correct] + self.rng.random()
-
             best = min(remaining, key=excess)
             remaining.remove(best)
             selected.append(best)
-            self.options[question.type, question.negated, best.kind, best.correct] += 1
+            self.options[*group, family(best), str(best.answer)] += 1
         return selected
 
 
-class ExtensionSelection:
+class _ExtensionSelection:
     """Selects, for one scene after another, a question of each kind with the answer that was used least.
 
     Args:
@@ -330,38 +296,40 @@ class ExtensionSelection:
 
     def __init__(self, seed: int, max_options: int) -> None:
         self.rng, self.max_options = random.Random(f"{seed} extensions"), max_options
-        self.answers: Counter[tuple[str, str]] = Counter()
+        self.answers: Counter[tuple[str, str | None]] = Counter()
 
-    def questions(
-        self, descriptive: Sequence[Descriptive], changed: Sequence[MultipleChoice], first_id: int
-    ) -> list[Question]:
-        """The selected questions of a scene, with ids from `first_id` on."""
-        found: list[Question] = []
+    def questions(self, candidates: Sequence[Question]) -> Iterator[Question]:
+        """Yield the selected questions of a scene."""
         for kind in EXTENSION_KINDS:
-            options = [c for c in descriptive if c.subtype == kind]
-            if not options:
-                continue
-            best = min(options, key=lambda c: (self.answers[kind, c.answer], self.rng.random()))
-            self.answers[kind, best.answer] += 1
-            number = first_id + len(found)
-            found.append(Question(number, best.text, "descriptive", kind, best.program, best.answer, ()))
-        for c in changed:
-            choices = self._choices(c)
-            if choices:
-                found.append(Question(first_id + len(found), c.text, c.type, None, c.program, None, choices))
-        return found
+            asked = [q for q in candidates if q.subtype == kind]
+            if asked:
+                best = min(asked, key=lambda q: (self.answers[kind, q.answer], self.rng.random()))
+                self.answers[kind, best.answer] += 1
+                yield best
+        for question in filter(_changes, candidates):
+            correct, wrong = _by_answer(question)
+            if correct and wrong:  # as many as each other, where there are enough
+                most = self.max_options
+                n_correct = min(len(correct), max(most // 2, most - len(wrong)))
+                options = self.rng.sample(correct, n_correct)
+                options += self.rng.sample(wrong, min(len(wrong), most - n_correct))
+                self.rng.shuffle(options)
+                yield _with_choices(question, options)
 
-    def _choices(self, question: MultipleChoice) -> tuple[Choice, ...]:
-        """Options in random order, as many correct as wrong ones where there are enough; none where all are alike."""
-        correct = [o for o in question.options if o.correct]
-        wrong = [o for o in question.options if not o.correct]
-        if not correct or not wrong:
-            return ()
-        most = self.max_options
-        n_correct = min(len(correct), max(most // 2, most - len(wrong)))
-        options = self.rng.sample(correct, n_correct) + self.rng.sample(wrong, min(len(wrong), most - n_correct))
-        self.rng.shuffle(options)
-        return tuple(Choice(i, o.text, o.program, "correct" if o.correct else "wrong") for i, o in enumerate(options))
+
+def _changes(question: Question) -> bool:
+    """Whether it is a what-if question about a changed object."""
+    return "get_changed" in (question.program or ())
+
+
+def _by_answer(question: Question) -> tuple[list[Choice], list[Choice]]:
+    """The correct and the wrong options."""
+    correct = [c for c in question.choices if c.answer == "correct"]
+    return correct, [c for c in question.choices if c.answer == "wrong"]
+
+
+def _with_choices(question: Question, options: Sequence[Choice]) -> Question:
+    return replace(question, choices=tuple(replace(o, id=i) for i, o in enumerate(options)))
 
 
 def _target_share(subtype: str, answer: str) -> float:

@@ -39,7 +39,6 @@ LAMP_OBJECTS = ("Lamp_Key", "Lamp_Fill", "Lamp_Back")
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 """Cycles' GPU back ends, tried in this order."""
 
-JPEG_QUALITY = 95
 MAX_BOUNCES = 4
 """Max number of bounces of a light path."""
 BLUR_GLOSSY = 2.0
@@ -60,13 +59,12 @@ class Blender:
 
     Args:
         config: image size, samples and the assets folder.
-        threads: CPU threads; 0 uses all cores.
 
     Raises:
         DataError: `bpy` is not installed, or the assets folder lacks a file.
     """
 
-    def __init__(self, config: RenderConfig, threads: int = 0) -> None:
+    def __init__(self, config: RenderConfig) -> None:
         self.config = config
         self.bpy = _bpy()
         self.assets = Path(config.assets).resolve() if config.assets else None
@@ -76,7 +74,7 @@ class Blender:
         with quiet():
             self._open_base_scene()
         self._lamp_positions = {name: tuple(self.bpy.data.objects[name].location) for name in LAMP_OBJECTS}
-        self._configure(threads)
+        self._configure()
 
     def render(self, objects: Sequence[SceneObject], solids: Sequence[Solid], view: View, path: str | Path) -> None:
         """Render one frame and write it atomically.
@@ -85,7 +83,7 @@ class Blender:
             objects: colours and materials.
             solids: shapes, positions and rotations, in the same order.
             view: camera and lamps.
-            path: PNG or JPEG file to write.
+            path: PNG file to write.
         """
         from mathutils import Matrix
 
@@ -98,9 +96,7 @@ class Blender:
             drawn.rotation_quaternion = rotation.to_quaternion()
         self._set_view(view)
         with atomic_path(path) as temporary:
-            scene = self.bpy.context.scene
-            scene.render.image_settings.file_format = "JPEG" if temporary.suffix == ".jpg" else "PNG"
-            scene.render.filepath = str(temporary)
+            self.bpy.context.scene.render.filepath = str(temporary)
             with quiet():
                 self.bpy.ops.render.render(write_still=True)
 
@@ -113,26 +109,21 @@ class Blender:
         for name in ASSET_MATERIALS.values():
             self._append(self.assets / "materials" / f"{name}.blend", "NodeTree", name)
 
-    def _configure(self, threads: int) -> None:
+    def _configure(self) -> None:
         scene = self.bpy.context.scene
         render, cycles = scene.render, scene.cycles
         render.engine, render.use_persistent_data = "CYCLES", True
-        render.image_settings.quality = JPEG_QUALITY
+        render.image_settings.file_format = "PNG"
         cycles.samples, cycles.max_bounces, cycles.blur_glossy = self.config.samples, MAX_BOUNCES, BLUR_GLOSSY
         cycles.use_denoising, cycles.denoising_prefilter = True, "NONE"
         cycles.denoising_quality, cycles.denoising_input_passes = "FAST", "RGB_ALBEDO"
         scene.view_settings.view_transform = "Standard"
-        if threads:
-            render.threads_mode, render.threads = "FIXED", threads
         cycles.device = "GPU" if _use_gpu(self.bpy) else "CPU"
 
     def _set_view(self, view: View) -> None:
         render = self.bpy.context.scene.render
-        render.resolution_x, render.resolution_y, render.resolution_percentage = (
-            view.camera.width,
-            view.camera.height,
-            100,
-        )
+        render.resolution_x, render.resolution_y = view.camera.width, view.camera.height
+        render.resolution_percentage = 100
         camera = self.bpy.data.objects["Camera"]
         for constraint in list(camera.constraints):
             camera.constraints.remove(constraint)
@@ -228,8 +219,7 @@ class Blender:
             size=PLANE_SIZE_WORLD, location=(WALL_X_WORLD, 0, 0), rotation=(0, math.pi / 2, 0)
         )
         self.bpy.context.active_object.data.materials.append(material)
-        world = data.worlds.new("World")
-        scene.world = world
+        scene.world = data.worlds.new("World")
 
     def _linked(self, name: str, content: Any) -> Any:
         linked = self.bpy.data.objects.new(name, content)

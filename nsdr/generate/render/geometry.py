@@ -131,10 +131,7 @@ def _slab(o, d):  # type: ignore[no-untyped-def]
 def _hit(kind, o, d):  # type: ignore[no-untyped-def]
     """Distance of the first hit of a ray from outside, in multiples of the direction's length; infinite for a miss.
 
-    Args:
-        kind: the shape.
-        o: start of the ray in the solid's axes.
-        d: direction in the solid's axes.
+    The start `o` and the direction `d` are in the solid's axes.
     """
     ox, oy, oz = o
     dx, dy, dz = d
@@ -166,13 +163,9 @@ def _hit(kind, o, d):  # type: ignore[no-untyped-def]
 
 @inlined_njit
 def first_hit(solids, p, d, besides):  # type: ignore[no-untyped-def]
-    """Index of the solid that a ray meets first and the distance; -1 and infinity for none.
+    """Index of the solid that a ray from `p` meets first and the distance; -1 and infinity for none.
 
-    Args:
-        solids: the solids.
-        p: start of the ray.
-        d: its direction.
-        besides: index of a solid that is left out; -1 for none.
+    The solid `besides` is left out; -1 leaves out none.
     """
     nearest, index = math.inf, -1
     for i in range(len(solids)):
@@ -204,13 +197,7 @@ def _hidden(solids, i, p, way, lights, k):  # type: ignore[no-untyped-def]
 def find_light(solids, lights, p, n, besides, found):  # type: ignore[no-untyped-def]
     """Fill `found` (number of lights,) with the irradiance, relative to each light's intensity, that reaches a point.
 
-    Args:
-        solids: the solids.
-        lights: the lights.
-        p: the point.
-        n: normal of the surface there.
-        besides: index of a solid that casts no shadow; -1 for none.
-        found: the result.
+    The surface there has the normal `n`. The solid `besides` casts no shadow; -1 for none.
     """
     for k in range(len(lights)):
         way = added(three(lights, k, PLACE), -1.0, p)

@@ -163,15 +163,9 @@ def _seen(solids, lights, surfaces, i, p, d, found):  # type: ignore[no-untyped-
 
 @inlined_njit
 def trace(solids, lights, surfaces, p, d, found):  # type: ignore[no-untyped-def]
-    """Index of the solid that a ray from the camera meets, -1 for none, and the colour that it sees.
+    """Index of the solid that a ray from the camera at `p` meets, -1 for none, and the colour that it sees.
 
-    Args:
-        solids: the solids.
-        lights: the lights.
-        surfaces: what the solids look like.
-        p: start of the ray.
-        d: its direction.
-        found: of `find_light`.
+    `found` is of `find_light`.
     """
     i, t = first_hit(solids, p, d, -1)
     if i < 0:
