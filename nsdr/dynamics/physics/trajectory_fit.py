@@ -45,21 +45,13 @@ UNITS = np.array([0.01, 0.01, 0.02, 0.02, 0.1, np.nan, LOG_MASS_STD, 0.15])
 REBOUND_DEVIATION = 0.2
 """Prior standard deviation of a rebound. Like the others here, set on left-out scenes of `train`."""
 MAX_REBOUND = 0.65
-"""Largest first guess of a rebound (Bullet's restitution is 0.64)."""
-MAX_LOG_MASS = 0.4
-"""Range of first guesses of a log mass; log(1.3) is 0.26."""
-MIN_APPROACH_SPEED, MIN_SPEED_CHANGE = 0.3, 0.1
-"""Collisions with a slower approach, or a smaller change of velocity, say nothing about masses (world units/s)."""
-MASS_RATIO_WEIGHT = 3.0
-"""Weight of a mass ratio measured from one collision, relative to the prior."""
+"""Largest rebound that a restart draws (Bullet's restitution is 0.64)."""
 MIN_WINDOW_FRAMES = 8
 """Shortest window that is fitted (frames)."""
 YAW_FRAMES = 8
 """Frames after an object's reference frame whose edges give the first guess of its yaw."""
 DEFAULT_YAW = 0.4
 """First guess of the yaw (radians) of a cube without reliable edges."""
-MIN_STRETCH_FRAMES = 4
-"""Frames over which detections must reach on each side of a collision to measure velocities there."""
 MIN_MOVING_FRAMES = 3
 """Frames over which an object's first detections must reach to show that it moves."""
 MIN_SPEED_WORLD_PER_S = 0.2
@@ -186,11 +178,10 @@ class _Problem:
         return fast
 
     def start(self) -> FloatArray:
-        """First guess: stretches before the first collisions, velocities around each, and cubes' turns by their edges."""
+        """First guess: stretches before the first collisions, equal masses, and cubes' turns by their edges."""
         rows = self.first.copy()
         rows[:, YAW] = [self._first_yaw(i) if shape == CUBE else 0.0 for i, shape in enumerate(self.shape)]
-        rows[:, LOG_MASS], rebound = self._exchanges()
-        return self._values(rows, rebound)
+        return self._values(rows, np.full((len(rows), len(rows)), REBOUND))
 
     def parameters(self, fit: TrajectoryFit) -> FloatArray:
         """Those of a fit with other collisions."""
@@ -207,40 +198,6 @@ class _Problem:
         """Parameters (P,) of what is known of the objects (n, 7), their states and log masses, and of pairs (n, n)."""
         of = [rebound[i, j] if kind == PAIR_REBOUND else rows[i, kind] for kind, i, j in self.problem.parameters]
         return np.array(of) / self.unit
-
-    def _exchanges(self) -> tuple[FloatArray, FloatArray]:
-        """Log masses and rebounds by the velocities before and after each collision."""
-        n = len(self.shape)
-        rows, values, rebound = [np.eye(n)], [np.zeros(n)], np.full((n, n), REBOUND)
-        for e in self.collisions:
-            stretches = [f for f in (self._around(i, e.frame) for i in e.objects) if f is not None]
-            if len(stretches) < 2:
-                continue
-            (position_i, before_i, after_i), (position_j, before_j, after_j) = stretches
-            normal = (position_j - position_i) / max(float(np.linalg.norm(position_j - position_i)), 1e-6)
-            change_i, change_j = np.linalg.norm(after_i - before_i), np.linalg.norm(after_j - before_j)
-            approach, parting = (before_i - before_j) @ normal, (after_j - after_i) @ normal
-            if approach > MIN_APPROACH_SPEED and min(change_i, change_j) > MIN_SPEED_CHANGE:
-                rebound[e.objects] = float(np.clip(parting / approach, 0.0, MAX_REBOUND))
-                row = np.zeros((1, n))
-                row[0, list(e.objects)] = (1, -1)
-                rows.append(MASS_RATIO_WEIGHT * row)
-                values.append(np.array([MASS_RATIO_WEIGHT * np.log(change_j / change_i)]))
-        log_mass = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
-        return np.clip(log_mass, -MAX_LOG_MASS, MAX_LOG_MASS), rebound
-
-    def _around(self, i: int, frame: int) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Position of an object at a collision, and its velocity before and after; None where it was seen too little."""
-        hits = [e.frame for e in self.collisions if i in e.objects]
-        start = max([f for f in hits if f < frame], default=-_NEVER)
-        end = min([f for f in hits if f > frame], default=_NEVER)
-        found, seen, margin = [], np.flatnonzero(self.states.detected[i]), COLLISION_MARGIN_FRAMES
-        for low, high in ((start + margin, frame - margin), (frame + margin, end - margin)):
-            mine = seen[(seen >= low) & (seen <= high)]
-            if len(mine) < detections_in(MIN_STRETCH_FRAMES, self.states.spacing_frames):
-                return None
-            found.append(self._fit_sliding(i, mine, frame))
-        return found[0][0], found[0][1], found[1][1]
 
     def _first_yaw(self, i: int, rng: np.random.Generator | None = None) -> float:
         """The turn whose edges fit best at first, or with `rng` any, the better the likelier."""
