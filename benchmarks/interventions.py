@@ -34,6 +34,7 @@ from nsdr.generate.scene_files import truth_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import atomic_path
 from nsdr.tracking.tracker import tracks_from_motion
+from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.timeline import VIDEO_FRAMES, horizon_frame
@@ -73,7 +74,8 @@ class Draw:
         self.scene, self.frame, self.rng = scene, frame, rng
         self.position = scene.motion.location_world[:, frame, :2]
         self.velocity = scene.motion.velocity[:, frame, :2]
-        self.seen = np.flatnonzero(scene.visible[:, frame]).tolist()
+        places, turns = scene.motion.location_world[:, frame, None], scene.motion.orientation[:, frame, None, 2]
+        self.seen = [o.id for o in scene.objects if in_image(o.shape, places[o.id], turns[o.id]).all()]
         later = {i for c in scene.motion.contacts if c.frame > frame for i in c.bodies}
         self.active = [i for i in self.seen if i in later or np.hypot(*self.velocity[i]) > 0.5]
 

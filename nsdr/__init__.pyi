@@ -37,7 +37,6 @@ from .question_parser.network import QuestionParser as QuestionParser
 from .symbolic import (
     Executor as Executor,
     Program as Program,
-    explain as explain,
     format_trace as format_trace,
     format_tree as format_tree,
 )

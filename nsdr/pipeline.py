@@ -4,7 +4,7 @@ import sys
 import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels
 from nsdr.dynamics.interventions import simulate_removal
-from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, load_backend
+from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, clip_frames
@@ -70,19 +70,29 @@ class PipelineConfig(Settings):
         super().__post_init__()
         check_release_size(self.camera)
 
-    def versions(self) -> dict[str, int]:
-        """Versions of the stages that make a scene, that of a plug-in's module (0 if it has none) too; others are stale."""
+    def fingerprint(self, checkpoint: str | Path, *made: str) -> str:
+        """Of everything that perception depends on but its input: these settings, weights, and versions of the stages.
+
+        A plug-in's module may have a `VERSION`, too.
+
+        Args:
+            checkpoint: where the weights are.
+            made: what is made, and from what.
+        """
         from nsdr import dynamics, frame_parser, tracking
         from nsdr.dynamics import physics, propnet
 
         backend = physics if self.dynamics.backend == "physics" else propnet
-        stages = {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
+        versions = {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
         plugin = sys.modules[BACKENDS[self.dynamics.backend].__module__]
-        return {**stages, plugin.__name__: getattr(plugin, "VERSION", 0)}
+        versions[plugin.__name__] = getattr(plugin, "VERSION", 0)
+        weights = checkpoint_folders(find_checkpoint(checkpoint), self.dynamics)
+        background = [Path(self.video.background)] if self.video.background else []
+        return fingerprint(inputs=background, config=[*made, asdict(self), versions], weights=weights)
 
 
 def pipeline_settings(
-    file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = (), stride: int = 1
+    file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = ()
 ) -> PipelineConfig:
     """Settings from a YAML file, a dynamics backend and single overrides, the later ones winning.
 
@@ -90,7 +100,6 @@ def pipeline_settings(
         file: YAML file of a `PipelineConfig`; "" for the defaults.
         dynamics: a backend's name, or a YAML file of a `BackendConfig`; "" for that of `file`.
         overrides: "key=value" each, such as "tracker.score=0.8" or "dynamics.physics.runs=10".
-        stride: as of `PipelineConfig`, unless it is 1.
 
     Raises:
         DataError: an unknown key or value; names it.
@@ -99,13 +108,11 @@ def pipeline_settings(
     if dynamics:
         is_file = str(dynamics).endswith((".yaml", ".yml"))
         argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
-    if stride != 1:
-        argv += ["--stride", str(stride)]
+    known = [f.name for f in fields(PipelineConfig)]
     for override in overrides:
         key, separator, value = override.partition("=")
         if not separator:
             raise DataError(f"--set {override}: expected key=value, such as tracker.score=0.8")
-        known = [f.name for f in fields(PipelineConfig)]
         if key.split(".")[0] not in known:
             raise DataError(f"--set {override}: expected a setting of {', '.join(known)}")
         argv += [f"--{key}", value]
@@ -124,11 +131,6 @@ class Perception:
     scene: Scene
 
     @property
-    def scene_with_dynamics(self) -> Scene:
-        """The scene with its trajectories, as `nsdr parse-video` saves it."""
-        return replace(self.scene, dynamics=self.dynamics)
-
-    @property
     def camera(self) -> Camera:
         """That took the video; CLEVRER's where no tracks tell."""
         return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
@@ -145,7 +147,6 @@ class Pipeline:
         dynamics: `predict(VideoTracks, collisions or None) -> DynamicsPrediction`.
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
-        semantics: of the executor.
         video: what is expected of videos; None for CLEVRER's.
         camera: that took the videos.
     """
@@ -156,7 +157,6 @@ class Pipeline:
         dynamics: DynamicsBackend,
         question_parser: Parser,
         tracker: TrackerConfig | None = None,
-        semantics: str = "paper",
         video: VideoConfig | None = None,
         camera: Camera = CLEVRER_CAMERA,
     ) -> None:
@@ -164,7 +164,6 @@ class Pipeline:
         self.dynamics = dynamics
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
-        self.semantics = semantics
         self.video = video or VideoConfig()
         self.camera = camera
         self.progress = False
@@ -196,8 +195,8 @@ class Pipeline:
             DataError: unknown settings or device.
         """
         if not isinstance(config, PipelineConfig):
-            config = pipeline_settings(config or "", dynamics if isinstance(dynamics, str | Path) else "")
-        if isinstance(dynamics, BackendConfig) or dynamics:
+            config = pipeline_settings(config or "")
+        if dynamics:
             config = replace(config, dynamics=backend_settings(dynamics))
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
@@ -367,7 +366,7 @@ class Pipeline:
             """Of the video, and after it, for questions "what if"."""
             return self.simulate(video_or_scene, [change], from_frame).changed.collisions  # type: ignore[arg-type]
 
-        executor = Executor(scene, self.semantics, simulate=collisions_with if given is None else None)
+        executor = Executor(scene, simulate=collisions_with if given is None else None)
         if parsed_choices is None:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]

@@ -2,13 +2,14 @@
 
 import json
 import re
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from accelerate.utils import send_to_device
+from msgspec.structs import replace
 from safetensors.numpy import save_file
 
 from nsdr import DataError

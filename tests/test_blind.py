@@ -3,9 +3,9 @@
 import json
 import random
 import sys
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from nsdr import DataError
 from nsdr.baselines.blind import FOLDS, tag_blind

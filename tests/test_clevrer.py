@@ -146,7 +146,7 @@ def square(x: int, y: int) -> str:
 def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:
     rows = [(0, 7, 0.99, square(5, 6)), (2, 20, 0.5, square(100, 100))]
     proposals = proposals_from_rows(3, rows)
-    document = proposals_document(proposals, 12, "video_00012.mp4")
+    document = proposals_document(proposals, "video_00012.mp4")
     assert [len(f["objects"]) for f in document["frames"]] == [1, 0, 1]
     (tmp_path / "p.json").write_text(json.dumps(document))
     back = read_proposals(tmp_path / "p.json")

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 import nsdr.clevrer
 import nsdr.symbolic
-from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, explain, format_trace, format_tree
+from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, format_trace, format_tree
 from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.symbolic.causal import ancestor_sets, direct_causes
@@ -276,24 +276,6 @@ def test_symbolic_part_and_file_formats_load_no_torch() -> None:
     assert len(names) > 15
     code = f"import sys, {', '.join(names)}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_explanations_name_events_and_the_causal_path(executor: Executor, small_scene: Scene) -> None:
-    count = executor.answer("events objects filter_collision count")
-    assert explain(count, small_scene).startswith("2: red metal cube and blue rubber sphere collide (frame 20); blue")
-    nothing = executor.answer("objects yellow filter_color exist")
-    assert explain(nothing, small_scene) == "no: there is none"
-    partner = executor.answer(f"events {RED_CUBE} filter_collision unique {RED_CUBE} get_col_partner query_color")
-    assert "the color of the blue rubber sphere, because red metal cube and blue" in explain(partner, small_scene)
-    judged = executor.judge(f"events {COLLISION_WITH_GREEN} filter_ancestor belong_to", [("the red cube", RED_CUBE)])
-    assert explain(judged, small_scene) == (
-        "the red cube: correct: it led to the target: the red metal cube and the blue rubber sphere collided at "
-        "frame 20, then the blue rubber sphere and the green rubber cylinder collided at frame 40"
-    )
-    wrong = executor.judge("unseen_events belong_to negate", [("hit", possible(RED_CUBE, BLUE))])
-    assert 'correct: "red metal cube and blue rubber sphere collide" is not among what happens after' in explain(
-        wrong, small_scene
-    )
 
 
 def test_the_trace_as_a_tree(executor: Executor) -> None:

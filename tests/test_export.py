@@ -4,11 +4,12 @@ import json
 import os
 import re
 import socket
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 import yaml
+from msgspec.structs import replace
 
 from nsdr import DataError, Scene, load, verify
 from nsdr.clevrer import example
@@ -227,7 +228,7 @@ def test_the_card_has_licence_and_statistics(root, tmp_path) -> None:
     out = export(root, tmp_path / "out", "--format", "parquet", "--license", "cc-by-4.0")
     _, metadata, text = (out / "README.md").read_text().split("---\n", 2)
     values = yaml.safe_load(metadata)
-    assert (values["license"], values["size_categories"]) == ("cc-by-4.0", ["n<1K"])
+    assert (values["license"], values["language"]) == ("cc-by-4.0", ["en"])
     assert "| train | 3 | 9 | 0 |" in text
     assert [f.name for f in fields(Record)] == list(COLUMNS)
     assert all(f"\n| `{name}` | " in text for name in COLUMNS)

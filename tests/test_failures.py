@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from nsdr import ExecutionError, Executor, QuestionError, Scene, explain
+from nsdr import ExecutionError, Executor, QuestionError, Scene, narrate
 from nsdr.symbolic.failures import general
 from nsdr.symbolic.phrases import noun_phrase
 from nsdr.symbolic.program import Program
@@ -81,7 +81,7 @@ def test_one_bad_choice_does_not_lose_the_others(executor: Executor, small_scene
     assert (second.answer, second.trace) == (None, ())
     assert second.error == f"'the red one' in choice B fits two objects: {TWO_REDS}"
     assert (third.answer, third.program, third.error) == (None, (), "unknown word 'zebra'")
-    assert explain(second, small_scene) == f"error: {second.error}"
+    assert narrate(second, small_scene) == "<answer>none</answer>"
     alone = executor.judge(question, choices[1:2]).choices[0]
     assert alone.error.startswith("'the red one' in the choice fits two")
 

@@ -6,11 +6,11 @@ import json
 import threading
 import zipfile
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from nsdr import DataError
 from nsdr.clevrer.answers.answer_files import read_submission, submission_document, write_submission

@@ -133,9 +133,7 @@ def test_videos_with_proposals_become_frames(tmp_path, tiny_frames) -> None:
         for f in range(20)
         for o in record["objects"]
     ]
-    write_json(
-        proposals / "proposal_00007.json", proposals_document(proposals_from_rows(20, rows), 7, "video_00007.mp4")
-    )
+    write_json(proposals / "proposal_00007.json", proposals_document(proposals_from_rows(20, rows), "video_00007.mp4"))
     with pytest.warns(UserWarning, match="20 frames"):
         assert write_frames(videos, proposals, tmp_path / "out", every=8) == 3
     assert write_frames(videos, proposals, tmp_path / "out", every=8) == 3  # kept

@@ -177,7 +177,7 @@ def test_files_keep_which_frames_were_processed(tmp_path) -> None:
     counts = rle.encode(mask)["counts"].decode()
     for processed in ([0, 4, 8, 9], [0, 4, 8]):
         written = proposals_from_rows(10, [(f, RED, 0.9, counts) for f in processed], processed)
-        write_json(tmp_path / "proposal_00000.json", proposals_document(written, 0, "video_00000.mp4"))
+        write_json(tmp_path / "proposal_00000.json", proposals_document(written, "video_00000.mp4"))
         assert read_proposals(tmp_path / "proposal_00000.json") == written
     assert proposals_from_rows(3, [], [0, 1, 2]).processed is None
 

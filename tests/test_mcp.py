@@ -194,8 +194,8 @@ def test_bad_options_are_refused(tmp_path, capsys) -> None:
         Change("set_mass", "red cube", 2.0, speed=1.0).intervention()
     for arguments, message in (
         ([str(tmp_path / "none")], "no such folder"),
-        (["--port", "65536", "--transport", "http"], "--port 65536: expected 1 to 65535"),
-        (["--host", "0.0.0.0", "--port", "80"], "--host and --port would do nothing without --transport http"),
+        (["--port", "65536", "--transport", "http"], "65536 does not conform to restriction v>=1 and v<=65535"),
+        (["--host", "0.0.0.0", "--port", "80"], "--host, --port would do nothing without --transport http"),
     ):
         assert main(["mcp", *arguments]) == 2
         assert message in capsys.readouterr().err

@@ -1,9 +1,9 @@
 """Questions as prompts, their solutions, and tags in question files."""
 
 import json
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from nsdr import DataError
 from nsdr.clevrer import prompt, read_questions, solution, without_answers, write_questions
@@ -42,7 +42,7 @@ def test_tags_are_kept_in_question_files(tmp_path) -> None:
     rows[0]["questions"][0]["choices"][1]["tag"] = "maybe"
     (tmp_path / "bad.json").write_text(json.dumps(rows))
     with pytest.raises(
-        DataError, match=r"bad.json.*choices\[1\].tag: expected one of inferential, observational or null, got 'maybe'"
+        DataError, match=r"bad.json.*choices\[1\].tag: expected one of observational, inferential or null, got 'maybe'"
     ):
         read_questions(tmp_path / "bad.json")
     assert all(c.tag is None for c in without_answers(scene).questions[0].choices)

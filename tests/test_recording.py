@@ -1,9 +1,8 @@
 """The control without physics, tags of counterfactual options, and intervals over scenes."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nsdr import DataError, Event, Scene, SceneObject
 from nsdr.baselines import keep_recording, tag_options

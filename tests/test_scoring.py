@@ -1,11 +1,11 @@
 """`nsdr score` and `nsdr controls`."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nsdr import DataError
 from nsdr.clevrer import (

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainCollision, load, save
+from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainCollision, load, narrate, save
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.dynamics.scene import scene_from_prediction
@@ -137,7 +137,9 @@ def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) 
     likely = Executor(replace(small_scene, uncertain=(UncertainCollision(MAYBE, 0.3),)))
     answer = likely.answer(partner)
     assert (answer.answer, answer.probability) == ("red", 1.0)
-    assert [c.answer for c in likely.judge(why, choices).choices] == ["correct", "correct"]
+    judged = likely.judge(why, choices)
+    assert [c.answer for c in judged.choices] == ["correct", "correct"]
+    assert narrate(judged, likely.scene) == "<answer>A,B</answer>"  # of the scene's events none led to it
     for uncertain in (
         None,
         (),
@@ -175,7 +177,7 @@ def test_what_a_choice_supposes_is_taken_to_have_happened(small_scene: Scene) ->
 def test_worlds_are_drawn_once(unsure: Scene, monkeypatch) -> None:
     calls = []
     real = possible_scenes
-    monkeypatch.setattr("nsdr.symbolic.uncertainty.possible_scenes", lambda s: calls.append(s) or real(s))
+    monkeypatch.setattr("nsdr.symbolic.executor.possible_scenes", lambda s: calls.append(s) or real(s))
     executor = Executor(unsure)
     answer = executor.answer(COUNT)
     judged = executor.judge(WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))])

@@ -5,7 +5,7 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,7 @@ class Clips:
 
     def answer(self, clip: Clip, question: str, choices: Sequence[str] = ()) -> Answer:
         """`Pipeline.answer` about a clip, with its errors."""
-        scene = clip.perception.scene_with_dynamics
+        scene = replace(clip.perception.scene, dynamics=clip.perception.dynamics)
         with self._asking:
             return self.pipeline.answer(scene, question, list(choices) or None)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, asdict, dataclass, fields, replace
 from functools import wraps
+from itertools import islice
 from pathlib import Path
 from threading import Lock
 from typing import Any, Literal
@@ -15,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import nsdr
+from nsdr.claims.narration import reasons
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import find_files
-from nsdr.pipeline import Perception, Pipeline
-from nsdr.symbolic import explain, format_tree
-from nsdr.types import Add, Answer, Event, Freeze, Move, Remove, Scene, SceneObject, SetMass, SetVelocity
+from nsdr.pipeline import Pipeline
+from nsdr.symbolic import format_tree
+from nsdr.types import Add, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
 
 __all__ = [
@@ -85,12 +87,10 @@ class Change:
         """
         made = KINDS[self.kind]
         given = {name: value for name, value in asdict(self).items() if name != "kind" and value is not None}
-        known = {f.name: f.default is MISSING for f in fields(made)}
-        surplus = sorted(set(given) - set(known))
-        if surplus:
+        known = [f.name for f in fields(made)]
+        if surplus := sorted(set(given) - set(known)):
             raise DataError(f"{self.kind} takes {', '.join(known)}, not {', '.join(surplus)}")
-        missing = [name for name, needed in known.items() if needed and name not in given]
-        if missing:
+        if missing := [f.name for f in fields(made) if f.default is MISSING and f.name not in given]:
             raise DataError(f"{self.kind} needs {', '.join(missing)}")
         return made(**given)
 
@@ -183,33 +183,23 @@ class AgentTools:
     def perceive(self, video: str) -> SceneView:
         """Look at a video: its objects, events (entrances, exits, collisions), and collisions predicted after its end."""
         with self._working():
-            scene = self._perceived(video).scene
+            scene = self._pipeline.perceive(self._path(video)).scene
         uncertain = [d for d in scene.uncertain or () if d.removed is None]
         known = None if scene.uncertain is None else {d.event: d.probability for d in uncertain}
-        happens = {*scene.events, *(scene.unseen or ())}
-        return SceneView(
-            video,
-            scene.n_frames,
-            [o.name for o in scene.objects],
-            [_event(e, scene.objects, known) for e in scene.events],
-            [_event(e, scene.objects, known) for e in scene.unseen or ()],
-            [_event(d.event, scene.objects, known) for d in uncertain if d.event not in happens],
-        )
+        unseen = scene.unseen or ()
+        possible = [d.event for d in uncertain if d.event not in {*scene.events, *unseen}]
+        events = [[_event(e, scene.objects, known) for e in listed] for listed in (scene.events, unseen, possible)]
+        return SceneView(video, scene.n_frames, [o.name for o in scene.objects], *events)
 
     def ask(self, video: str, question: str, choices: list[str] | None = None) -> AnswerView:
         """Ask in CLEVRER's English, such as "What color is the object that enters the scene?"; with choices, such as "What will
         happen if the red cube is removed?" with "The sphere and the cylinder collide". What is not understood is refused."""
-        with self._working():
-            scene = self._perceived(video).scene
-            return _answer(self._pipeline.answer(self._path(video), question, choices or None), scene)
+        return self._answered(video, question=question, choices=choices or None)
 
     def run_program(self, video: str, program: str, choice_programs: list[str] | None = None) -> AnswerView:
         """Run a CLEVRER program in postfix, such as "events objects filter_collision count"; the programs of a multiple-choice
         question end in belong_to and take choice programs."""
-        with self._working():
-            scene = self._perceived(video).scene
-            found = self._pipeline.answer(self._path(video), program=program, choice_programs=choice_programs or None)
-            return _answer(found, scene)
+        return self._answered(video, program=program, choice_programs=choice_programs or None)
 
     def simulate(self, video: str, changes: list[Change], from_frame: int = 0) -> SimulationView:
         """Simulate the video with changes at a frame, such as {"kind": "remove", "object": "red cube"} or {"kind": "set_mass",
@@ -232,20 +222,19 @@ class AgentTools:
         from nsdr.generate.render.view import View
         from nsdr.visualize import annotated_image
 
+        path = self._path(video)
         with self._working():
-            perception = self._perceived(video)
+            perception = self._pipeline.perceive(path)
             n_frames = perception.scene.n_frames
             if 0 <= frame < n_frames and not changes:
                 assert perception.tracks is not None
-                for index, image in enumerate(self._pipeline.frames(self._path(video))):
-                    if index == frame:
-                        return annotated_image(image, frame, perception.proposals, perception.tracks, perception.scene)
-            if changes:
-                s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
-            else:  # of the video as it is, the simulator knows what follows
-                s = self._pipeline.simulate(self._path(video), [SetMass(0, 1.0)])
-            if not 0 <= frame < s.changed.location_world.shape[1]:
-                last = s.changed.location_world.shape[1] - 1
+                image = next(islice(self._pipeline.frames(path), frame, None))
+                return annotated_image(image, frame, perception.proposals, perception.tracks, perception.scene)
+            # of the video as it is, the simulator knows what follows
+            made = [c.intervention() for c in changes] if changes else [SetMass(0, 1.0)]
+            s = self._pipeline.simulate(path, made, from_frame if changes else 0)
+            last = s.changed.location_world.shape[1] - 1
+            if not 0 <= frame <= last:
                 raise DataError(f"frame {frame}: expected 0 to {last}; the video ends at {n_frames - 1}")
             shown = slice(frame, frame + 1)
             motion = s.changed.location_world[:, shown], s.changed_yaw[:, shown]
@@ -257,8 +246,17 @@ class AgentTools:
             warnings.simplefilter("ignore")
             yield
 
-    def _perceived(self, video: str) -> Perception:
-        return self._pipeline.perceive(self._path(video))
+    def _answered(self, video: str, **asked: Any) -> AnswerView:
+        path = self._path(video)
+        with self._working():
+            scene = self._pipeline.perceive(path).scene
+            found = self._pipeline.answer(path, **asked)
+        choices = [
+            ChoiceView(c.choice, c.answer, c.probability, " ".join(reasons(c, scene)), c.error) for c in found.choices
+        ]
+        why = "" if choices else " ".join(reasons(found, scene))
+        trace = format_tree(found.trace) if found.trace else " ".join(found.program)
+        return AnswerView(found.answer, found.probability, why, trace, choices)
 
     def _path(self, video: str) -> Path:
         """The file of a video of the folder, by its name there; links that lie in the folder are followed."""
@@ -266,9 +264,8 @@ class AgentTools:
         if name in names:
             return self._folder / name
         more = f" and {len(names) - VIDEOS_NAMED} more" if len(names) > VIDEOS_NAMED else ""
-        raise DataError(
-            f"{video!r} is no video of the folder; it has {', '.join(names[:VIDEOS_NAMED]) or 'none'}{more}"
-        )
+        listed = ", ".join(names[:VIDEOS_NAMED]) or "none"
+        raise DataError(f"{video!r} is no video of the folder; it has {listed}{more}")
 
 
 def check_folder(folder: str | Path) -> None:
@@ -281,16 +278,6 @@ def _event(event: Event, objects: Sequence[SceneObject], known: Mapping[Event, f
     """An event with its probability: 1 for collisions that are certain, None where no probability is known."""
     probability = known.get(event, 1.0) if event.kind == "collision" and known is not None else None
     return EventView(event.kind, event.frame, [objects[i].name for i in event.objects], probability)
-
-
-def _answer(found: Answer, scene: Scene) -> AnswerView:
-    choices = [
-        ChoiceView(c.choice, c.answer, c.probability, "" if c.error else explain(c, scene), c.error)
-        for c in found.choices
-    ]
-    why = "" if choices else explain(found, scene)
-    trace = format_tree(found.trace) if found.trace else " ".join(found.program)
-    return AnswerView(found.answer, found.probability, why, trace, choices)
 
 
 def make_server(pipeline: Pipeline, folder: str | Path) -> Any:

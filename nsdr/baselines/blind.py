@@ -7,8 +7,9 @@ answers it predicts, so it knows what a question set repeats, not what one video
 import random
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
+
+from msgspec.structs import replace
 
 from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError

@@ -6,6 +6,8 @@ are the options that it gets wrong. `OPTION_TAGS` name the two kinds.
 
 from dataclasses import replace
 
+from msgspec import structs
+
 from nsdr.clevrer.files.questions import OPTION_TAGS, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.symbolic import Executor
@@ -70,7 +72,7 @@ def tag_options(questions: SceneQuestions, scene: Scene) -> SceneQuestions:
                 if tag is None:
                     why = "has no program" if choice.program is None else f"the scene cannot judge it: {choice.text!r}"
                     raise DataError(f"{where}, choice {choice.id}: {why}")
-            choices = tuple(replace(c, tag=tag) for c, tag in zip(question.choices, tags, strict=True))
-            question = replace(question, choices=choices)
+            choices = tuple(structs.replace(c, tag=tag) for c, tag in zip(question.choices, tags, strict=True))
+            question = structs.replace(question, choices=choices)
         tagged.append(question)
-    return replace(questions, questions=tuple(tagged))
+    return structs.replace(questions, questions=tuple(tagged))

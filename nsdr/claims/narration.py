@@ -22,7 +22,7 @@ from nsdr.symbolic.program import Program, Step
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["Length", "narrate"]
+__all__ = ["Length", "narrate", "reasons"]
 
 Length = Literal["short", "long"]
 EVENT_FILTERS = {"filter_in": "in", "filter_out": "out", "filter_collision": "collision"}
@@ -48,6 +48,16 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
     Raises:
         ExecutionError: an unknown length, or an answer without a trace.
     """
+    if isinstance(answer, Answer) and answer.choices:
+        letters = zip(ascii_uppercase, answer.choices, strict=False)
+        final = answer_text({letter for letter, c in letters if c.answer == "correct"})
+    else:
+        final = (answer.answer or "none").replace("\n", "; ")
+    return "\n".join([*reasons(answer, scene, length), f"<answer>{final}</answer>"])
+
+
+def reasons(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short") -> list[str]:
+    """The sentences of `narrate` before the answer; its arguments and errors."""
     if length not in get_args(Length):
         raise ExecutionError(f"length {length!r}: expected {' or '.join(get_args(Length))}")
     judged = answer.choices if isinstance(answer, Answer) and answer.choices else (answer,)
@@ -57,12 +67,7 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
             told.conclude(Program.parse(one.program).steps, one.trace)
         elif not (isinstance(one, ChoiceAnswer) and one.error):
             raise ExecutionError("the answer has no trace; expected one of an executor with semantics 'paper'")
-    if isinstance(answer, Answer) and answer.choices:
-        letters = zip(ascii_uppercase, answer.choices, strict=False)
-        final = answer_text({letter for letter, c in letters if c.answer == "correct"})
-    else:
-        final = (answer.answer or "none").replace("\n", "; ")
-    return "\n".join([*told.sentences(), f"<answer>{final}</answer>"])
+    return told.sentences()
 
 
 class _Narration:
@@ -138,6 +143,8 @@ class _Narration:
 
     def _responsible(self, chosen: Any, target: Event) -> None:
         """What led to an event: the chosen event or object, with the chain of events in between."""
+        if target not in self.scene.events:  # it was supposed
+            return
         self.events.add(target)
         effect = self.event(target, target.frame)
         events = self.scene.events

@@ -9,15 +9,16 @@ from nsdr.cli.common import (
     failures_line,
     frames_of,
     is_scene,
-    load_scene,
     make_pipeline,
     question_parser,
     refuse_for_scene,
+    refuse_idle,
     shared_options,
 )
 from nsdr.errors import DataError, EndpointError, NsdrError, QuestionError
 from nsdr.io.files import check_output
-from nsdr.types import Answer
+from nsdr.io.storage import load
+from nsdr.types import Answer, Scene
 
 if TYPE_CHECKING:
     from nsdr.clevrer.files.questions import Question
@@ -47,7 +48,7 @@ def answer(options: Any) -> int:
         raise QuestionError("the question is empty")
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
-    source: Any = load_scene(options.video) if saved else options.video
+    source = load(Scene, options.video) if saved else options.video
     parser = question_parser(options)
     pipeline = make_pipeline(options)
     pipeline.question_parser = parser
@@ -92,9 +93,8 @@ def parse_question(options: Any) -> int:
 
     from nsdr.question_parser.suggestions import suggestion
 
-    given = [f"--{k}" for k, v in (("checkpoint", "default"), ("device", "auto")) if getattr(options, k) != v]
-    if options.parser and given:
-        raise DataError(f"{', '.join(given)} would do nothing with --parser; leave it out")
+    if options.parser:
+        refuse_idle(options, ("checkpoint", "device"), " with --parser")
     parser = question_parser(options)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
     for kind in kinds:
@@ -127,7 +127,7 @@ def execute(options: Any) -> int:
 
     if not options.scene:
         raise DataError("--scene is empty; expected a file")
-    scene: Any = read_predictions(options.scene) if options.semantics == "official" else load_scene(options.scene)
+    scene: Any = read_predictions(options.scene) if options.semantics == "official" else load(Scene, options.scene)
     executor = Executor(scene, options.semantics, options.collisions)
     _print_answer(executor.answer(options.program), options.trace, probable=False)
     return 0
@@ -156,13 +156,13 @@ def demo(options: Any) -> int:
     right, failed = 0, []
     questions = read_questions(QUESTIONS)[0].questions
     for question in questions:
+        print(f"[{question.type}] {question.text}")
         try:
             found = pipeline.answer(VIDEO, question.text, [c.text for c in question.choices] or None)
+            right += _print_compared(question, found)
         except NsdrError as e:
-            print(f"[{question.type}] {question.text}\n  could not be answered: {e}\n")
+            print(f"  could not be answered: {e}\n")
             failed.append(f"{question.text!r}: {e}")
-            continue
-        right += _print_compared(question, found)
     print(f"{right} of {len(questions)} answers equal the ground truth")
     assert perception.tracks is not None
     image = annotated_image(
@@ -175,14 +175,12 @@ def demo(options: Any) -> int:
 
 def _print_compared(question: "Question", found: Answer) -> bool:
     """Print an answer beside the true one; returns whether they are equal."""
-    print(f"[{question.type}] {question.text}")
     print(textwrap.fill(" ".join(found.program), 110, initial_indent="  program: ", subsequent_indent=" " * 11))
     if found.answer is not None:
         print(f"  answer:  {found.answer} (truth: {question.answer})")
     for choice, true in zip(found.choices, question.choices, strict=True):
         print(f"  {choice.answer or 'error':<7}  {choice.choice} (truth: {true.answer})")
-    agrees = found.answer == question.answer
-    if question.choices:
-        agrees = [c.answer for c in found.choices] == [c.answer for c in question.choices]
+    given = [found.answer, *(c.answer for c in found.choices)]
+    agrees = given == [question.answer, *(c.answer for c in question.choices)]
     print(f"  {'equal to' if agrees else 'DIFFERS from'} the ground truth\n")
     return agrees

@@ -2,91 +2,93 @@
 
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from jsonargparse.typing import NonNegativeInt
 
 from nsdr.errors import DataError
+from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output
 from nsdr.io.jobs import ENGINES, FAILURES
 from nsdr.io.reading import read_json
-from nsdr.types import Scene
 
 __all__ = [
-    "SPLITS",
     "check_outputs",
+    "configured",
     "failures_line",
     "frames_of",
     "is_scene",
     "left_out",
-    "load_scene",
     "make_pipeline",
     "question_parser",
     "refuse_for_scene",
+    "refuse_idle",
     "settings_of",
     "shared_options",
 ]
 
-SPLITS = ["train", "validation", "test"]
-PARSER = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
+Config = TypeVar("Config")
 PARTLY = 1
 """Exit status: a part of the work failed."""
-
-
-OPTIONS: dict[str, dict[str, dict[str, Any]]] = {
-    "checkpoint": {
-        "--checkpoint": {
-            "default": "default",
-            "help": "folder, name or hub address (hf://USER/NAME@COMMIT) of the weights",
-        },
-        "--device": {"default": "auto", "help": "where networks run: auto, cpu, cuda or cuda:N"},
-    },
-    "pipeline": {
-        "--dynamics": {
-            "default": "",
-            "help": "backend (physics, state, paper, paper_images, an installed one) or YAML file",
-        },
-        "--config": {"default": "", "help": "YAML file with the settings of all stages (configs/pipeline)"},
-        "--set": {"action": "append", "default": [], "help": "one setting, such as tracker.score=0.8; repeatable"},
-    },
-    "video": {
-        "--force": {"action": "store_true", "help": "go on with videos that are not of CLEVRER's scene"},
-        "--background": {
-            "default": "",
-            "help": "image of the scene without objects, for another camera or other lamps",
-        },
-    },
-    "parser": {
-        "--parser": {"default": "", "help": PARSER},
-        "--parser-model": {"default": "", "help": "its model's name; may be left out if it has only one"},
-    },
-    "work": {
-        "--workers": {"type": NonNegativeInt, "default": 0, "help": "number of processes; 0 for one per CPU core"},
-        "--engine": {"default": "processes", "choices": ENGINES, "help": "where to work"},
-    },
-    "failures": {"--keep-going": {"action": "store_true", "help": "accept failures of a part of the work: status 0"}},
-}
-"""Options that several commands share, in groups."""
+KEEP_GOING = "--keep-going"
+NOT_GIVEN: tuple[Any, ...] = (None, "", False, [], "default", "auto")
+"""Values of options that were not given."""
 
 
 def shared_options(parser: Any, *groups: str) -> None:
-    """Add groups of `OPTIONS`."""
-    for group in groups:
-        for name, settings in OPTIONS[group].items():
-            parser.add_argument(name, **settings)
+    """Add groups of options that several commands share: checkpoint, pipeline, video, parser, work and failures."""
+    add = parser.add_argument
+    if "checkpoint" in groups:
+        weights = "folder, name or hub address (hf://USER/NAME@COMMIT) of the weights"
+        add("--checkpoint", default="default", help=weights)
+        add("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
+    if "pipeline" in groups:
+        backend = "backend (physics, state, paper, paper_images, an installed one) or YAML file"
+        add("--dynamics", default="", help=backend)
+        add("--config", default="", help="YAML file with the settings of all stages (configs/pipeline)")
+        add("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
+    if "video" in groups:
+        add("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
+        background = "image of the scene without objects, for another camera or other lamps"
+        add("--background", default="", help=background)
+    if "parser" in groups:
+        server = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
+        add("--parser", default="", help=server)
+        add("--parser-model", default="", help="its model's name; may be left out if it has only one")
+    if "work" in groups:
+        add("--workers", type=NonNegativeInt, default=0, help="number of processes; 0 for one per CPU core")
+        add("--engine", default="processes", choices=ENGINES, help="where to work")
+    if "failures" in groups:
+        add(KEEP_GOING, action="store_true", help="accept failures of a part of the work: status 0")
+
+
+def configured(kind: type[Config], arguments: Sequence[str], command: str) -> Config:
+    """The configuration of a command whose options are its fields; `-o` is short for `--output`."""
+    return parse_config(kind, ["--output" if a == "-o" else a for a in arguments], f"nsdr {command}")
+
+
+def refuse_idle(options: Any, names: Sequence[str], reason: str, about: str = "") -> None:
+    """Refuse those of the options that are given, as they would do nothing: "ABOUT--NAME would do nothing REASON"."""
+    given = [f"--{name}" for name in names if name != "set" and getattr(options, name) not in NOT_GIVEN]
+    given += [f"--set {value}" for value in options.set] if "set" in names else []
+    if given:
+        raise DataError(f"{about}{', '.join(given)} would do nothing{reason}; leave it out")
 
 
 def settings_of(options: Any) -> Any:
     """The `PipelineConfig` of the command's options."""
     from nsdr.pipeline import pipeline_settings
 
-    overrides = list(options.set)
-    if getattr(options, "force", False):
+    given = vars(options)
+    overrides = [f"stride={given['stride']}"] if given.get("stride", 1) != 1 else []
+    overrides += options.set
+    if given.get("force"):
         overrides.append("video.check=warn")
-    if getattr(options, "background", ""):
+    if given.get("background"):
         overrides.append(f"video.background={options.background}")
-    return pipeline_settings(options.config, options.dynamics, overrides, getattr(options, "stride", 1))
+    return pipeline_settings(options.config, options.dynamics, overrides)
 
 
 def make_pipeline(options: Any) -> Any:
@@ -96,10 +98,11 @@ def make_pipeline(options: Any) -> Any:
         VideoError: the command's video is not one to be processed; mostly before the networks' libraries are loaded, which
             settings that say what is expected of a video need.
     """
-    if not is_scene(options.video) and not options.config and not any(v.startswith("video") for v in options.set):
+    video = vars(options).get("video", "")
+    if video and not is_scene(video) and not options.config and not any(v.startswith("video") for v in options.set):
         from nsdr.frame_parser.check.video import VideoConfig, check_video
 
-        check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
+        check_video(video, VideoConfig("warn" if options.force else "refuse", options.background))
     from nsdr.pipeline import Pipeline
 
     settings = settings_of(options)
@@ -117,9 +120,9 @@ def frames_of(pipeline: Any, video: str | Path) -> Any:
         return np.stack(list(pipeline.frames(video)))
 
 
-def check_outputs(video: str, *outputs: tuple[str | None, tuple[str, ...]]) -> None:
-    """Check files that are to be written, each with its possible endings: none of them is the video or another one."""
-    taken = [video]
+def check_outputs(inputs: Sequence[str], *outputs: tuple[str | None, tuple[str, ...]]) -> None:
+    """Check files that are to be written, each with its possible endings: none of them is an input or another one."""
+    taken = [*inputs]
     for path, suffixes in outputs:
         if path is not None:
             check_output(path, suffixes, taken)
@@ -131,19 +134,10 @@ def is_scene(path: str) -> bool:
     return Path(path).suffix in (".json", ".npz")
 
 
-def load_scene(path: str) -> Scene:
-    """A scene saved by `nsdr parse-video`."""
-    from nsdr.io import storage
-
-    return storage.load(Scene, path)
-
-
 def refuse_for_scene(options: Any) -> None:
     """Refuse what is set about videos and dynamics where a saved scene is given."""
-    given = [f"--{name}" for name in ("dynamics", "config", "force", "background") if getattr(options, name)]
-    given += [f"--set {value}" for value in options.set]
-    if given:
-        raise DataError(f"{options.video} is a saved scene: {', '.join(given)} would do nothing; leave it out")
+    names = ("dynamics", "config", "force", "background", "set")
+    refuse_idle(options, names, "", f"{options.video} is a saved scene: ")
 
 
 def question_parser(options: Any) -> Any:

@@ -4,7 +4,8 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt, PositiveInt
 
-from nsdr.cli.common import SPLITS, left_out, shared_options
+from nsdr.clevrer.dataset import CLEVRER, SPLITS
+from nsdr.cli.common import left_out, shared_options
 from nsdr.io.files import check_output_folder
 
 __all__ = ["data_download", "data_frames", "data_motion", "data_verify", "export"]
@@ -18,8 +19,6 @@ def data_verify_options(parser: Any) -> None:
 
 def data_verify(options: Any) -> int:
     """`nsdr data verify`: how many files of each kind there are; status 1 if some are missing."""
-    from nsdr.clevrer.dataset import CLEVRER
-
     rows, complete = CLEVRER(options.root).inventory(), True
     print(f"{'split':<12}{'kind':<14}{'found':>7}{'expected':>10}  first missing")
     for row in rows:
@@ -34,7 +33,7 @@ def data_verify(options: Any) -> int:
 def data_download_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="folder to write to")
-    add("--split", required=True, choices=SPLITS, help="which videos")
+    add("--split", required=True, choices=[*SPLITS], help="which videos")
     kinds = ["videos", "annotations", "questions"]
     add("--what", nargs="+", default=kinds, help="videos, annotations, questions (default: all)")
 
@@ -71,7 +70,7 @@ def data_motion_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="the data set's folder")
     add("-o", "--output", required=True, help="folder to write")
-    add("--split", default="train", choices=SPLITS, help="which videos (default: train)")
+    add("--split", default="train", choices=[*SPLITS], help="which videos (default: train)")
     shared_options(parser, "work", "failures")
 
 
@@ -91,7 +90,13 @@ def export_options(parser: Any) -> None:
     add("root", help="the data set's folder: generated, or in the official layout")
     add("--format", required=True, help="grpo, chat, parquet, webdataset, or an installed one")
     add("-o", "--output", required=True, help="folder to write")
-    add("--split", nargs="+", default=[], help="which splits (default: train and validation, as far as they are there)")
+    add(
+        "--split",
+        dest="splits",
+        nargs="+",
+        default=[],
+        help="which splits (default: train and validation, as far as they are there)",
+    )
     add("--questions", default="", help="question file of the one --split, in place of the data set's")
     add("--videos", default="copy", help="copy, link, or none (paths only)")
     add("--limit", type=NonNegativeInt, default=0, help="first n videos of each split; 0 for all")
@@ -110,20 +115,7 @@ def export(options: Any) -> int:
     """`nsdr export`."""
     from nsdr.generate.export import ExportConfig, export_dataset
 
-    o = options
-    config = ExportConfig(
-        o.root,
-        o.output,
-        o.format,
-        tuple(o.split),
-        o.questions,
-        o.videos,
-        o.limit,
-        o.shard_mb,
-        o.license,
-        o.reasoning,
-        o.scenes,
-    )
+    config = ExportConfig(**{**vars(options), "splits": tuple(options.splits)})
     for name, summary in export_dataset(config).items():
-        print(f"{o.output}: {name}: {summary.questions} questions about {summary.videos} videos")
+        print(f"{options.output}: {name}: {summary.questions} questions about {summary.videos} videos")
     return 0

@@ -8,10 +8,11 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt, NotEmptyStr
 
+from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
-from nsdr.cli.common import SPLITS, failures_line, shared_options
+from nsdr.cli.common import check_outputs, failures_line, shared_options
 from nsdr.errors import DataError
-from nsdr.io.files import check_output, check_output_folder
+from nsdr.io.files import check_output_folder
 
 __all__ = ["controls", "evaluate", "experiment", "score", "tag"]
 
@@ -39,13 +40,9 @@ def evaluate(options: Any) -> int:
 
     names = {f.name for f in fields(EvaluationConfig)}
     config = EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names})
-    inputs = [
-        path for path in (config.questions, config.data, config.videos, config.truth, *config.program_files()) if path
-    ]
-    if options.output is not None:
-        check_output(options.output, [".json"], inputs)
-    if options.submission is not None:
-        check_output(options.submission, [".json"], [*inputs, *([options.output] if options.output else [])])
+    inputs = [config.questions, config.data, config.videos, config.truth, *config.program_files()]
+    outputs = ((options.output, (".json",)), (options.submission, (".json",)))
+    check_outputs([path for path in inputs if path], *outputs)
     check_output_folder(config.cache)
     report = run_evaluation(config)
     print(format_table(report))
@@ -99,8 +96,7 @@ def score(options: Any) -> int:
     from nsdr.io.files import write_json
 
     files = [options.predictions] if options.other is None else [options.predictions, options.other]
-    if options.output is not None:
-        check_output(options.output, [".json"], [options.questions, *files])
+    check_outputs([options.questions, *files], (options.output, (".json",)))
     questions = read_questions(options.questions)
     reports = []
     for file in files:
@@ -124,7 +120,7 @@ def score(options: Any) -> int:
 def controls_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="data set in the official layout")
-    add("--split", default="validation", choices=SPLITS, help="which videos")
+    add("--split", default="validation", choices=[*SPLITS], help="which videos")
     add("--kinds", nargs="+", default=["blind", "reversed", "shuffled"], help="which controls")
     add("--seed", type=NonNegativeInt, default=0, help="shuffled: which exchange of videos")
     add("--limit", type=NonNegativeInt, default=0, help="the first n videos and their questions; 0 for all")
@@ -136,24 +132,17 @@ def controls(options: Any) -> int:
     """`nsdr controls`: a data set of other videos for each kind of control."""
     from nsdr.evaluation.controls import write_controls
 
-    check_output_folder(options.output)
+    o = options
+    check_output_folder(o.output)
     failed: dict[str, str] = {}
     total = 0
-    for kind, summary in write_controls(
-        options.root,
-        options.output,
-        options.split,
-        options.kinds,
-        options.seed,
-        options.limit,
-        options.workers,
-        options.engine,
-    ).items():
-        print(f"{Path(options.output) / kind}: {len(summary.done)} videos written, {len(summary.skipped)} kept")
+    made = write_controls(o.root, o.output, o.split, o.kinds, o.seed, o.limit, o.workers, o.engine)
+    for kind, summary in made.items():
+        print(f"{Path(o.output) / kind}: {len(summary.done)} videos written, {len(summary.skipped)} kept")
         failed |= {f"{kind} {name}": message for name, message in summary.failed.items()}
         total += len(summary.done) + len(summary.skipped) + len(summary.failed)
     example = ": ".join(min(failed.items())) if failed else ""
-    return failures_line(len(failed), total, "videos", example, options.keep_going)
+    return failures_line(len(failed), total, "videos", example, o.keep_going)
 
 
 def tag_options(parser: Any) -> None:
@@ -175,8 +164,8 @@ def tag(options: Any) -> int:
         )
     if options.no_blind and not options.truth:
         raise DataError("--no-blind without --truth leaves nothing to tag; give --truth, or leave out --no-blind")
-    inputs = [options.questions, *options.truth, *([options.train] if options.train else [])]
-    check_output(options.output, [".json"], inputs)
+    inputs = [options.questions, *options.truth, options.train]
+    check_outputs([path for path in inputs if path], (options.output, (".json",)))
     scenes = read_questions(options.questions)
     if options.truth:
         if all(q.type != "counterfactual" for s in scenes for q in s.questions):

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
-from nsdr.cli.common import left_out
+from nsdr.cli.common import KEEP_GOING, configured, left_out
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
@@ -20,16 +20,12 @@ from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import write_question_statistics
-from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
 from nsdr.io.jobs import ENGINES, run_in_order
 from nsdr.validation import Count, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA
 
 __all__ = ["COMMANDS", "SceneOptions", "generate"]
-
-KEEP_GOING = "--keep-going"
-"""Flag of `nsdr generate dataset`: make questions and statistics of the videos that did not fail."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +42,6 @@ class SceneOptions(Settings):
     output: str
     seed: Count = 0
     scene: SceneConfig = field(default_factory=SceneConfig)
-
-
-def _dataset(argv: Sequence[str]) -> str:
-    keep_going = KEEP_GOING in argv
-    config = parse_config(DatasetConfig, [a for a in argv if a != KEEP_GOING], "nsdr generate dataset")
-    check_output_folder(config.output)
-    return str(generate_dataset(config, keep_going))
-
-
-def _scene(argv: Sequence[str]) -> str:
-    options = parse_config(SceneOptions, argv, "nsdr generate scene")
-    check_output(options.output, [".json"])
-    scene = simulate_scene(options.seed, options.scene)
-    write_json(options.output, truth_document(scene, options.seed, CLEVRER_CAMERA))
-    return options.output
 
 
 @dataclass(frozen=True)
@@ -83,12 +64,29 @@ class QuestionOptions(Settings):
     workers: Count = 0
 
 
-def _questions(argv: Sequence[str]) -> str:
-    options = parse_config(QuestionOptions, argv, "nsdr generate questions")
-    check_output(options.output, [".json"], _listed(options.scenes))
-    wanted = options.questions
-    find = partial(find_candidates, config=wanted)
-    scenes = _scenes(_listed(options.scenes), wanted.changed_per_video > 0)
+def _dataset(arguments: Sequence[str]) -> str:
+    config = configured(DatasetConfig, [a for a in arguments if a != KEEP_GOING], "generate dataset")
+    check_output_folder(config.output)
+    return str(generate_dataset(config, KEEP_GOING in arguments))
+
+
+def _scene(arguments: Sequence[str]) -> str:
+    options = configured(SceneOptions, arguments, "generate scene")
+    check_output(options.output, [".json"])
+    scene = simulate_scene(options.seed, options.scene)
+    write_json(options.output, truth_document(scene, options.seed, CLEVRER_CAMERA))
+    return options.output
+
+
+def _questions(arguments: Sequence[str]) -> str:
+    options = configured(QuestionOptions, arguments, "generate questions")
+    paths = [options.scenes] if isinstance(options.scenes, str) else options.scenes
+    check_output(options.output, [".json"], paths)
+    scenes: list[Any] = sorted((s for path in paths for s in iterate_scenes(path)), key=lambda scene: scene[0])
+    if options.questions.changed_per_video:
+        worlds = _worlds(paths)
+        scenes = [(*scene, worlds.get(scene[0])) for scene in scenes]
+    find = partial(find_candidates, config=options.questions)
     found = run_in_order(find, scenes, options.engine, options.workers)
     bar = tqdm(found, total=len(scenes), unit="scene", desc="questions")
     selected = list(select_questions(bar, options.questions))
@@ -98,31 +96,23 @@ def _questions(argv: Sequence[str]) -> str:
     return options.output
 
 
-def _listed(paths: str | list[str]) -> list[str]:
-    return [paths] if isinstance(paths, str) else paths
-
-
-def _scenes(paths: list[str], changes: bool) -> list[Any]:
-    """Index, video file name and scene of everything below the paths; with `changes` also what simulates truth files."""
-    scenes = sorted((s for path in paths for s in iterate_scenes(path)), key=lambda scene: scene[0])
-    if not changes:
-        return scenes
+def _worlds(paths: Sequence[str]) -> dict[int, TruthWorlds]:
+    """What simulates the scenes of the truth files below the paths, by scene index."""
     files = [
         file for path in map(Path, paths) for file in (find_files(path, "truth_*.json") if path.is_dir() else [path])
     ]
     truths = [read_truth_file(file) for file in files if file.name.startswith("truth_")]
-    worlds = {truth["scene_index"]: TruthWorlds(truth) for truth in truths}
-    return [(*scene, worlds.get(scene[0])) for scene in scenes]
+    return {truth["scene_index"]: TruthWorlds(truth) for truth in truths}
 
 
 COMMANDS = {"dataset": _dataset, "scene": _scene, "questions": _questions}
 
 
 def generate(arguments: list[str]) -> int:
-    """Run one of `COMMANDS` with its arguments (`-o` is short for `--output`), and print what was written."""
+    """Run one of `COMMANDS` with its arguments, and print what was written."""
     command, *rest = arguments or ["nothing"]
     if command not in COMMANDS:
         raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {command!r}")
-    written = COMMANDS[command](["--output" if a == "-o" else a for a in rest])
+    written = COMMANDS[command](rest)
     print(written)
     return left_out(written)

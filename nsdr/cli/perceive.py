@@ -11,7 +11,6 @@ from nsdr.cli.common import (
     failures_line,
     frames_of,
     is_scene,
-    load_scene,
     make_pipeline,
     refuse_for_scene,
     settings_of,
@@ -19,11 +18,17 @@ from nsdr.cli.common import (
 )
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output, check_output_folder
+from nsdr.io.storage import load, save
+from nsdr.types import Scene
+
+__all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
-
-__all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
+IMAGES = ("strobe", "last", "plan", "causal")
+"""Images of a video."""
+OF_SCENES = ("plan", "causal")
+"""Those that also show a saved scene, `plan` where the file has trajectories."""
 
 
 def parse_video_options(parser: Any) -> None:
@@ -36,20 +41,17 @@ def parse_video_options(parser: Any) -> None:
 
 def parse_video(options: Any) -> int:
     """`nsdr parse-video`: one video as a scene."""
-    check_outputs(options.video, (options.output, (".json", ".npz")), (options.proposals_out, (".json",)))
+    check_outputs([options.video], (options.output, (".json", ".npz")), (options.proposals_out, (".json",)))
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
     from nsdr.clevrer.files.proposals import proposals_document
-    from nsdr.io import storage
     from nsdr.io.files import write_json
     from nsdr.symbolic.world import event_sentence
 
     perception = pipeline.perceive(options.video)
     scene = perception.scene
-    storage.save(replace(scene, dynamics=_rounded(perception.dynamics)), options.output)
+    save(replace(scene, dynamics=_rounded(perception.dynamics)), options.output)
     if options.proposals_out:
-        name = Path(options.video).name
-        number = "".join(c for c in Path(name).stem if c.isdigit())
-        write_json(options.proposals_out, proposals_document(perception.proposals, int(number or 0), name))
+        write_json(options.proposals_out, proposals_document(perception.proposals, Path(options.video).name))
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
     for o in scene.objects:
         print(f"  object {o.id}: {o.name}")
@@ -82,8 +84,7 @@ def parse_videos(options: Any) -> int:
     """`nsdr parse-videos`: a folder of videos as scenes and proposals."""
     from nsdr.evaluation import parse_videos as run
 
-    o = options
-    settings = settings_of(o)
+    o, settings = options, settings_of(options)
     check_output_folder(o.output)
     return _report(o, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device), "videos")
 
@@ -101,8 +102,7 @@ def predict_dynamics(options: Any) -> int:
     """`nsdr predict-dynamics`: a folder of proposals as predictions or scenes."""
     from nsdr.evaluation import predict_dynamics as run
 
-    o = options
-    settings = settings_of(o)
+    o, settings = options, settings_of(options)
     check_output_folder(o.output)
     summary = run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers, o.device)
     return _report(o, summary, "files")
@@ -115,11 +115,6 @@ def _report(options: Any, summary: Any, what: str) -> int:
     for message in messages:
         print(f"  {message}")
     return failures_line(failed, done + skipped + failed, what, "".join(messages[:1]), options.keep_going)
-
-
-IMAGES = ("strobe", "last", "plan", "causal")
-"""Images of a video; the last one, and `plan` where the file has trajectories, also show a saved scene."""
-OF_SCENES = ("plan", "causal")
 
 
 def visualize_options(parser: Any) -> None:
@@ -138,29 +133,30 @@ def visualize_options(parser: Any) -> None:
 def visualize(options: Any) -> int:
     """`nsdr visualize`: annotated videos, images and HTML reports of one video or saved scene, which is looked at once."""
     saved = is_scene(options.video)
-    outputs = _pictures(options, saved)
-    if "mp4" in {image for _, image in outputs}:
+    pictures = _pictures(options, saved)
+    images = {image for _, image in pictures}
+    if "mp4" in images:
         check_installed("av", "writing videos needs PyAV", "visualize")
-    if {*OF_SCENES, "html"}.intersection(image for _, image in outputs):
+    if images & {*OF_SCENES, "html"}:
         check_installed("matplotlib", "figures need matplotlib", "visualize")
-    scene = load_scene(options.video) if saved else None
-    if scene is not None and scene.dynamics is None and "plan" in {image for _, image in outputs}:
-        raise DataError(f"{options.video}: holds no trajectories for --image plan; make it again with nsdr parse-video")
-    if saved:
+    scene = load(Scene, options.video) if saved else None
+    if scene is not None:
+        if scene.dynamics is None and "plan" in images:
+            message = "holds no trajectories for --image plan; make it again with nsdr parse-video"
+            raise DataError(f"{options.video}: {message}")
         refuse_for_scene(options)
-
     from nsdr.pipeline import Perception
 
     pipeline: Any = make_pipeline(options) if scene is None or options.question else None
-    p = Perception(None, None, scene.dynamics, scene) if scene is not None else pipeline.perceive(options.video)
+    p = pipeline.perceive(options.video) if scene is None else Perception(None, None, scene.dynamics, scene)
     removed = p.dynamics.counterfactual if p.dynamics is not None else ()
     if options.removed is not None and options.removed not in removed:
         raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
     answers = [pipeline.answer(p.scene, options.question, options.choice or None)] if options.question else []
     frames = None
-    if not saved and {"strobe", "last", "mp4", "html"}.intersection(image for _, image in outputs):
+    if not saved and not images <= {*OF_SCENES}:
         frames = frames_of(pipeline, options.video)
-    for path, image in outputs:
+    for path, image in pictures:
         _write_picture(path, image, frames, p, answers, options.removed)
         print(path)
     errors = [f"{choice.choice!r}: {choice.error}" for answer in answers for choice in answer.choices if choice.error]
@@ -169,29 +165,29 @@ def visualize(options: Any) -> int:
 
 def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
     """(file, image) of every picture to make: an image of `IMAGES`, "mp4" or "html"."""
-    kinds, taken = [], [options.video]
+    taken = [options.video]
+    kinds = {}
     for path in options.output:
-        kinds.append(check_output(path, (".png", ".mp4", ".html"), taken))
+        kinds[path] = check_output(path, (".png", ".mp4", ".html"), taken).removeprefix(".")
         taken.append(path)
-    if (options.question or options.choice) and ".html" not in kinds:
+    if (options.question or options.choice) and "html" not in kinds.values():
         raise DataError("--question and --choice do nothing here; they need an output ending in .html")
     if options.choice and not options.question:
         raise DataError("--choice does nothing without --question")
-    if options.image is not None and ".png" not in kinds:
+    if options.image is not None and "png" not in kinds.values():
         raise DataError("--image does nothing here; it needs an output ending in .png")
     if options.removed is not None and options.image not in ("plan", "all"):
         raise DataError("--removed does nothing here; it needs --image plan")
-    image = options.image or ("causal" if saved else "strobe")
-    possible = OF_SCENES if saved else IMAGES
+    wanted = options.image or ("causal" if saved else "strobe")
     pictures = []
-    for path, kind in zip(options.output, kinds, strict=True):
-        if kind == ".png" and image == "all":
-            each = [(str(Path(path).with_stem(f"{Path(path).stem}_{name}")), name) for name in possible]
-            for name, _ in each:
-                check_output(name, (".png",), taken)
-            pictures += each
+    for path, kind in kinds.items():
+        if kind == "png" and wanted == "all":
+            for image in OF_SCENES if saved else IMAGES:
+                file = str(Path(path).with_stem(f"{Path(path).stem}_{image}"))
+                check_output(file, (".png",), taken)
+                pictures.append((file, image))
         else:
-            pictures.append((path, image if kind == ".png" else kind.removeprefix(".")))
+            pictures.append((path, wanted if kind == "png" else kind))
     impossible = [image for _, image in pictures if saved and image not in (*OF_SCENES, "html")]
     if impossible:
         raise DataError(f"{options.video}: is a saved scene, which has no frames for {impossible[0]}; give the video")

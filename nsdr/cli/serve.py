@@ -4,51 +4,43 @@ import math
 from pathlib import Path
 from typing import Any
 
-from jsonargparse.typing import PositiveFloat, PositiveInt
+from jsonargparse.typing import PositiveInt, restricted_number_type
 
-from nsdr.cli.common import settings_of, shared_options
+from nsdr.cli.common import make_pipeline, refuse_idle, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, find_files
 
 __all__ = ["mcp", "serve"]
 
-MAX_PORT = 65535
-
-VIDEO_SUFFIXES = (".mp4",)
-"""Endings of the clips to pick from."""
+Port = restricted_number_type("Port", int, [(">=", 1), ("<=", 65535)])
+Seconds = restricted_number_type("Seconds", float, [(">", 0), ("<", math.inf)])
 
 
 def serve_options(parser: Any) -> None:
     add = parser.add_argument
     add("folder", nargs="?", default="", help="folder of clips (.mp4) to pick from; without it, the one of the package")
     add("--host", default="127.0.0.1", help="address to listen on; the default is seen by this machine only")
-    add("--port", type=PositiveInt, default=7860, help="TCP port (default: 7860)")
-    add("--max-seconds", type=PositiveFloat, default=20.0, help="longest clip that is taken (default: 20 s)")
+    add("--port", type=Port, default=7860, help="TCP port (default: 7860)")
+    add("--max-seconds", type=Seconds, default=20.0, help="longest clip that is taken (default: 20 s)")
     add("--max-megabytes", type=PositiveInt, default=50, help="largest upload (default: 50 MB)")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def serve(options: Any) -> int:
     """`nsdr serve`: listen until Ctrl-C."""
-    _check_port(options.port)
-    if not math.isfinite(options.max_seconds):
-        raise DataError(f"--max-seconds {options.max_seconds}: expected a finite number of seconds")
     files = _clips(options.folder)
-    from nsdr.pipeline import Pipeline
-
-    pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings_of(options), device=options.device)
+    pipeline = make_pipeline(options)
     check_installed("gradio", "the page needs Gradio", "web")
     check_installed("av", "writing videos needs PyAV", "web")
     from nsdr.apps.clips import Clips
     from nsdr.apps.web import serve as serve_page
 
+    def started(address: str) -> None:
+        print(f"{address} (Ctrl-C ends it)", flush=True)
+
     clips = Clips(pipeline, options.max_seconds)
-    serve_page(clips, files, _say, options.host, options.port, options.max_megabytes)
+    serve_page(clips, files, started, options.host, options.port, options.max_megabytes)
     return 0
-
-
-def _say(address: str) -> None:
-    print(f"{address} (Ctrl-C ends it)", flush=True)
 
 
 def _clips(folder: str) -> dict[str, Path]:
@@ -60,7 +52,7 @@ def _clips(folder: str) -> dict[str, Path]:
     root = Path(folder)
     if not root.is_dir():
         raise DataError(f"{folder}: expected a folder of clips, found {'a file' if root.exists() else 'nothing'}")
-    found = [path for path in find_files(root, "*") if path.suffix.lower() in VIDEO_SUFFIXES]
+    found = [path for path in find_files(root, "*") if path.suffix.lower() == ".mp4"]
     if not found:
         raise DataError(f"{folder}: no .mp4 files in it; leave it out for the clip of the package")
     return {str(path.relative_to(root)): path for path in found}
@@ -71,26 +63,17 @@ def mcp_options(parser: Any) -> None:
     add("folder", nargs="?", default=".", help="videos in it and below it can be named, and no other files")
     add("--transport", default="stdio", choices=["stdio", "http"], help="http: streamable HTTP at /mcp")
     add("--host", default="", help="address of HTTP (default: 127.0.0.1, which can be reached from this machine only)")
-    add("--port", type=PositiveInt, default=None, help="port of HTTP (default: 8000)")
+    add("--port", type=Port, default=None, help="port of HTTP (default: 8000)")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def mcp(options: Any) -> int:
     """`nsdr mcp`: serve the Model Context Protocol on the videos of a folder until it is ended."""
     from nsdr.apps.mcp import check_folder, serve as serve_tools
-    from nsdr.pipeline import Pipeline
 
-    given = [f"--{name}" for name in ("host", "port") if getattr(options, name)]
-    if options.transport != "http" and given:
-        raise DataError(f"{' and '.join(given)} would do nothing without --transport http; add that, or leave it out")
-    if options.port is not None:
-        _check_port(options.port)
+    if options.transport != "http":
+        refuse_idle(options, ("host", "port"), " without --transport http")
     check_folder(options.folder)
-    pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings_of(options), device=options.device)
+    pipeline = make_pipeline(options)
     serve_tools(pipeline, options.folder, options.transport, options.host or "127.0.0.1", options.port or 8000)
     return 0
-
-
-def _check_port(port: int) -> None:
-    if not 1 <= port <= MAX_PORT:
-        raise DataError(f"--port {port}: expected 1 to {MAX_PORT}")

@@ -53,7 +53,7 @@ def simulate_options(parser: Any) -> None:
 
 def simulate(options: Any) -> int:
     """`nsdr simulate`: what differs in a video with interventions, printed, as a video and as JSON."""
-    check_outputs(options.video, (options.output, (".mp4",)), (options.json, (".json",)))
+    check_outputs([options.video], (options.output, (".mp4",)), (options.json, (".json",)))
     if options.output is not None:
         check_installed("av", "writing videos needs PyAV", "visualize")
     if is_scene(options.video):

@@ -4,7 +4,7 @@ import logging
 import re
 from importlib import import_module
 
-from nsdr.cli.common import left_out
+from nsdr.cli.common import KEEP_GOING, configured, left_out
 from nsdr.errors import DataError
 
 __all__ = ["PARTS", "extract_features", "train"]
@@ -14,7 +14,6 @@ PARTS = {
     for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone", "average")
 } | {"baseline": "nsdr.training.baselines"}
 """Module with the `main(argv)` of each part, and of the mean of several runs."""
-KEEP_GOING = "--keep-going"
 
 
 def train(arguments: list[str]) -> int:
@@ -29,13 +28,12 @@ def train(arguments: list[str]) -> int:
 
 
 def extract_features(arguments: list[str]) -> int:
-    """Extract features of videos for the baselines; `-o` is short for `--output`."""
+    """Extract features of videos for the baselines."""
     from nsdr.baselines.features.extraction import FeatureExtraction, extract_features as extract
-    from nsdr.io.configuration import parse_config
     from nsdr.io.files import check_output_folder
 
-    given = ["--output" if a == "-o" else a for a in arguments if a != KEEP_GOING]
-    extraction = parse_config(FeatureExtraction, given, "nsdr extract-features")
+    fields = [a for a in arguments if a != KEEP_GOING]
+    extraction = configured(FeatureExtraction, fields, "extract-features")
     check_output_folder(extraction.output)
     count = extract(extraction, KEEP_GOING in arguments)
     print(f"{extraction.output}: features of {count} videos")

@@ -1,9 +1,11 @@
 """Scores of trained baselines by the same harness as those of NS-DR."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
+
+from msgspec.structs import replace
 
 from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.recording import keep_recording

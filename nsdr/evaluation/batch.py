@@ -1,17 +1,14 @@
 """Whole folders of videos or proposals: many processes, resumable, one failure does not stop the others."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer.files.predictions import predictions_document
 from nsdr.clevrer.files.proposals import proposals_document, read_compact_proposals, read_proposals
-from nsdr.dynamics.registry import checkpoint_folders
 from nsdr.errors import DataError
 from nsdr.io import storage
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
 from nsdr.io.files import find_files, write_json
 from nsdr.io.fingerprint import fingerprint
@@ -19,7 +16,7 @@ from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 
-__all__ = ["parse_videos", "perception_fingerprint", "predict_dynamics", "worker_pipeline"]
+__all__ = ["parse_videos", "predict_dynamics", "worker_pipeline"]
 
 FORMATS = ("predictions", "scenes")
 
@@ -53,10 +50,7 @@ def parse_videos(
     if not paths:
         raise DataError(f"{videos}: holds no *.mp4")
     found = _by_number({str(p.relative_to(videos)): p for p in paths})
-    settings = settings or PipelineConfig()
-    jobs = _jobs(found, Path(output), "scene", checkpoint, settings, "videos")
-    function = partial(_parse_video, checkpoint, settings, str(resolve_device(device)))
-    return run_jobs(function, jobs, output, engine, workers)
+    return _run("videos", found, output, checkpoint, settings, engine, workers, device)
 
 
 def predict_dynamics(
@@ -91,11 +85,7 @@ def predict_dynamics(
         found = _by_number({str(p.relative_to(source)): p for name in names for p in find_files(source, name)})
     if not found:
         raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")
-    settings = settings or PipelineConfig()
-    stem = "sim" if form == "predictions" else "scene"
-    jobs = _jobs(found, Path(output), stem, checkpoint, settings, form)
-    function = partial(_predict, checkpoint, settings, str(resolve_device(device)), form)
-    return run_jobs(function, jobs, output, engine, workers)
+    return _run(form, found, output, checkpoint, settings, engine, workers, device)
 
 
 def _by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:
@@ -113,21 +103,25 @@ def _by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:
     return found
 
 
-def _jobs(
-    found: Mapping[str, tuple[str, Any]], output: Path, stem: str, checkpoint: str, settings: PipelineConfig, form: str
-) -> Sequence[Job[Any]]:
-    common = perception_fingerprint(checkpoint, settings, form).encode()
-    return [
-        Job(name, item, output / f"{stem}_{number}.json", fingerprint(inputs=[item, common]))
+def _run(
+    form: str,
+    found: Mapping[str, tuple[str, Any]],
+    output: str | Path,
+    checkpoint: str,
+    settings: PipelineConfig | None,
+    engine: str,
+    workers: int,
+    device: str,
+) -> Summary:
+    settings = settings or PipelineConfig()
+    common = settings.fingerprint(checkpoint, form).encode()
+    stem = "sim" if form == "predictions" else "scene"
+    jobs = [
+        Job(name, item, Path(output) / f"{stem}_{number}.json", fingerprint(inputs=[item, common]))
         for number, (name, item) in found.items()
     ]
-
-
-def perception_fingerprint(checkpoint: str, settings: PipelineConfig, *made: str) -> str:
-    """Of everything that perception depends on but its input; `made` says what is made, and from what."""
-    weights = checkpoint_folders(find_checkpoint(checkpoint), settings.dynamics)
-    background = [Path(settings.video.background)] if settings.video.background else []
-    return fingerprint(inputs=background, config=[*made, asdict(settings), settings.versions()], weights=weights)
+    function = partial(_write, checkpoint, settings, str(resolve_device(device)), form)
+    return run_jobs(function, jobs, output, engine, workers)
 
 
 @lru_cache(maxsize=1)
@@ -136,22 +130,22 @@ def worker_pipeline(checkpoint: str, settings: PipelineConfig, device: str) -> P
     return Pipeline.from_pretrained(checkpoint, config=settings, device=device)
 
 
-def _parse_video(checkpoint: str, settings: PipelineConfig, device: str, video: Path, path: Path) -> None:
-    perception = worker_pipeline(checkpoint, settings, device).perceive(video)
-    digits = "".join(c for c in video.stem if c.isdigit())
-    assert perception.proposals is not None
-    document = proposals_document(perception.proposals, int(digits or 0), video.name)
-    write_json(path.with_name(path.name.replace("scene_", "proposal_")), document)
-    storage.save(perception.scene, path)  # last: it marks the video as done
-
-
-def _predict(
+def _write(
     checkpoint: str, settings: PipelineConfig, device: str, form: str, source: Path | VideoProposals, path: Path
 ) -> None:
-    proposals = read_proposals(source) if isinstance(source, Path) else source
-    perception = worker_pipeline(checkpoint, settings, device).perceive(proposals=proposals)
-    if form == "scenes":
-        storage.save(perception.scene, path)
+    """Write what `form` says of a video, a file of proposals, or proposals; last the file that marks it as done."""
+    pipeline = worker_pipeline(checkpoint, settings, device)
+    if form == "videos":
+        assert isinstance(source, Path)
+        perception = pipeline.perceive(source)
+        assert perception.proposals is not None
+        proposals_path = path.with_name(path.name.replace("scene_", "proposal_"))
+        write_json(proposals_path, proposals_document(perception.proposals, source.name))
     else:
+        proposals = read_proposals(source) if isinstance(source, Path) else source
+        perception = pipeline.perceive(proposals=proposals)
+    if form == "predictions":
         assert perception.dynamics is not None
         write_json(path, predictions_document(perception.dynamics))
+    else:
+        storage.save(perception.scene, path)

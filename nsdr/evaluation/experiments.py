@@ -11,12 +11,12 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import Meta
+from msgspec import Meta, structs
 
 import nsdr
 from nsdr.baselines.q_type import q_type_answers
@@ -48,8 +48,19 @@ class ExperimentFile(msgspec.Struct, forbid_unknown_fields=True):
     common: dict[str, Any] = {}
 
 
-class RowKind(msgspec.Struct):
-    """What a row says beside settings of `EvaluationConfig`: attributes of `ExperimentRow` and of `BaselineRow`."""
+class ExperimentRow(msgspec.Struct, frozen=True):
+    """One row of a table.
+
+    Attributes:
+        name: as it stands in the table.
+        baseline: "random" or "frequent" for Q-type baselines; "" for others.
+        training: question file of the training set, whose most frequent answers "frequent" gives; "" counts them on the
+            questions that are scored, and the table says so.
+        published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
+        train, trained, features: of a trained baseline that answers the questions, as of `BaselineRow`.
+        evaluation: what is measured; None for published numbers.
+        own: settings of `evaluation` that are the row's and not common ones.
+    """
 
     name: str
     baseline: Literal["", "random", "frequent"] = ""
@@ -58,50 +69,38 @@ class RowKind(msgspec.Struct):
     train: str = ""
     trained: str = ""
     features: str = ""
-
-
-@dataclass(frozen=True)
-class ExperimentRow:
-    """One row of a table.
-
-    Attributes:
-        name: as it stands in the table.
-        evaluation: what is measured; None for published numbers.
-        baseline: "random" or "frequent" for Q-type baselines; "" to run the evaluation.
-        training: question file of the training set, whose most frequent answers "frequent" gives; "" counts them on the
-            questions that are scored, and the table says so.
-        trained: the trained baseline that answers the questions of `evaluation`; None for others.
-        own: settings of the trained baseline's row that are not common ones.
-        published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
-    """
-
-    name: str
-    evaluation: EvaluationConfig | None
-    baseline: str = ""
-    training: str = ""
-    trained: BaselineRow | None = None
+    evaluation: EvaluationConfig | None = None
     own: tuple[str, ...] = ()
-    published: tuple[float, ...] = ()
+
+    def trained_baseline(self) -> BaselineRow | None:
+        """The trained baseline; None for others."""
+        given = self.train or self.trained or self.features
+        return BaselineRow(self.train, self.trained, self.features) if given else None
 
     def settings(self) -> dict[str, Any]:
         """The row as plain values, for the results file."""
         evaluation = {} if self.evaluation is None else asdict(self.evaluation)
         for name in ("cache", "engine", "workers", "device"):
             evaluation.pop(name, None)
+        trained = self.trained_baseline()
         row: dict[str, Any] = {"name": self.name, "baseline": self.baseline, "training": self.training}
-        row |= {"published": list(self.published)} | ({} if self.trained is None else asdict(self.trained))
+        row |= {"published": list(self.published or ())} | ({} if trained is None else asdict(trained))
         return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
 
     def fingerprint(self, trainer: Trainer | None = None) -> str:
         """Of everything the row's numbers depend on."""
         if self.evaluation is None:
             return fingerprint(config=self.settings())
-        if self.trained is not None:
-            return self.trained.fingerprint(self.evaluation, trainer)
+        if trained := self.trained_baseline():
+            return trained.fingerprint(self.evaluation, trainer)
         if self.baseline:
             files = [self.evaluation.questions, *([self.training] if self.training else [])]
             return fingerprint(inputs=[Path(file) for file in files], config=self.settings())
         return evaluation_fingerprint(self.evaluation)
+
+
+OWN_KEYS = ("name", "baseline", "training", "published", "train", "trained", "features")
+"""Keys of a row that are no settings of `EvaluationConfig`."""
 
 
 def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
@@ -121,32 +120,27 @@ def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
     return content.title, rows
 
 
-def _row(common: Mapping[str, Any], row: Mapping[str, Any], place: str) -> ExperimentRow:
-    of_kind = {k: v for k, v in row.items() if k in RowKind.__struct_fields__}
-    own = {k: v for k, v in row.items() if k not in of_kind}
-    where = f"row {row['name']!r}: " if isinstance(row.get("name"), str) else f"{place}."
-    kind: RowKind = convert(of_kind, RowKind, where)
+def _row(common: Mapping[str, Any], given: Mapping[str, Any], place: str) -> ExperimentRow:
+    own = {k: v for k, v in given.items() if k not in OWN_KEYS}
+    where = f"row {given['name']!r}: " if isinstance(given.get("name"), str) else f"{place}."
+    row: ExperimentRow = convert({k: v for k, v in given.items() if k in OWN_KEYS}, ExperimentRow, where)
     try:
-        if kind.training and kind.baseline != "frequent":
-            raise DataError(
-                f"training is {kind.training!r}; expected a question file, beside `baseline: frequent` only"
-            )
-        if kind.published is not None:
-            if row.keys() != {"name", "published"}:
+        if row.training and row.baseline != "frequent":
+            raise DataError(f"training is {row.training!r}; expected a question file, beside `baseline: frequent` only")
+        if row.published is not None:
+            if given.keys() != {"name", "published"}:
                 raise DataError("published numbers stand alone; leave out the row's other settings")
-            return ExperimentRow(kind.name, None, published=kind.published)
-        is_trained = bool({"train", "trained", "features"} & row.keys())
+            return row
+        is_trained = row.trained_baseline() is not None
         unused = [k for k in own if is_trained and k not in USED]
         if unused:
             raise DataError(f"{unused[0]} would do nothing for a trained baseline; expected some of {', '.join(USED)}")
         values = {k: v for k, v in common.items() if not is_trained or k in USED} | own
-        if kind.baseline and "root" in values:
+        if row.baseline and "root" in values:
             raise DataError("root: a Q-type row reads a question file; give questions in its place")
-        if (kind.baseline or is_trained) and "root" not in values:  # reads no scenes
+        if (row.baseline or is_trained) and "root" not in values:  # reads no scenes
             values["data"] = values.get("questions", "")
-        evaluation = config_of(EvaluationConfig, values)
-        trained = BaselineRow(kind.train, kind.trained, kind.features) if is_trained else None
-        return ExperimentRow(kind.name, evaluation, kind.baseline, kind.training, trained, tuple(own))
+        return structs.replace(row, evaluation=config_of(EvaluationConfig, values), own=tuple(own))
     except DataError as e:
         raise DataError(where + str(e)) from e
 
@@ -197,15 +191,15 @@ def _earlier(file: Path) -> dict[str, dict[str, Any]]:
 
 def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[str, Any]:
     if row.evaluation is None:
-        descriptive, *others = (n / 100 for n in row.published)
+        descriptive, *others = (n / 100 for n in row.published or ())
         table: dict[str, Any] = {"descriptive": {"accuracy": descriptive}}
         for kind, option, question in zip(QUESTION_TYPES[1:], others[::2], others[1::2], strict=True):
             table[kind] = {"per_option": option, "per_question": question}
         return {"table": table}
     start = time.time()
     evaluation = replace(row.evaluation, device=device)
-    if row.trained is not None:
-        report = evaluate_baseline(row.trained, evaluation, row.own, device, trainer)
+    if trained := row.trained_baseline():
+        report = evaluate_baseline(trained, evaluation, row.own, device, trainer)
     elif row.baseline:
         report = _q_type_report(row, evaluation)
     else:
@@ -225,7 +219,9 @@ def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[
 
 def _q_type_report(row: ExperimentRow, config: EvaluationConfig) -> dict[str, Any]:
     listed, _ = selected_questions(config)
-    scenes = [replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed]
+    scenes = [
+        msgspec.structs.replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed
+    ]
     training = read_questions(row.training) if row.training else None
     try:
         return score_answers(q_type_answers(scenes, row.baseline, training=training))

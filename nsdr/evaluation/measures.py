@@ -32,13 +32,14 @@ RESAMPLES = 2000
 """Number of bootstrap samples, drawn with a fixed seed."""
 
 
-def wilson_interval(accuracy: float, n: int, z: float = Z_95) -> tuple[float, float]:
-    """Wilson's score interval (low, high) of a proportion 0-1 in `n` independent trials; `z` is a standard normal quantile.
+def wilson_interval(accuracy: float, n: int) -> tuple[float, float]:
+    """Wilson's 95 % score interval (low, high) of a proportion 0-1 in `n` independent trials.
 
     Source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 1927.
     """
     if n == 0:
         return 0.0, 1.0
+    z = Z_95
     centre = (accuracy + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * sqrt(accuracy * (1 - accuracy) / n + z * z / (4 * n * n))
     return max(centre - half, 0.0), min(centre + half, 1.0)

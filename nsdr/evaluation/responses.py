@@ -3,8 +3,9 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from nsdr.baselines.q_type import ANSWERS, q_type_answers
 from nsdr.clevrer.answers.answer_files import GivenAnswer, read_given

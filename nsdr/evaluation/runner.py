@@ -20,7 +20,7 @@ from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES
 from nsdr.errors import DataError, NsdrError
-from nsdr.evaluation.batch import perception_fingerprint, worker_pipeline
+from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.score import Parse, evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
@@ -167,7 +167,8 @@ class EvaluationConfig(Settings):
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of perception."""
-        return pipeline_settings(self.config, self.dynamics, self.set, self.stride)
+        stride = [f"stride={self.stride}"] if self.stride != 1 else []
+        return pipeline_settings(self.config, self.dynamics, [*stride, *self.set])
 
 
 def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
@@ -221,8 +222,7 @@ def _scenes(
                 continue
             if video_of is not None:
                 found = {**found, **cast(PerceptionInput, video_of(s))}
-            made_from = (config.source, config.truth_source)
-            common = common or perception_fingerprint(config.checkpoint, settings, *made_from)
+            common = common or settings.fingerprint(config.checkpoint, config.source, config.truth_source)
             scenes[s.scene_index] = _job(config, common, s.scene_index, found, true_scene)
         except NsdrError as e:
             scenes[s.scene_index] = e
@@ -299,9 +299,7 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
             inputs.append(path)
     values = {name: value for name, value in asdict(config).items() if name not in COUNTED_OTHERWISE}
     versions = [VERSION, question_parser.VERSION, symbolic.VERSION]
-    return fingerprint(
-        inputs=inputs, config=[values, versions, perception_fingerprint(config.checkpoint, config.pipeline())]
-    )
+    return fingerprint(inputs=inputs, config=[values, versions, config.pipeline().fingerprint(config.checkpoint)])
 
 
 def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from msgspec import structs
+
 from nsdr.baselines.recording import keep_recording, option_tags
 from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
@@ -170,10 +172,10 @@ def _tags(recording: Executor, question: Question, parse: Parse | None) -> list[
             return program or (parse(text, kind).tokens if parse else None)
         return None
 
-    choices = tuple(replace(c, program=program_of(c.text, c.program, "choice")) for c in question.choices)
+    choices = tuple(structs.replace(c, program=program_of(c.text, c.program, "choice")) for c in question.choices)
     program = program_of(question.text, question.program, "multiple_choice")
     with suppress(NsdrError):
-        found = option_tags(recording, replace(question, program=program, choices=choices))
+        found = option_tags(recording, structs.replace(question, program=program, choices=choices))
         return [tag or new for tag, new in zip(known, found, strict=True)]
     return known
 

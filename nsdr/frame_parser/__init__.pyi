@@ -18,6 +18,6 @@ from .model import (
     build_frame_parser as build_frame_parser,
 )
 from .parser import FrameParser as FrameParser
-from .training_frames import frame_records as frame_records, write_frames as write_frames
+from .training_frames import write_frames as write_frames
 
 VERSION: int

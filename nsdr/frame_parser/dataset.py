@@ -142,16 +142,13 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
 
     def get(self, index: int, rng: np.random.Generator) -> tuple[Tensor, Target]:
         """Image (3, H, W) in 0-1 and target of item `index`, with the augmentation drawn from `rng`."""
-        record = self.records[index]
-        path = self.folder / "images" / record["file_name"]
+        path, objects = self.folder / "images" / self.records[index]["file_name"], self.records[index]["objects"]
         image = _read_image(path)
-        objects = record["objects"]
-        size = list(image.shape[:2])
-        if objects and objects[0]["segmentation"]["size"] != size:
-            raise DataError(f"{path}: is {size}, its masks are {objects[0]['segmentation']['size']} (height, width)")
         masks = np.zeros((0, *image.shape[:2]), np.uint8)
         if objects:
             masks = rle.decode([o["segmentation"] for o in objects]).transpose(2, 0, 1)
+            if masks.shape[1:] != image.shape[:2]:
+                raise DataError(f"{path}: is {image.shape[:2]}, its masks are {masks.shape[1:]} (height, width)")
         if self.augmentation is not None:
             image, masks = augment(image, masks, self.augmentation, rng)
         return image_tensor(image), _target(objects, masks)

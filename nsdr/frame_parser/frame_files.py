@@ -110,7 +110,7 @@ class _Coco(msgspec.Struct):
 
 
 def _check_file_name(name: str) -> None:
-    check_lines(file_name=name)
+    check_lines("", file_name=name)
     path = PurePosixPath(name)
     expect(not path.is_absolute() and ".." not in path.parts, ".file_name", "a file below images/", name)
 

@@ -19,7 +19,7 @@ from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
-__all__ = ["frame_records", "write_frames"]
+__all__ = ["write_frames"]
 
 VERSION = 1
 """Of the frames that are written: raised when they change."""
@@ -65,32 +65,24 @@ def write_frames(
 
 
 def _write_video_frames(every: int, item: tuple[int, Path, Path], lines: Path) -> None:
-    index, video, proposal = item
-    records = frame_records(read_proposals(proposal))
-    rows = []
+    index, video, path = item
+    proposals, rows = read_proposals(path), []
     for frame, image in enumerate(read_frames(video)):
-        if frame % every or frame >= len(records):
+        if frame % every or frame >= proposals.n_frames:
             continue
         name = f"{index:05d}_{frame:03d}.jpg"
         with atomic_path(lines.parent / "images" / name) as temporary:
             _, encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
             temporary.write_bytes(encoded.tobytes())  # OpenCV's own writing is silent on a full disk
-        rows.append({"file_name": name, "scene": index, "frame": frame, "objects": records[frame]})
+        is_shown = (proposals.frame_index == frame) & (proposals.score > MIN_SCORE)
+        objects = [_object(proposals, row) for row in np.flatnonzero(is_shown).tolist()]
+        rows.append({"file_name": name, "scene": index, "frame": frame, "objects": objects})
     with atomic_path(lines) as temporary:
         temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
-def frame_records(proposals: VideoProposals) -> list[list[dict[str, Any]]]:
-    """The objects of every frame, as in the annotations of `FrameDataset`.
-
-    Raises:
-        DataError: the proposals have no masks.
-    """
-    if proposals.masks is None:
-        raise DataError("the proposals have no masks; use the JSON files instead of the compact ones")
-    objects: list[list[dict[str, Any]]] = [[] for _ in range(proposals.n_frames)]
-    for row in np.flatnonzero(proposals.score > MIN_SCORE):
-        words = dict(zip(ATTRIBUTES, attributes_of(int(proposals.attribute[row])), strict=True))
-        mask = {"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row]}
-        objects[int(proposals.frame_index[row])].append({**words, "segmentation": mask})
-    return objects
+def _object(proposals: VideoProposals, row: int) -> dict[str, Any]:
+    """An object of a frame, as in the annotations of `FrameDataset`."""
+    assert proposals.masks is not None  # JSON files have them
+    words = dict(zip(ATTRIBUTES, attributes_of(int(proposals.attribute[row])), strict=True))
+    return {**words, "segmentation": {"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row]}}

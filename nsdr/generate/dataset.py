@@ -29,7 +29,7 @@ from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
-from nsdr.generate.scene_files import annotation_document, frame_masks, proposal_document, solids_at, truth_document
+from nsdr.generate.scene_files import annotation_document, proposal_document, solids_at, truth_document
 from nsdr.generate.statistics import count_scenes, write_question_statistics, write_statistics
 from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
@@ -240,24 +240,21 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     # Masks and visibility refer to the release's image size, whatever the video's size is.
     camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
     if config.renderer != "none":
-        preview = config.renderer == "preview"
-        blender_frames = partial(_blender_frames, config.render, files.work / _fingerprint(config))
-        frames = (_preview_frames if preview else blender_frames)(scene, view)
-        preset = "veryfast" if preview else "slow"
+        frames: Iterator[NDArray[np.uint8]]
+        if config.renderer == "preview":
+            preset = "veryfast"
+            frames = (render_preview(scene.objects, solids_at(scene, f), view) for f in range(scene.n_frames))
+        else:
+            preset = "slow"
+            frames = _blender_frames(config.render, files.work / _fingerprint(config), scene, view)
         write_video(files.video, frames, config.render.fps, config.render.crf, preset)
         shutil.rmtree(files.work, ignore_errors=True)
     if config.masks:
-        masks = [frame_masks(scene, f, camera) for f in range(scene.n_frames)]
-        write_json(files.proposals, proposal_document(scene, index, files.video.name, camera, masks))
+        write_json(files.proposals, proposal_document(scene, index, files.video.name, camera))
     if split != "test":
         annotation = annotation_document(scene, index, files.video.name, camera)
         write_annotation(files.annotation, annotation, scene.n_frames)
     write_json(files.truth, truth_document(scene, index, camera))
-
-
-def _preview_frames(scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
-    for f in range(scene.n_frames):
-        yield render_preview(scene.objects, solids_at(scene, f), view)
 
 
 def _blender_frames(config: RenderConfig, work: Path, scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:

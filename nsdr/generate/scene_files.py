@@ -1,6 +1,5 @@
 """A simulated scene in CLEVRER's file formats: annotation, mask proposals, and the ground truth that the release withholds."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import Camera
 from nsdr.world.shapes import rendered_rotation
 
-__all__ = ["annotation_document", "frame_masks", "proposal_document", "solids_at", "truth_document"]
+__all__ = ["annotation_document", "proposal_document", "solids_at", "truth_document"]
 
 MIN_VISIBLE_PX = 20
 """Objects with fewer visible pixels get no mask."""
@@ -34,7 +33,7 @@ def solids_at(scene: SimulatedScene, frame: int) -> list[Solid]:
     ]
 
 
-def frame_masks(scene: SimulatedScene, frame: int, camera: Camera) -> dict[int, str]:
+def _masks(scene: SimulatedScene, frame: int, camera: Camera) -> dict[int, str]:
     """Masks of the visible parts as COCO run-length strings, by object id; objects with few pixels are left out."""
     ids = instance_ids(solids_at(scene, frame), camera)
     masks = {}
@@ -56,14 +55,12 @@ def annotation_document(scene: SimulatedScene, index: int, filename: str, camera
     }
 
 
-def proposal_document(
-    scene: SimulatedScene, index: int, filename: str, camera: Camera, masks: Sequence[dict[int, str]]
-) -> dict[str, Any]:
-    """Content of `proposal_N.json`: exact masks with score 1. `masks` holds the `frame_masks` of each frame."""
+def proposal_document(scene: SimulatedScene, index: int, filename: str, camera: Camera) -> dict[str, Any]:
+    """Content of `proposal_N.json`: exact masks with score 1."""
     frames = []
-    for f, row in enumerate(masks):
+    for f in range(scene.n_frames):
         objects = []
-        for i, counts in row.items():
+        for i, counts in _masks(scene, f, camera).items():
             mask = {"size": [camera.height, camera.width], "counts": counts}
             objects.append(
                 {"mask": mask, **_attributes(scene, i), "score": 1.0, "video_index": index, "frame_index": f}

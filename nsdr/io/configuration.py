@@ -90,19 +90,17 @@ def _files(arguments: Sequence[str]) -> dict[str, tuple[str, dict[str, Any]]]:
     return contents
 
 
-def _check_sections(kind: Any, content: Any, where: str) -> None:
-    """Sections of nested settings must be sections in the file, too: jsonargparse passes over other values."""
-    if not isinstance(content, Mapping):
-        raise DataError(f"{where}: expected settings, one `name: value` a line, got {content!r:.40}")
-    known = {field.name for field in fields(kind)}
-    for key, value in content.items():
-        if key not in known and isinstance(value, Mapping) and not all(isinstance(k, str) for k in value):
-            raise DataError(f"{where}: unknown key {key!r}")  # jsonargparse only complains about the key's own keys
+def _check_sections(kind: Any, content: Mapping[str, Any], where: str) -> None:
+    """Sections of nested settings must be sections in the file, too: jsonargparse's errors of others say nothing to a user."""
     for field in fields(kind):
         inner = next((t for t in (field.type, *get_args(field.type)) if is_dataclass(t)), None)
         value = content.get(field.name)
         is_absent = field.name not in content or (value is None and inner is not field.type)
         if inner is not None and not is_absent and not isinstance(value, str):
+            if not isinstance(value, Mapping):
+                raise DataError(
+                    f"{where}: {field.name}: expected settings, one `name: value` a line, got {value!r:.40}"
+                )
             _check_sections(inner, value, f"{where}: {field.name}")
 
 

@@ -158,7 +158,12 @@ def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[N
         path = Path(folder).resolve() / f"{'.' if name else ''}{name}{LOCK}"
         lock = FileLock(path, is_singleton=True)  # of each thread, which may take it several times
         try:
-            _acquire(lock, path, target, wait)
+            lock.acquire(timeout=0)
+        except Timeout as e:
+            if not wait:
+                raise DataError(f"{target}: {_owner(path)} writes to it; wait for it, or choose another place") from e
+            log.warning("%s: %s writes to it; waiting for its end", target, _owner(path))
+            lock.acquire()
         except OSError as e:
             if e.errno not in NO_LOCKS:
                 raise
@@ -173,17 +178,6 @@ def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[N
             with suppress(OSError):
                 path.unlink()
         lock.release()
-
-
-def _acquire(lock: FileLock, path: Path, target: Path, wait: bool) -> None:
-    try:
-        lock.acquire(timeout=0)
-    except Timeout as e:
-        owner = _owner(path)
-        if not wait:
-            raise DataError(f"{target}: {owner} writes to it; wait for it, or choose another place") from e
-        log.warning("%s: %s writes to it; waiting for its end", target, owner)
-        lock.acquire()
 
 
 def _owner(path: Path) -> str:
@@ -216,16 +210,13 @@ def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequenc
         target = Path(os.path.realpath(path))
         if target.is_dir():
             raise DataError(f"{path}: is a folder; expected a file")
-        is_special = target.exists() and not target.is_file()
-        if suffixes and suffix not in suffixes:
-            if not is_special:
-                raise DataError(f"{path}: expected a name ending in {' or '.join(suffixes)}")
-            suffix = suffixes[0]
-        if is_special:
+        if target.exists() and not target.is_file():
             if stat.S_ISCHR(target.stat().st_mode):  # what else there is, such as a pipe, might wait for its reader
                 with target.open("wb", buffering=0) as device:
                     device.write(b"")
-            return suffix
+            return suffix if suffix in suffixes or not suffixes else suffixes[0]
+        if suffixes and suffix not in suffixes:
+            raise DataError(f"{path}: expected a name ending in {' or '.join(suffixes)}")
         if any(target == Path(os.path.realpath(other)) for other in inputs):
             raise DataError(f"{path}: is already another input or output; choose another name")
         if target.exists() and (_is_read_only(target) or not os.access(target, os.W_OK)):

@@ -3,7 +3,7 @@
 from nsdr.symbolic.executor import Executor
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
 from nsdr.symbolic.program import Program, Step
-from nsdr.symbolic.traces import explain, format_probability, format_trace, format_tree
+from nsdr.symbolic.traces import format_probability, format_trace, format_tree
 
 __all__ = [
     "MODULES",
@@ -13,7 +13,6 @@ __all__ = [
     "Module",
     "Program",
     "Step",
-    "explain",
     "format_probability",
     "format_trace",
     "format_tree",

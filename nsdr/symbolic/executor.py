@@ -1,10 +1,11 @@
 """Runs programs on a scene (paper, section 4.4), step by step; the values of all steps are the trace."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from string import ascii_uppercase
-from typing import Any
+from typing import Any, TypeVar
 
 from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
@@ -13,7 +14,7 @@ from nsdr.symbolic.modules import EXTENSIONS, Kind, as_set
 from nsdr.symbolic.official import OfficialExecutor
 from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
-from nsdr.symbolic.uncertainty import PossibleWorlds
+from nsdr.symbolic.uncertainty import MIN_SUPPOSED, N_DRAWS, possible_scenes
 from nsdr.symbolic.world import Boundary, World
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import SPEED_UNIT
@@ -25,6 +26,7 @@ PREDICTIVE = ("unseen_events", "belong_to")
 OF_OBJECTS, OF_EVENTS = (Kind.OBJECTS, Kind.OBJECT), (Kind.EVENTS, Kind.EVENT)
 SIMULATED = frozenset({"unseen_events", "get_counterfact"})
 BORDER_EVENTS = frozenset({"filter_in", "filter_out"})
+Found = TypeVar("Found")
 
 
 class Executor:
@@ -105,13 +107,7 @@ class Executor:
             raise ProgramError(
                 f"the program gives {parsed.result}; the program of a question ends in a count, exist, query or frame"
             )
-        try:
-            values = self._values(parsed.steps, question)
-        except ExecutionError:
-            found = self._worlds.supposed(lambda e: e._values(parsed.steps)) if self._worlds else None
-            if found is None:
-                raise
-            values = found
+        values = self._supposing(lambda e: e._values(parsed.steps, question))
         trace = self._trace(parsed.steps, values)
         is_list = parsed.result == Kind.EVENTS
         text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
@@ -140,13 +136,7 @@ class Executor:
         if self._official is not None:
             return self._official.judge(question_program, choices, question)
         parsed = Program.parse(question_program)
-        try:
-            answers = self._judged(parsed, choices, question)
-        except ExecutionError:
-            found = self._worlds.supposed(lambda e: e._judged(parsed, choices, question)) if self._worlds else None
-            if found is None:
-                raise
-            answers = found
+        answers = self._supposing(lambda e: e._judged(parsed, choices, question))
         scores = self._prediction_scores(parsed, answers)
         answers = self._with_probabilities(answers) if scores is None else self._exactly_one(answers, *scores)
         return Answer(question, parsed.tokens, None, (), tuple(answers))
@@ -173,7 +163,7 @@ class Executor:
         except ExecutionError as e:
             takes_choice = next(i for i, step in enumerate(question.steps) if -1 in step.inputs)
             self._values(question.steps[:takes_choice], question_text)  # fails if it is not the choice's fault
-            found = self._worlds.supposed(lambda e: e._values(whole.steps)) if self._worlds else None
+            found = self._supposed(lambda executor: executor._values(whole.steps))
             if found is None:
                 return ChoiceAnswer(text, None, whole.tokens, (), str(e))
             values = found
@@ -185,7 +175,7 @@ class Executor:
         scores = self.scene.unseen_scores
         if not self.data_set_rules or scores is None or question.tokens != PREDICTIVE or len(answers) != 2:
             return None
-        if any(a.error for a in answers) or (self._worlds is None and answers[0].answer != answers[1].answer):
+        if any(a.error for a in answers) or (self.scene.uncertain is None and answers[0].answer != answers[1].answer):
             return None
         chosen = [a.trace[a.trace[-1].inputs[0]].value for a in answers]
         if not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
@@ -197,7 +187,7 @@ class Executor:
         if answers[0].answer == answers[1].answer:
             words = ("correct", "wrong") if first >= second else ("wrong", "correct")
             answers = [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
-        if self._worlds is None:
+        if self.scene.uncertain is None:
             return list(answers)
         one, other = first * (1 - second), second * (1 - first)
         share = one / (one + other) if one + other else 0.5
@@ -210,9 +200,34 @@ class Executor:
         ]
 
     @cached_property
-    def _worlds(self) -> "PossibleWorlds[Executor] | None":
-        """Executors of the worlds that the scene's uncertain collisions leave possible; None where nothing is said of them."""
-        return None if self.scene.uncertain is None else PossibleWorlds(self.scene, Executor)
+    def _worlds(self) -> "list[tuple[int, Executor]]":
+        """Executors of the worlds that the scene's uncertain collisions leave possible, with their numbers of draws."""
+        return [(n, Executor(drawn)) for n, drawn in possible_scenes(self.scene)]
+
+    def _in_worlds(self, run: "Callable[[Executor], Found]") -> list[tuple[int, Found]]:
+        """What a run gives in each world where it does not fail, with the world's number of draws."""
+        runs = []
+        for n, executor in self._worlds:
+            with suppress(ExecutionError):
+                runs.append((n, run(executor)))
+        return runs
+
+    def _supposed(self, run: "Callable[[Executor], Found]") -> Found | None:
+        """What a run gives in the most probable world where it does not fail; None where such worlds are too improbable."""
+        runs = [] if self.scene.uncertain is None else self._in_worlds(run)
+        if sum(n for n, _ in runs) < MIN_SUPPOSED * N_DRAWS:
+            return None
+        return max(runs, key=lambda row: row[0])[1]
+
+    def _supposing(self, run: "Callable[[Executor], Found]") -> Found:
+        """What a run gives in this scene, or where it fails, in the most probable world where it does not."""
+        try:
+            return run(self)
+        except ExecutionError:
+            found = self._supposed(run)
+            if found is None:
+                raise
+            return found
 
     def _probability(self, program: Program, value: Any) -> float | None:
         """How probable a program's value is; None where that is not known.
@@ -221,9 +236,11 @@ class Executor:
         """
         tokens = frozenset(program.tokens)
         beyond_simulation = not SIMULATED.isdisjoint(tokens) and not BORDER_EVENTS.isdisjoint(tokens)
-        if self._worlds is None or not EXTENSIONS.isdisjoint(tokens) or beyond_simulation:
+        if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens) or beyond_simulation:
             return None
-        return self._worlds.probability(lambda e: e._values(program.steps)[-1], value)
+        runs = self._in_worlds(lambda e: e._values(program.steps)[-1])
+        total = sum(n for n, _ in runs)
+        return sum(n for n, found in runs if found == value) / total if total else 0.0
 
     def _values(
         self,

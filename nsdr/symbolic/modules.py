@@ -121,7 +121,7 @@ def _partner(world: World, event: Event, one: int) -> int:
         raise ExecutionError(
             f"{world.event_text([event])} is not a collision of {world.object_text([one])} with another object"
         )
-    return event.objects[event.objects[0] == one]
+    return _other(event.objects, one)
 
 
 def _get_object(world: World, event: Event) -> int:
@@ -151,12 +151,9 @@ def _belongs(world: World, one: Event | int, events: Events) -> bool:
     return any(one in e.objects for e in (*events, *targets))
 
 
-def _faster(world: World, one: int, other: int, frame: int | None) -> bool:
-    return world.quantities.is_faster(one, other, frame)
-
-
-def _heavier(world: World, one: int, other: int) -> bool:
-    return world.quantities.is_heavier(one, other)
+def _other(pair: tuple[int, ...], one: int) -> int:
+    """The other one of two objects."""
+    return pair[pair[0] == one]
 
 
 _OBJECTS, _EVENTS, _OBJECT, _EVENT = (Kind.OBJECTS,), (Kind.EVENTS,), (Kind.OBJECT,), (Kind.EVENT,)
@@ -202,14 +199,14 @@ _TABLE = [
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
     Module("query_speed", (_OBJECT, _FRAME), Kind.SPEED, lambda w, one, frame: w.quantities.speed(one, frame), "speed of an object at a frame (world units per second)", **_BEYOND),
     Module("query_name", (_OBJECT,), Kind.NAME, lambda w, one: w.object(one).name, "color, material and shape of an object", **_BEYOND),
-    Module("is_faster", (_OBJECT, _OBJECT, _FRAME), Kind.BOOLEAN, _faster, "whether the first object is faster than the second at a frame", **_BEYOND),
-    Module("get_faster", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: a if _faster(w, a, b, frame) else b, "the faster of two objects at a frame", **_BEYOND),
-    Module("get_slower", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: b if _faster(w, a, b, frame) else a, "the slower of two objects at a frame", **_BEYOND),
+    Module("is_faster", (_OBJECT, _OBJECT, _FRAME), Kind.BOOLEAN, lambda w, a, b, frame: w.quantities.faster(a, b, frame) == a, "whether the first object is faster than the second at a frame", **_BEYOND),
+    Module("get_faster", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: w.quantities.faster(a, b, frame), "the faster of two objects at a frame", **_BEYOND),
+    Module("get_slower", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: _other((a, b), w.quantities.faster(a, b, frame)), "the slower of two objects at a frame", **_BEYOND),
     Module("filter_fastest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.quantities.extreme_speed(objects, frame, max), "the fastest of the objects that are visible at a frame; with `null`, by their highest speed while visible", **_BEYOND),
     Module("filter_slowest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.quantities.extreme_speed(objects, frame, min), "the slowest of these", **_BEYOND),
-    Module("is_heavier", (_OBJECT, _OBJECT), Kind.BOOLEAN, _heavier, "whether the first object is heavier than the second", **_BEYOND),
-    Module("get_heavier", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: a if _heavier(w, a, b) else b, "the heavier of two objects", **_BEYOND),
-    Module("get_lighter", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: b if _heavier(w, a, b) else a, "the lighter of two objects", **_BEYOND),
+    Module("is_heavier", (_OBJECT, _OBJECT), Kind.BOOLEAN, lambda w, a, b: w.quantities.heavier(a, b) == a, "whether the first object is heavier than the second", **_BEYOND),
+    Module("get_heavier", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: w.quantities.heavier(a, b), "the heavier of two objects", **_BEYOND),
+    Module("get_lighter", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: _other((a, b), w.quantities.heavier(a, b)), "the lighter of two objects", **_BEYOND),
     Module("filter_heaviest", (_OBJECTS,), Kind.OBJECTS, lambda w, objects: w.quantities.extreme_mass(objects, max), "the heaviest of the objects", **_BEYOND),
     Module("filter_lightest", (_OBJECTS,), Kind.OBJECTS, lambda w, objects: w.quantities.extreme_mass(objects, min), "the lightest of the objects", **_BEYOND),
     Module("get_changed", (_EVENTS, _OBJECT, (Kind.CHANGE,)), Kind.EVENTS, _changed, "those of the events that happen with an object changed", **_BEYOND),

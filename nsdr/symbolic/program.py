@@ -10,7 +10,7 @@ from nsdr.errors import ProgramError
 from nsdr.io.limits import limits
 from nsdr.symbolic.modules import ALL_WORDS, ARITY, DISPATCH, MODULES, Kind, Module
 
-__all__ = ["STOP_TOKENS", "Program", "ProgramSource", "Step", "data_set_names", "program_tokens"]
+__all__ = ["CHOICE_KINDS", "SAID_KINDS", "Program", "ProgramSource", "Step", "program_tokens"]
 
 START_TOKENS = ("<START>", "<start>")
 """Tokens before a program in the released files of parsed programs; skipped."""
@@ -79,7 +79,7 @@ class Program:
         return self.steps[-1].kind
 
     @classmethod
-    def parse(cls, source: "str | Sequence[str] | Program") -> "Program":
+    def parse(cls, source: "ProgramSource") -> "Program":
         """Parse a program in any of the three spellings.
 
         Args:
@@ -88,9 +88,7 @@ class Program:
         Raises:
             ProgramError: an unknown token, a wrong type, or values left over; names the token and its number.
         """
-        if isinstance(source, Program):
-            return source
-        return _checked(_spelled(source))
+        return source if isinstance(source, Program) else _checked(program_tokens(source))
 
     def then(self, question: "Program") -> "Program":
         """Join this choice and a multiple-choice question into one program, which judges the choice.
@@ -130,8 +128,7 @@ CACHED_PROGRAMS = 1 << 16
 
 
 @lru_cache(maxsize=CACHED_PROGRAMS)
-def _checked(source: tuple[str, ...]) -> Program:
-    tokens = data_set_names(source)
+def _checked(tokens: tuple[str, ...]) -> Program:
     if not tokens:
         raise ProgramError("the program is empty")
     steps: list[Step] = []
@@ -187,30 +184,17 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
     Raises:
         ProgramError: an unreadable tree, a token that is no text, or more tokens than `Limits.program_tokens`.
     """
-    return source.tokens if isinstance(source, Program) else data_set_names(_spelled(source))
-
-
-def _spelled(source: str | Sequence[str]) -> tuple[str, ...]:
-    if not isinstance(source, str):
-        for token in source:
-            if not isinstance(token, str):
-                raise ProgramError(f"a token is {token!r:.60}; expected texts")
-        return _limited(tuple(source))
-    is_tree = re.search(r"[()]", source)
-    return _tree_tokens(source) if is_tree else _limited(tuple(re.findall(r"[^\s,]+", source.lower())))
-
-
-def _limited(tokens: tuple[str, ...]) -> tuple[str, ...]:
+    if isinstance(source, Program):
+        return source.tokens
+    if isinstance(source, str):
+        source = _tree_tokens(source) if re.search(r"[()]", source) else re.findall(r"[^\s,]+", source.lower())
     most = limits().program_tokens
-    if len(tokens) > most:
+    if len(source) > most:
         raise ProgramError(f"the program has more than {most} tokens; the limit program_tokens allows more")
-    return tokens
-
-
-def data_set_names(source: Sequence[str]) -> tuple[str, ...]:
-    """Tokens in any spelling as the data set writes them, without those before and after the program."""
     tokens: list[str] = []
     for token in source:
+        if not isinstance(token, str):
+            raise ProgramError(f"a token is {token!r:.60}; expected texts")
         if token in STOP_TOKENS:
             break
         if token in START_TOKENS:
@@ -237,8 +221,6 @@ def _tree_tokens(text: str) -> tuple[str, ...]:
             raise ProgramError(f"cannot parse the program at {text[offset : offset + EXCERPT_CHARACTERS]!r}")
         offset = match.end()
         punctuation, *words = match.groups()
-        if len(tokens) + len(calls) > limits().program_tokens:
-            return _limited((*tokens, *calls))
         if punctuation == "(":
             calls.append(name)
             name = ""

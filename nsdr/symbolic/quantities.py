@@ -48,11 +48,11 @@ class Quantities:
 
     def __init__(self, scene: Scene, simulate: Simulate | None = None) -> None:
         self._scene, self._simulate = scene, simulate
-        self._changed: dict[tuple[int, str], Sequence[Event] | str] = {}
+        self._changed: dict[tuple[int, str], Sequence[Event]] = {}
 
     def speed(self, i: int, frame: int | None) -> float:
         """Speed of an object at a frame (world units/s)."""
-        return float(np.hypot(*self._velocity(i, frame)))
+        return math.hypot(*self._velocity(i, frame))
 
     def direction(self, i: int, frame: int | None) -> str:
         """One of `nsdr.world.vocabulary.DIRECTIONS`."""
@@ -69,12 +69,12 @@ class Quantities:
             raise ExecutionError(f"the {self._name(i)} moves between {between} at frame {frame}: no single direction")
         return DIRECTIONS[nearest]
 
-    def is_faster(self, i: int, j: int, frame: int | None) -> bool:
-        """Whether an object is faster than another one at a frame; with None, by their highest speeds while visible."""
+    def faster(self, i: int, j: int, frame: int | None) -> int:
+        """The faster of two objects at a frame; with None, by their highest speeds while visible."""
         self._check_two(i, j)
         a, b = self._speed_of(i, frame), self._speed_of(j, frame)
         self._check_speeds(i, j, a, b)
-        return a > b
+        return i if a > b else j
 
     def extreme_speed(self, objects: Sequence[int], frame: int | None, extreme: Extreme) -> tuple[int, ...]:
         """The fastest (`max`) or slowest (`min`) of the objects that are visible at a frame, with None ever; none of none."""
@@ -88,10 +88,10 @@ class Quantities:
                 self._check_speeds(found, i, speeds[found], speed)
         return (found,)
 
-    def is_heavier(self, i: int, j: int) -> bool:
-        """Whether an object is heavier than another one."""
+    def heavier(self, i: int, j: int) -> int:
+        """The heavier of two objects."""
         self._check_two(i, j)
-        return self._mass_difference(i, j) > 0
+        return i if self._mass_difference(i, j) > 0 else j
 
     def extreme_mass(self, objects: Sequence[int], extreme: Extreme) -> tuple[int, ...]:
         """The heaviest (`max`) or lightest (`min`) of the objects; none of none."""
@@ -108,25 +108,23 @@ class Quantities:
         """The collisions of the video, and after it, with an object changed (see `CHANGES`)."""
         if (i, change) not in self._changed:
             self._changed[i, change] = self._simulated(i, CHANGES[change](i))
-        found = self._changed[i, change]
-        if isinstance(found, str):
-            raise ExecutionError(found)
-        return found
+        return self._changed[i, change]
 
-    def _simulated(self, i: int, intervention: Intervention) -> Sequence[Event] | str:
-        """The collisions, or why they are not known."""
+    def _simulated(self, i: int, intervention: Intervention) -> Sequence[Event]:
         if self._simulate is None:
             text = intervention_text(intervention).replace(f"object {i}", f"the {self._name(i)}")
-            return f"what happens with {text} is not known in this scene; ask about the video, which can be simulated"
+            raise ExecutionError(
+                f"what happens with {text} is not known in this scene; ask about the video, which can be simulated"
+            )
         start = 0
         if isinstance(intervention, SetVelocity):
             if not self._scene.visible[i].any():
-                return f"the {self._name(i)} is never visible, so its speed cannot be changed"
+                raise ExecutionError(f"the {self._name(i)} is never visible, so its speed cannot be changed")
             start = int(np.argmax(self._scene.visible[i]))
         try:
             return self._simulate(intervention, start)
         except DataError as e:
-            return str(e)
+            raise ExecutionError(str(e)) from e
 
     def _velocity(self, i: int, frame: int | None) -> tuple[float, float]:
         """Velocity of an object at a frame; says why it is not known."""
@@ -147,7 +145,7 @@ class Quantities:
     def _speed_of(self, i: int, frame: int | None) -> float:
         """Speed at a frame, or with None the highest while visible."""
         if frame is not None:
-            return float(np.hypot(*self._velocity(i, frame)))
+            return self.speed(i, frame)
         speed = np.linalg.norm(self._velocities[i, self._scene.visible[i]], axis=-1)
         if not len(speed) or np.isnan(speed).any():
             raise ExecutionError(f"the velocity of the {self._name(i)} is not known at all times")

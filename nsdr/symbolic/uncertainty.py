@@ -1,14 +1,13 @@
-"""Worlds that a scene's uncertain collisions leave possible, and how probable values of programs are in them."""
+"""Scenes that a scene's uncertain collisions leave possible."""
 
-from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from nsdr.errors import ExecutionError
 from nsdr.types import Event, Scene
 
-__all__ = ["N_DRAWS", "PossibleWorlds", "possible_scenes"]
+__all__ = ["MIN_SUPPOSED", "N_DRAWS", "possible_scenes"]
 
 N_DRAWS = 512
 """Draws of possible scenes. Probabilities that depend on several collisions are off by 0.006 on average. Few of CLEVRER's
@@ -17,9 +16,6 @@ SEED = 0
 MIN_SUPPOSED = 0.05
 """A question whose suppositions are less probable is refused. Of 49 collisions of left-out `train` scenes to which the
 network gives 0.01-0.05 none was true, and 12 of 32 with 0.05-0.2 (`python benchmarks/collisions.py --every 5`)."""
-
-World = TypeVar("World")
-Found = TypeVar("Found")
 
 
 def possible_scenes(scene: Scene) -> list[tuple[int, Scene]]:
@@ -46,51 +42,12 @@ def _drawn(scene: Scene, happens: Sequence[bool]) -> Scene:
         return (*certain, *(e for r, e in drawn if r == removed and first <= e.frame < end))
 
     n_frames, unseen, without = scene.n_frames, scene.unseen, scene.counterfactual
-    return Scene(
-        scene.objects,
-        n_frames,
-        scene.visible,
-        scene.moving,
-        events(scene.events, None, end=n_frames),
-        None if unseen is None else events(unseen, None, first=n_frames),
-        None if without is None else {k: events(of, k) for k, of in without.items()},
-        physics=scene.physics,
+    return replace(
+        scene,
+        events=events(scene.events, None, end=n_frames),
+        unseen=None if unseen is None else events(unseen, None, first=n_frames),
+        counterfactual=None if without is None else {k: events(of, k) for k, of in without.items()},
+        unseen_scores=None,
+        dynamics=None,
+        uncertain=None,
     )
-
-
-class PossibleWorlds(Generic[World]):
-    """The possible worlds of one scene.
-
-    Args:
-        scene: with uncertain collisions.
-        world: makes something to run programs on from a scene in which all is certain.
-    """
-
-    def __init__(self, scene: Scene, world: Callable[[Scene], World]) -> None:
-        self._worlds = [(n, world(drawn)) for n, drawn in possible_scenes(scene)]
-
-    def find(self, run: Callable[[World], Found]) -> list[tuple[int, Found]]:
-        """What is found in each world where it raises no `ExecutionError`, with the world's number of draws."""
-        found = []
-        for n, world in self._worlds:
-            try:
-                found.append((n, run(world)))
-            except ExecutionError:
-                continue
-        return found
-
-    def probability(self, run: Callable[[World], Found], value: Found) -> float:
-        """Share of the worlds in which a run gives a value, of those in which it does not fail: what it supposes is given."""
-        runs = self.find(run)
-        total = sum(n for n, _ in runs)
-        return sum(n for n, found in runs if found == value) / total if total else 0.0
-
-    def supposed(self, run: Callable[[World], Found]) -> Found | None:
-        """What a run gives in the most probable world where it does not fail.
-
-        None where all such worlds together are less probable than `MIN_SUPPOSED`.
-        """
-        runs = self.find(run)
-        if sum(n for n, _ in runs) < MIN_SUPPOSED * N_DRAWS:
-            return None
-        return max(runs, key=lambda row: row[0])[1]

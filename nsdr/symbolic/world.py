@@ -5,7 +5,7 @@ An object is its id, an event an `Event`, a set of either a tuple: objects in or
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -50,13 +50,6 @@ class ChangedEvents(tuple[Event, ...]):
     """Those of some events that happen with an object changed, as far as that is known: collisions only."""
 
 
-@lru_cache(maxsize=16)
-def possible_events(n: int) -> Events:
-    """Every event that could happen to n objects; their frame is -1."""
-    pairs = [Event("collision", -1, pair) for pair in combinations(range(n), 2)]
-    return tuple(pairs + [Event(kind, -1, (i,)) for kind in ("in", "out") for i in range(n)])
-
-
 class World:
     """A scene with the paper's semantics.
 
@@ -68,7 +61,6 @@ class World:
         objects: identities.
         all_objects: their ids.
         events: of the video, in order of time.
-        possible: every event that could happen, without a frame.
         start, end: the first and last frame of the video, as events.
         quantities: speeds, masses and changes, for questions beyond CLEVRER.
     """
@@ -78,9 +70,14 @@ class World:
         self.objects, self.events = scene.objects, scene.events
         self._names = [o.name for o in scene.objects]
         self.all_objects: Objects = tuple(range(len(scene.objects)))
-        self.possible = possible_events(len(scene.objects))
         self.start, self.end = Boundary("start", 0, ()), Boundary("end", scene.n_frames - 1, ())
         self.quantities = Quantities(scene, simulate)
+
+    @cached_property
+    def possible(self) -> Events:
+        """Every event that could happen; their frame is -1."""
+        pairs = [Event("collision", -1, pair) for pair in combinations(self.all_objects, 2)]
+        return tuple(pairs + [Event(kind, -1, (i,)) for kind in ("in", "out") for i in self.all_objects])
 
     @property
     def unseen_events(self) -> Events:

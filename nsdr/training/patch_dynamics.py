@@ -1,7 +1,7 @@
 """Training tasks of the paper's dynamics networks on patches: of masks (`network: paper`), and of images (`paper_images`)."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple, cast
 
@@ -43,8 +43,7 @@ class _Window(NamedTuple):
 class PatchModelTask(TrackTask):
     """Squared error of the boxes one step later, and cross-entropy of the collisions within each step.
 
-    Each step goes on from the last one; gradients do not pass from step to step. A batch holds scenes with the same number of
-    objects, mirrored at random: the camera looks along the world's x axis.
+    A batch holds scenes with the same number of objects, mirrored at random: the camera looks along the world's x axis.
 
     Attributes:
         predicted: what the network reads and predicts, and the name of its loss.
@@ -99,18 +98,28 @@ class PatchModelTask(TrackTask):
         c = self.config.patches
         return np.arange(-c.window + 1, self.config.rollout_steps + 1) * c.stride_frames
 
+    def rollout(
+        self, model: nn.Module, batch: Mapping[str, Tensor], steps: int
+    ) -> Iterator[tuple[list[Tensor], Tensor]]:
+        """For each step what `predicted` lists, and the logits of collisions (B, N, N, window).
+
+        A step goes on from the predictions before it; gradients do not pass from step to step.
+        """
+        windows = [batch[name][:, :, : self.config.patches.window] for name in self.predicted]
+        for _ in range(steps):
+            *found, logits = model(*windows, batch["static"], batch["exists"])
+            yield found, logits
+            windows = [torch.cat([w[:, :, 1:], f[:, :, None].detach()], 2) for w, f in zip(windows, found, strict=True)]
+
     def losses(self, model: nn.Module, batch: Mapping[str, Tensor]) -> dict[str, LossTerm]:
         """Squared errors of what is predicted, as `predicted` names them, and `collision`, the cross-entropy of pairs."""
         exists, c = batch["exists"], self.config.patches
-        windows = {name: batch[name][:, :, : c.window] for name in self.predicted}
         terms: dict[str, list[LossTerm]] = defaultdict(list)
-        for step in range(self.config.rollout_steps):
-            *following, logits = model(*windows.values(), batch["static"], exists)
+        for step, (found, logits) in enumerate(self.rollout(model, batch, self.config.rollout_steps)):
             weight = (batch["reliable"][:, :, c.window + step] & exists).float()
-            for (name, window), values in zip(windows.items(), following, strict=True):
+            for (name, loss), values in zip(self.predicted.items(), found, strict=True):
                 error = self._error(name, values, batch[name][:, :, c.window + step])
-                terms[self.predicted[name]].append(LossTerm((error * weight).sum(), weight.sum()))
-                windows[name] = torch.cat([window[:, :, 1:], values[:, :, None].detach()], 2)
+                terms[loss].append(LossTerm((error * weight).sum(), weight.sum()))
             for k in range(c.window):
                 until = batch["until"] + c.stride_frames * (k - step)
                 hits = (until >= 1) & (until <= c.stride_frames)
@@ -185,13 +194,13 @@ class ImageModelTask(PatchModelTask):
             if not len(here):
                 continue
             true = torch.from_numpy(self._patches(h.scene[i])[here][:, every]).to(device).float()[None] / MAX_VALUE
-            boxes = torch.from_numpy(all_boxes[i, here][:, every[: c.window]]).to(device)[None]
-            static = torch.from_numpy(h.static[i, here]).to(device)[None]
-            patches, exists = true[:, :, : c.window], torch.ones(1, len(here), dtype=torch.bool, device=device)
-            for step in range(1, 1 + max(DRAWN_STEPS)):
-                following, drawn, _ = model(boxes, patches, static, exists)
-                boxes = torch.cat([boxes[:, :, 1:], following[:, :, None]], 2)
-                patches = torch.cat([patches[:, :, 1:], drawn[:, :, None]], 2)
+            batch = {
+                "boxes": torch.from_numpy(all_boxes[i, here][:, every]).to(device)[None],
+                "patches": true,
+                "static": torch.from_numpy(h.static[i, here]).to(device)[None],
+                "exists": torch.ones(1, len(here), dtype=torch.bool, device=device),
+            }
+            for step, ((_, drawn), _) in enumerate(self.rollout(model, batch, max(DRAWN_STEPS)), 1):
                 if step in DRAWN_STEPS:
                     target = true[:, :, c.window - 1 + step]
                     found[f"image_error_{step}"].append(float((drawn - target).abs().mean()))

@@ -31,7 +31,7 @@ KEPT_CHECKPOINTS = 2
 """Newest checkpoints that are kept: should the newest be damaged, the one before it is resumed from."""
 LOSSES = ("step", "loss", "learning_rate")
 """Columns of `metrics.jsonl` that are no metrics, beside the loss terms `loss/...`."""
-TIMES = ("seconds", "cpu_seconds")
+TIMES = {"seconds": time.monotonic, "cpu_seconds": time.process_time}
 """What a checkpoint says of the time of the steps up to it: that on the clock, and that of all threads of one process."""
 
 
@@ -49,13 +49,7 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
 
 @dataclass(frozen=True)
 class TrainingState:
-    """Everything that a step changes.
-
-    Attributes:
-        model: what is trained.
-        optimizer: its optimizer.
-        average: the exponential moving average of the weights; None where there is none.
-    """
+    """Everything that a step changes; `average` is the exponential moving average of the weights, where there is one."""
 
     model: nn.Module
     optimizer: Any
@@ -64,9 +58,13 @@ class TrainingState:
     def tensors(self) -> dict[str, Tensor]:
         """Copies (of any shape, on the CPU) of all tensors: `model/…`, `optimizer/INDEX.…` and `average/…`."""
         of_parameters = self.optimizer.state_dict()["state"].items()
-        optimizer = {f"{i}.{name}": torch.as_tensor(v) for i, values in of_parameters for name, v in values.items()}
-        average = {} if self.average is None else self.average.state_dict()
-        parts = {"model": self.model.state_dict(), "optimizer": optimizer, "average": average}
+        parts = {
+            "model": self.model.state_dict(),
+            "optimizer": {
+                f"{i}.{name}": torch.as_tensor(v) for i, values in of_parameters for name, v in values.items()
+            },
+            "average": {} if self.average is None else self.average.state_dict(),
+        }
         return {
             f"{part}/{name}": value.detach().cpu().clone().contiguous()
             for part, values in parts.items()
@@ -112,7 +110,7 @@ class RunFolder:
         self.path, self.writes = Path(path), writes
         self._metrics = self.path / "metrics.jsonl"
         self._events: Path | None = None
-        self._started = _now()
+        self._started = {name: now() for name, now in TIMES.items()}
         if writes:
             remove_partial_files(self.path)
         resolved = json.loads(json.dumps(resolved))
@@ -140,7 +138,7 @@ class RunFolder:
             sync(*self.path.glob(self._metrics.name))
         content = safetensors.save(state.tensors())
         details = {"step": step, "record": record, "sha256": hashlib.sha256(content).hexdigest()}
-        times = {name: round(now - start, 3) for name, now, start in zip(TIMES, _now(), self._started, strict=True)}
+        times = {name: round(now() - self._started[name], 3) for name, now in TIMES.items()}
         path = self.path / f"step_{step:07d}.json"
         with atomic_path(path.with_suffix(".safetensors")) as temporary:
             temporary.write_bytes(content)
@@ -171,7 +169,7 @@ class RunFolder:
                     raise DataError("its weights do not have the checksum in the JSON file")
                 state.load(safetensors.load(content))
                 step, record = int(details["step"]), dict(details["record"])
-                self._started = tuple(now - details[name] for now, name in zip(_now(), TIMES, strict=True))
+                self._started = {name: now() - details[name] for name, now in TIMES.items()}
                 log.info("%s: resumes at step %d", self.path, step)
                 break
             except (SafetensorError, OSError, KeyError, TypeError, RuntimeError, DataError) as e:
@@ -245,10 +243,6 @@ def training_time(path: str | Path) -> dict[str, float]:
         details = read_json(checkpoint)
         return {name: details[name] for name in TIMES}
     return {}
-
-
-def _now() -> tuple[float, ...]:
-    return time.monotonic(), time.process_time()
 
 
 def _checkpoints(path: Path) -> list[Path]:

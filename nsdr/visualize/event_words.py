@@ -5,12 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.symbolic.traces import percent
 from nsdr.symbolic.world import VERBS
 from nsdr.types import DynamicsPrediction, Event, EventChange, Rollout, Scene, SceneObject, Simulation
 from nsdr.types.interventions import intervention_text
 from nsdr.world.physics_constants import FRAME_SECONDS
 
-__all__ = ["change_text", "event_text", "hitter", "interventions_text", "percent"]
+__all__ = ["change_text", "event_text", "hitter", "interventions_text"]
 
 WINDOW_FRAMES = 6
 """Frames before a collision whose displacement gives the velocities."""
@@ -80,9 +81,3 @@ def change_text(simulation: Simulation, change: EventChange) -> str:
     before = "" if change.kind != "other frame" else f" instead of {change.before}"
     happens = _clause(change.event, simulation.objects)
     return f"{change.kind}: {happens} (frame {change.event.frame}{before}{probable})"
-
-
-def percent(probability: float) -> str:
-    """A probability (0-1) as "77 %", never as certainty."""
-    rounded = round(100 * probability)
-    return f"{'>99' if rounded == 100 else '<1' if rounded == 0 else rounded} %"

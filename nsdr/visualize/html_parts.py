@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.claims.narration import reasons
 from nsdr.pipeline import Perception
 from nsdr.symbolic import format_probability, format_tree
-from nsdr.symbolic.traces import explain
-from nsdr.types import Answer, TraceStep, VideoTracks
+from nsdr.types import Answer, ChoiceAnswer, Scene, TraceStep, VideoTracks
 
 __all__ = ["answer_html", "data_uri", "figure_html", "jpeg", "summary_html", "thumbnail"]
 
@@ -51,10 +51,8 @@ def answer_html(
     """
     parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
-    scene = perception.scene
     if answer.answer is not None:
-        parts.append(f"<p>{html.escape(explain(answer, scene))}</p>")
-        parts.append(_trace(answer.trace, perception, frames, show_tree))
+        parts.append(_why(answer, perception.scene) + _trace(answer.trace, perception, frames, show_tree))
     for choice in answer.choices:
         parts.append(
             f"<h3 class={choice.answer or 'error'}>{html.escape(choice.choice)}: {choice.answer or 'error'}</h3>"
@@ -62,8 +60,12 @@ def answer_html(
         if choice.error:
             parts.append(f"<p>{html.escape(choice.error)}</p>")
         else:
-            parts.append(f"<p>{html.escape(explain(choice, scene))}</p>" + _trace(choice.trace, perception, frames))
+            parts.append(_why(choice, perception.scene) + _trace(choice.trace, perception, frames))
     return "".join(parts)
+
+
+def _why(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
+    return f"<p>{'<br>'.join(map(html.escape, reasons(answer, scene)))}</p>"
 
 
 def _trace(

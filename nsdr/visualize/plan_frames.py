@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.types import Event, Rollout, SceneObject
+from nsdr.types import Rollout, SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import COLORS_RGB
@@ -68,8 +68,11 @@ def draw_plan(
     for o in objects:
         _draw_object(image, o, rollout.location_world[o.id, frame], yaw[o.id, frame], COLORS_RGB[o.color])
     for event in rollout.collisions:
-        if 0 <= frame - event.frame < COLLISION_FRAMES:
-            _draw_star(image, event, rollout)
+        places = rollout.location_world[list(event.objects), event.frame]
+        if 0 <= frame - event.frame < COLLISION_FRAMES and np.isfinite(places).all():
+            at = tuple(int(v) for v in _pixels(places.mean(0)) >> SUBPIXEL_BITS)
+            cv2.drawMarker(image, at, INK, cv2.MARKER_STAR, 22, 4, cv2.LINE_AA)
+            cv2.drawMarker(image, at, STAR_COLOR, cv2.MARKER_STAR, 20, 2, cv2.LINE_AA)
     return image
 
 
@@ -104,11 +107,3 @@ def _outline(shape: str, yaw: float) -> FloatArray:
         return np.asarray(CORNERS @ np.array([(c, s), (-s, c)]))
     angle = np.linspace(0, 2 * np.pi, 6 if shape == "cylinder" else 32, endpoint=False)
     return OBJECT_RADIUS_WORLD * np.stack([np.cos(angle), np.sin(angle)], -1)
-
-
-def _draw_star(image: NDArray[np.uint8], event: Event, rollout: Rollout) -> None:
-    places = rollout.location_world[list(event.objects), event.frame]
-    if np.isfinite(places).all():
-        at = tuple(int(v) for v in _pixels(places.mean(0)) >> SUBPIXEL_BITS)
-        cv2.drawMarker(image, at, INK, cv2.MARKER_STAR, 22, 4, cv2.LINE_AA)
-        cv2.drawMarker(image, at, STAR_COLOR, cv2.MARKER_STAR, 20, 2, cv2.LINE_AA)

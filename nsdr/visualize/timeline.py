@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.pipeline import Perception
+from nsdr.symbolic.traces import percent
 from nsdr.types import Event, Rollout, Scene
-from nsdr.visualize.event_words import event_text, percent
+from nsdr.visualize.event_words import event_text
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.timeline import FPS, horizon_frame

@@ -123,7 +123,7 @@ class _Block(TypedDict):
     collisions: list[_BlockCollision]
 
 
-class _VideoBlock(TypedDict):
+class _VideoBlock(_Block):
     video: Id
     n_frames: PositiveCount
 
@@ -239,7 +239,10 @@ def check_ground_truth(block: Any, where: str = "ground_truth", n_frames: int = 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    content: _Block = convert(block, _Block, f"{where}.")
+    _check_block(convert(block, _Block, f"{where}."), where, n_frames)
+
+
+def _check_block(content: _Block, where: str, n_frames: int) -> None:
     check_objects(content["objects"], "id", f"{where}.objects")
     n, in_outs, collisions = len(content["objects"]), content["in_outs"], content["collisions"]
     check_limit(len(in_outs) + len(collisions), "events", where)
@@ -272,7 +275,7 @@ def check_truth_blocks(rows: Any, name: str) -> dict[int, dict[str, Any]]:
     for i, block in enumerate(convert(rows, list[_VideoBlock], f"{name}: ")):
         check_limit(block["n_frames"], "frames", f"{name}: [{i}].n_frames")
         n_frames = max(block["n_frames"], VIDEO_FRAMES) if block["video"] in IRREGULAR_VIDEOS else block["n_frames"]
-        check_ground_truth(rows[i], f"{name}: [{i}]", n_frames)
+        _check_block(block, f"{name}: [{i}]", n_frames)
     check_unique([block["video"] for block in rows], f"{name}: ", ".video")
     return {block["video"]: block for block in rows}
 

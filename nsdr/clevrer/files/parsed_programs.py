@@ -6,12 +6,12 @@ that sort. Programs may stand between `<START>` and `<END>` or `<NULL>`.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from nsdr.clevrer.files.questions import Question, SceneQuestions
 from nsdr.errors import DataError

@@ -220,16 +220,18 @@ def _proposals(
     )
 
 
-def proposals_document(proposals: VideoProposals, video_index: int, video_filename: str) -> dict[str, Any]:
+def proposals_document(proposals: VideoProposals, video_filename: str) -> dict[str, Any]:
     """The official JSON document of a video's proposals; inverse of `read_proposals`.
 
-    It lists the processed frames. Where the last frame is not one of them, `n_frames` is added to the official keys.
+    The digits of the file's name are the video's index. The document lists the processed frames. Where the last frame is not
+    one of them, `n_frames` is added to the official keys.
 
     Raises:
         DataError: the proposals have no masks.
     """
     if proposals.masks is None:
         raise DataError("the proposals have no masks, which the official format needs")
+    video_index = int("".join(filter(str.isdecimal, Path(video_filename).stem)) or 0)
     indices = range(proposals.n_frames) if proposals.processed is None else proposals.processed.tolist()
     frames: dict[int, dict[str, Any]] = {f: {"frame_index": f, "objects": []} for f in indices}
     for i, mask in enumerate(proposals.masks):

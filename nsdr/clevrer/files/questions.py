@@ -2,18 +2,18 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated
 
 import msgspec
+from msgspec.structs import replace
 
 from nsdr.clevrer.files.schema import FileName, Id, Program, check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
-from nsdr.validation import expect
+from nsdr.validation import expect, one_of
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHAPES, SPEED_UNIT
 
 __all__ = [
@@ -44,9 +44,8 @@ BEYOND = re.compile(rf"\d+\.\d {SPEED_UNIT}|{'|'.join(DIRECTIONS)}|{_OBJECT}")
 """Answers of descriptive questions beyond CLEVRER: a speed, a direction or an object, such as "1.8 world units per second"."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """A choice of a multiple-choice question.
+class Choice(msgspec.Struct, frozen=True, omit_defaults=True, rename={"id": "choice_id", "text": "choice"}):
+    """A choice of a multiple-choice question, as in a question file.
 
     Attributes:
         id: id within the question.
@@ -57,17 +56,19 @@ class Choice:
         blind: whether the texts alone predict the answer; None where it is not known.
     """
 
-    id: int
+    id: Id
     text: str
-    program: tuple[str, ...] | None
-    answer: str | None
-    tag: str | None = None
+    program: Program | None = None
+    answer: Annotated[str, one_of(("correct", "wrong"))] | None = None
+    tag: Annotated[str, one_of(OPTION_TAGS)] | None = None
     blind: bool | None = None
 
 
-@dataclass(frozen=True)
-class Question:
-    """A question.
+_QUESTION_KEYS = {name: f"question_{name}" for name in ("id", "type", "subtype")} | {"text": "question"}
+
+
+class Question(msgspec.Struct, frozen=True, omit_defaults=True, rename=_QUESTION_KEYS):
+    """A question, as in a question file.
 
     Attributes:
         id: id within the scene.
@@ -80,19 +81,18 @@ class Question:
         blind: whether the text alone predicts the answer of a descriptive question; None where it is not known.
     """
 
-    id: int
+    id: Id
     text: str
-    type: str
-    subtype: str | None
-    program: tuple[str, ...] | None
-    answer: str | None
-    choices: tuple[Choice, ...]
+    type: Annotated[str, one_of(QUESTION_TYPES)]
+    subtype: str | None = None
+    program: Program | None = None
+    answer: str | None = None
+    choices: tuple[Choice, ...] = ()
     blind: bool | None = None
 
 
-@dataclass(frozen=True)
-class SceneQuestions:
-    """All questions of one video.
+class SceneQuestions(msgspec.Struct, frozen=True):
+    """All questions of one video, as in a question file.
 
     Attributes:
         scene_index: index of the video.
@@ -100,53 +100,9 @@ class SceneQuestions:
         questions: the questions.
     """
 
-    scene_index: int
-    video_filename: str
-    questions: tuple[Question, ...]
-
-
-class _ChoiceRow(msgspec.Struct):
-    choice_id: Id
-    choice: str
-    program: Program | None = None
-    answer: Literal["correct", "wrong"] | None = None
-    tag: Literal["observational", "inferential"] | None = None
-    blind: bool | None = None
-
-    def __post_init__(self) -> None:
-        check_lines(choice=self.choice)
-        check_limit(len(self.program or ()), "program_tokens", ".program")
-
-
-class _QuestionRow(msgspec.Struct):
-    question_id: Id
-    question: str
-    question_type: Literal["descriptive", "explanatory", "predictive", "counterfactual"]
-    question_subtype: str | None = None
-    program: Program | None = None
-    answer: str | None = None
-    choices: list[_ChoiceRow] | None = None
-    blind: bool | None = None
-
-    def __post_init__(self) -> None:
-        check_lines(question=self.question, question_subtype=self.question_subtype)
-        check_limit(len(self.program or ()), "program_tokens", ".program")
-        choices, answer = self.choices or [], self.answer
-        fits = bool(choices) != (self.question_type == "descriptive")
-        expect(fits, ".choices", f"those of a {self.question_type} question", f"{len(choices)} choices")
-        check_unique([c.choice_id for c in choices], ".choices", ".choice_id")
-        expect(len({c.answer is None for c in choices}) < 2, ".choices", "answers of all or none", "of some")
-        fits = bool(choices) or answer is None or answer in ANSWERS or BEYOND.fullmatch(answer) is not None
-        expect(fits, ".answer", f"0 to {LARGEST_COUNT}, yes, no or an attribute word", repr(answer))
-
-
-class _SceneRow(msgspec.Struct):
     scene_index: Id
     video_filename: FileName
-    questions: list[_QuestionRow]
-
-    def __post_init__(self) -> None:
-        check_unique([q.question_id for q in self.questions], ".questions", ".question_id")
+    questions: tuple[Question, ...]
 
 
 def read_questions(path: str | Path) -> list[SceneQuestions]:
@@ -155,21 +111,30 @@ def read_questions(path: str | Path) -> list[SceneQuestions]:
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    rows: list[_SceneRow] = read_json(path, list[_SceneRow])
-    check_unique([row.scene_index for row in rows], f"{path}: ", ".scene_index")
-    if not any(row.questions for row in rows):
-        raise DataError(f"{path}: expected at least 1 question, found {len(rows)} scenes without one")
-    return [
-        SceneQuestions(row.scene_index, row.video_filename, tuple(_question(q) for q in row.questions)) for row in rows
-    ]
+    scenes: list[SceneQuestions] = read_json(path, list[SceneQuestions])
+    check_unique([scene.scene_index for scene in scenes], f"{path}: ", ".scene_index")
+    if not any(scene.questions for scene in scenes):
+        raise DataError(f"{path}: expected at least 1 question, found {len(scenes)} scenes without one")
+    for s, scene in enumerate(scenes):
+        place = f"{path}: [{s}].questions"
+        check_unique([q.id for q in scene.questions], place, ".question_id")
+        for i, question in enumerate(scene.questions):
+            _check_question(question, f"{place}[{i}]")
+    return scenes
 
 
-def _question(row: _QuestionRow) -> Question:
-    choices = tuple(
-        Choice(c.choice_id, c.choice, c.program, c.answer, c.tag, c.blind) for c in row.choices or ()
-    )  # fmt: skip
-    subtype, answer = row.question_subtype, None if choices else row.answer
-    return Question(row.question_id, row.question, row.question_type, subtype, row.program, answer, choices, row.blind)
+def _check_question(q: Question, place: str) -> None:
+    check_lines(place, question=q.text, question_subtype=q.subtype)
+    for i, choice in enumerate(q.choices):
+        check_lines(f"{place}.choices[{i}]", choice=choice.text)
+        check_limit(len(choice.program or ()), "program_tokens", f"{place}.choices[{i}].program")
+    check_limit(len(q.program or ()), "program_tokens", f"{place}.program")
+    fits = bool(q.choices) != (q.type == "descriptive")
+    expect(fits, f"{place}.choices", f"those of a {q.type} question", f"{len(q.choices)} choices")
+    check_unique([c.id for c in q.choices], f"{place}.choices", ".choice_id")
+    expect(len({c.answer is None for c in q.choices}) < 2, f"{place}.choices", "answers of all or none", "of some")
+    fits = bool(q.choices) or q.answer is None or q.answer in ANSWERS or BEYOND.fullmatch(q.answer) is not None
+    expect(fits, f"{place}.answer", f"0 to {LARGEST_COUNT}, yes, no or an attribute word", repr(q.answer))
 
 
 def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
@@ -177,7 +142,7 @@ def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
 
     Tags that are known are added to it as `tag` and `blind`, which other readers skip.
     """
-    write_json(path, [_scene_row(scene) for scene in scenes])
+    write_json(path, msgspec.to_builtins(list(scenes)))
 
 
 def without_answers(scene: SceneQuestions) -> SceneQuestions:
@@ -193,23 +158,3 @@ def by_type(counts: Mapping[str, float]) -> dict[str, float]:
     """Numbers of questions of each type, from those of each descriptive sub-type and each other type."""
     others = {name: counts.get(name, 0) for name in QUESTION_TYPES[1:]}
     return {QUESTION_TYPES[0]: sum(counts.values()) - sum(others.values()), **others}
-
-
-def _scene_row(scene: SceneQuestions) -> dict[str, Any]:
-    rows = []
-    for q in scene.questions:
-        row: dict[str, Any] = {"question_id": q.id, "question": q.text, "question_type": q.type}
-        row |= _known(question_subtype=q.subtype, program=q.program, answer=q.answer, blind=q.blind)
-        if q.choices:
-            row["choices"] = [_choice_row(c) for c in q.choices]
-        rows.append(row)
-    return {"scene_index": scene.scene_index, "video_filename": scene.video_filename, "questions": rows}
-
-
-def _choice_row(choice: Choice) -> dict[str, Any]:
-    known = _known(program=choice.program, answer=choice.answer, tag=choice.tag, blind=choice.blind)
-    return {"choice_id": choice.id, "choice": choice.text, **known}
-
-
-def _known(**values: Any) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}

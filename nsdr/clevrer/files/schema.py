@@ -78,9 +78,9 @@ def check_pair(pair: Sequence[int], n_objects: int, place: str) -> None:
     expect(max(pair) < n_objects, place, f"object ids from 0 to {n_objects - 1}", max(pair))
 
 
-def check_lines(**texts: str | None) -> None:
-    """Each is a line of text, not too long; raises `DataError` that names the key."""
+def check_lines(place: str, **texts: str | None) -> None:
+    """Each is a line of text, not too long; raises `DataError` that names the place and the key."""
     for key, text in texts.items():
         if text is not None:
-            check_limit(len(text), "text_characters", f".{key}")
-            expect(bool(text.strip()) and text.isprintable(), f".{key}", "a line of text", repr(text))
+            check_limit(len(text), "text_characters", f"{place}.{key}")
+            expect(bool(text.strip()) and text.isprintable(), f"{place}.{key}", "a line of text", repr(text))

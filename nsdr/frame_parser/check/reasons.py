@@ -1,8 +1,6 @@
 """What speaks against a video being one of CLEVRER's scenes, in words."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import cv2
@@ -20,11 +18,14 @@ from nsdr.frame_parser.check.ground import (
 )
 from nsdr.frame_parser.check.shots import change
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.timeline import FPS
 
-__all__ = ["Look", "Reason", "camera_motion", "marked_px", "reasons"]
+__all__ = ["MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "marked_px", "needed_levels", "reasons"]
 
 Reason = tuple[bool, str]
 """Whether a video certainly is of another scene, and why."""
+SPACING_FRAMES = 2
+"""Every second frame of a video is looked at, and for the motion of the camera every second of these, which saves time."""
 NOISE_SPACING_PX = 3
 """Every third row and column is looked at for noise, which saves time."""
 
@@ -53,8 +54,6 @@ MAX_MARKED_PX = 200
 
 CELL_PX = WIDTH_PX / COLUMNS
 """Width and height of a cell (pixels of a 480x320 image)."""
-SPACING = 2
-"""Every second frame is looked at, which saves time."""
 TINY = 1e-9
 """Added to a divisor (levels squared), for frames that are all the same."""
 STROKE = np.ones((9, 9), np.uint8)
@@ -66,93 +65,72 @@ BORDER_PX = 6
 """Objects that leave the image are thin at its border, which is not looked at (pixels)."""
 
 
-@dataclass(frozen=True)
-class Look:
-    """The first seconds of a video.
+def is_foreign(ground: GroundFit) -> bool:
+    """Whether the ground certainly is not CLEVRER's."""
+    return abs(ground.brightness) > FOREIGN_BRIGHTNESS or ground.distance > FOREIGN_GROUND_DISTANCE
 
-    Attributes:
-        frames: (F, height, width, 3) uint8 RGB, without bars.
-        seconds: how long they last.
+
+def needed_levels(frames: NDArray[np.uint8], ground: GroundFit) -> NDArray[np.uint8] | None:
+    """What each level has to become to have CLEVRER's exposure, (256,); None if they are right."""
+    has_other_brightness = abs(ground.brightness) > MAX_BRIGHTNESS
+    if is_foreign(ground) or not (has_other_brightness or not MIN_GAIN < ground.gain < MAX_GAIN):
+        return None
+    return corrected_levels(frames, ground, may_be_right=not has_other_brightness)
+
+
+def reasons(
+    frames: NDArray[np.uint8], image: FloatArray, reference: FloatArray, ground: GroundFit, is_corrected: bool
+) -> Iterator[Reason]:
+    """All that speaks against a video.
+
+    Args:
+        frames: (F, height, width, 3) uint8 RGB, every `SPACING_FRAMES`-th of its first seconds, without bars.
         image: (height, width, 3), their median, turned back if the video is turned.
         reference: (32, 48, 3) scene without objects that it is compared with.
         ground: how they compare.
+        is_corrected: whether its exposure is corrected, by `needed_levels`.
     """
-
-    frames: NDArray[np.uint8]
-    seconds: float
-    image: FloatArray
-    reference: FloatArray
-    ground: GroundFit
-
-    @property
-    def is_foreign(self) -> bool:
-        """Whether the ground certainly is not CLEVRER's."""
-        return abs(self.ground.brightness) > FOREIGN_BRIGHTNESS or self.ground.distance > FOREIGN_GROUND_DISTANCE
-
-    @property
-    def has_other_brightness(self) -> bool:
-        """Whether the ground is darker or brighter than CLEVRER's."""
-        return abs(self.ground.brightness) > MAX_BRIGHTNESS
-
-    @cached_property
-    def noise(self) -> float:
-        """Change of unmoved pixels from frame to frame (levels of 255)."""
-        sparse = self.frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX]
-        changes = [np.median(cv2.absdiff(a, b)) for a, b in pairwise(sparse)]
-        return float(np.median(changes)) if changes else 0.0
-
-    @cached_property
-    def levels(self) -> NDArray[np.uint8] | None:
-        """What each level has to become to have CLEVRER's exposure, (256,); None if they are right."""
-        if self.is_foreign or not (self.has_other_brightness or not MIN_GAIN < self.ground.gain < MAX_GAIN):
-            return None
-        return corrected_levels(self.frames, self.ground, may_be_right=not self.has_other_brightness)
-
-
-def reasons(look: Look) -> Iterator[Reason]:
-    """All that speaks against a video."""
-    yield from _of_the_ground(look)
-    if not look.is_foreign:
-        yield from _of_the_colors(look)
-    if len(look.frames) > 1:
-        if look.noise > MAX_NOISE:
-            yield look.noise > FOREIGN_NOISE, f"it is noisy: still pixels change by {look.noise:.0f} of 255 levels"
-        elif max(change(look.frames[0], frame) for frame in look.frames[1:]) < MIN_MOTION:
-            yield False, f"nothing moves in the first {look.seconds:.1f} s"
-    if not look.is_foreign and look.noise <= MAX_NOISE:
-        moved = camera_motion(look.frames)
+    yield from _of_the_ground(ground, "; corrected" if is_corrected else "")
+    if not is_foreign(ground):
+        yield from _of_the_colors(frames, ground)
+    sparse = frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX]
+    noise = np.median([np.median(cv2.absdiff(a, b)) for a, b in pairwise(sparse)] or [0.0])
+    if noise > MAX_NOISE:
+        yield bool(noise > FOREIGN_NOISE), f"it is noisy: still pixels change by {noise:.0f} of 255 levels"
+        return
+    if len(frames) > 1 and max(change(frames[0], frame) for frame in frames[1:]) < MIN_MOTION:
+        yield False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s"
+    if not is_foreign(ground):
+        moved = camera_motion(frames)
         if moved > MAX_CAMERA_PX:
             text = f"the camera moves, by {moved:.1f} pixels of 480x320; it must stand still"
             yield moved > FOREIGN_CAMERA_PX, text
-        elif marked_px(look.image, look.reference, look.ground) > MAX_MARKED_PX:
+        elif marked_px(image, reference, ground) > MAX_MARKED_PX:
             yield False, "a caption, logo or other marks are on the image; they may be taken for objects"
 
 
-def _of_the_ground(look: Look) -> Iterator[Reason]:
-    ground = look.ground
+def _of_the_ground(ground: GroundFit, corrected: str) -> Iterator[Reason]:
     way = "darker" if ground.brightness < 0 else "brighter"
     exposure = f"{way} than CLEVRER's videos by {abs(ground.brightness):.0f} of 255 levels"
-    corrected = "" if look.levels is None else "; corrected"
     if abs(ground.brightness) > FOREIGN_BRIGHTNESS:
         yield True, exposure
         return
-    if look.is_foreign:
+    if ground.distance > FOREIGN_GROUND_DISTANCE:
         figure = f"{ground.distance:.1f} levels" if np.isfinite(ground.distance) else "no such pattern"
         yield True, f"the background is not the empty scene ({figure}; at most {FOREIGN_GROUND_DISTANCE})"
         return
     if ground.distance > MAX_GROUND_DISTANCE:
         why = "cropped, zoomed, tilted, or another camera or other lamps; positions and sizes may be wrong"
         yield False, f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
-    if look.has_other_brightness:
+    if abs(ground.brightness) > MAX_BRIGHTNESS:
         yield False, exposure + corrected
     elif not MIN_GAIN < ground.gain < MAX_GAIN:
         why = corrected or ": cropped, or other levels"
         yield False, f"the background has {ground.gain:.0%} of the contrast of the empty scene{why}"
 
 
-def _of_the_colors(look: Look) -> Iterator[Reason]:
-    ground = look.ground
-    spread = look.frames.max(3) - look.frames.min(3)
+def _of_the_colors(frames: NDArray[np.uint8], ground: GroundFit) -> Iterator[Reason]:
+    spread = frames.max(3) - frames.min(3)
     if ground.color < FOREIGN_COLOR and np.quantile(spread, SATURATION_QUANTILE) < MIN_SATURATION:
         yield True, "it is in shades of grey"
     elif ground.color < -FOREIGN_COLOR:
@@ -174,7 +152,7 @@ def camera_motion(frames: NDArray[np.uint8]) -> float:
     Args:
         frames: (F, height, width, 3) uint8.
     """
-    images = np.stack([cells(frame).mean(2).astype(float) for frame in frames[::SPACING]])
+    images = np.stack([cells(frame).mean(2).astype(float) for frame in frames[::SPACING_FRAMES]])
     base = np.median(images, 0)
     down, right = np.gradient(base)
     y, x = np.mgrid[:ROWS, :COLUMNS] - np.array([ROWS - 1, COLUMNS - 1])[:, None, None] / 2

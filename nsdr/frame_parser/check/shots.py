@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from nsdr.world.timeline import FPS
 
-__all__ = ["change", "first_shot", "is_cut"]
+__all__ = ["change", "first_shot", "is_cut", "until_cut"]
 
 GRAY_SIZE = (120, 80)
 """Width and height of the images that are compared (pixels)."""
@@ -36,6 +37,15 @@ def change(frame: NDArray[np.uint8], following: NDArray[np.uint8]) -> float:
 def is_cut(before: float, now: float, after: float) -> bool:
     """Whether a frame begins a new shot, by the change to it, and those between the two frames before and from it on."""
     return now > max(MIN_CHANGE, JUMP * before, JUMP * after)
+
+
+def until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The frames (F, height, width, 3) of a sample before its first cut."""
+    changes = [0.0, *(change(a, b) for a, b in pairwise(frames))]
+    for k in range(1, len(frames) - 1):
+        if is_cut(changes[k - 1], changes[k], changes[k + 1]):
+            return frames[:k]
+    return frames
 
 
 def first_shot(frames: Iterator[NDArray[np.uint8]], path: str | Path, max_frames: int) -> Iterator[NDArray[np.uint8]]:

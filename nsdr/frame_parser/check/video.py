@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,19 +13,17 @@ from numpy.typing import NDArray
 from nsdr.errors import VideoError
 from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
 from nsdr.frame_parser.check.layout import find_layout, part_of
-from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, Look, reasons
-from nsdr.frame_parser.check.shots import change, first_shot, is_cut
+from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, SPACING_FRAMES, needed_levels, reasons
+from nsdr.frame_parser.check.shots import first_shot, until_cut
 from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
 from nsdr.validation import PositiveCount, Settings
-from nsdr.world.timeline import FPS
 
 __all__ = ["VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
 
-SAMPLED_SECONDS, SPACING_FRAMES = 2.56, 2
-"""The check looks at every second frame of this time."""
+SAMPLED_SECONDS = 2.56
+"""The check looks at this time of a video."""
 MEDIAN_SPACING = 2
-"""Of these, every second one makes the median frame, which saves time."""
-
+"""Every second one of the frames that are looked at makes the median frame, which saves time."""
 TURNED_SHARE = 0.5
 """A turned image fits if it leaves at most this share of the distance."""
 MIN_RANGE = 4.0
@@ -126,8 +123,8 @@ def _without_empty_start(frames: Iterator[NDArray[np.uint8]], path: str | Path) 
     else:
         return
     if empty:
-        what = f"the first {empty} frames show nothing"
-        warnings.warn(f"{path}: {what}; they are left out, and frames counted from there", stacklevel=2)
+        what = f"the first {empty} frames show nothing; they are left out, and frames counted from there"
+        warnings.warn(f"{path}: {what}", stacklevel=2)
     yield frame
     yield from frames
 
@@ -152,7 +149,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         brightness = float(sample.frames[0].mean())
         color = "black" if brightness < DARK else "white" if brightness > WHITE else "one flat colour"
         return VideoCheck((f"the background is {color}",))
-    frames = _until_cut(sample.frames[start:])
+    frames = until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
     box, layout, expected, warned = find_layout(median, sample.size_px, known)
     image, frames = part_of(median, box), part_of(frames, box)
@@ -165,15 +162,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
             (warned if turn == "mirrored" else refused).append(f"it is {turn}")
             image, ground, reference = turned(image, turn), after, fitting
-    seen = Look(frames, len(frames) * SPACING_FRAMES / FPS, image, reference, ground)
-    for is_certain, text in reasons(seen):
+    levels = needed_levels(frames, ground)
+    for is_certain, text in reasons(frames, image, reference, ground, levels is not None):
         (refused if is_certain else warned).append(text)
-    return VideoCheck(tuple(refused), tuple(warned), layout, seen.levels, ground)
-
-
-def _until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    changes = [0.0, *(change(a, b) for a, b in pairwise(frames))]
-    for k in range(1, len(frames) - 1):
-        if is_cut(changes[k - 1], changes[k], changes[k + 1]):
-            return frames[:k]
-    return frames
+    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground)

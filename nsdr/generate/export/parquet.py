@@ -16,8 +16,6 @@ __all__ = ["PARQUET"]
 
 QUESTIONS_PER_FILE = 50_000
 """Questions of a Parquet file; they are in memory while it is written. CLEVRER's train split has 152,572."""
-SIZES = {1_000: "n<1K", 10_000: "1K<n<10K", 100_000: "10K<n<100K", 1_000_000: "100K<n<1M", 10_000_000: "1M<n<10M"}
-"""The Hub's names of sizes, by the number of questions from which the next one holds."""
 CARD = """\
 ---
 {metadata}---
@@ -79,7 +77,6 @@ def _features(datasets: Any) -> Any:
 
 def _card(export: Export) -> str:
     identifier = export.config.license
-    total = sum(summary.questions for summary in export.splits.values())
     files = [{"split": split, "path": f"data/{split}-*.parquet"} for split in export.splits]
     metadata = {
         "pretty_name": "Videos of colliding objects with questions",
@@ -87,7 +84,6 @@ def _card(export: Export) -> str:
         "language": ["en"],
         "task_categories": ["video-text-to-text", "visual-question-answering"],
         "tags": ["clevrer", "synthetic"] if export.is_generated else ["clevrer"],
-        "size_categories": [next(name for limit, name in SIZES.items() if total < limit)],
         "configs": [{"config_name": "default", "data_files": files}],
     }
     statistics = ["| split | videos | questions | without answers |", "|---|---|---|---|"]

@@ -79,7 +79,6 @@ class SimulatedScene:
         mass: (n,) relative masses.
         n_frames: frames that the video shows.
         motion: motion over all simulated frames, and the collisions.
-        visible: (n, F) bool, whether CLEVRER's camera sees the object.
         counterfactual: collisions with each object removed, by the removed object's id; bodies are indexed as in `objects`.
     """
 
@@ -88,7 +87,6 @@ class SimulatedScene:
     mass: FloatArray
     n_frames: int
     motion: BulletMotion
-    visible: NDArray[np.bool_]
     counterfactual: Mapping[int, tuple[Contact, ...]]
 
 
@@ -114,11 +112,11 @@ def simulate_scene(seed: int, config: SceneConfig | None = None, simulator: Simu
         scene = _Construction(config, simulator, rng).build()
         if scene is None:
             continue
-        triples, bodies, motion, visible = scene
+        triples, bodies, motion = scene
         without = {i: _without(i, bodies, config, simulator) for i in range(len(bodies))}
         objects = tuple(SceneObject(i, *triple) for i, triple in enumerate(triples))
         mass = np.array([b.mass for b in bodies])
-        return SimulatedScene(seed, objects, mass, config.n_frames, motion, visible, without)
+        return SimulatedScene(seed, objects, mass, config.n_frames, motion, without)
     raise DataError(
         f"seed {seed}: no scene found in {RESTARTS} attempts; the configuration's speed or n_frames allows too few"
     )
@@ -148,8 +146,8 @@ class _Construction:
         self.bodies: list[Body] = []
         self.motion: BulletMotion | None = None
 
-    def build(self) -> tuple[list[Triple], list[Body], BulletMotion, NDArray[np.bool_]] | None:
-        """Attributes, start states, motion and visibility; None when the attempt failed."""
+    def build(self) -> tuple[list[Triple], list[Body], BulletMotion] | None:
+        """Attributes, start states and motion; None when the attempt failed."""
         if not self._add(self._first(), meets=True):
             return None
         participants = min(self.config.participants, self.n)
@@ -162,11 +160,11 @@ class _Construction:
         risen = np.abs(motion.location_world[..., 2] - OBJECT_RADIUS_WORLD).max(1)
         if any(b.shape != "sphere" and up > MAX_HEIGHT_CHANGE_WORLD for b, up in zip(self.bodies, risen, strict=True)):
             return None
-        paths = zip(self.bodies, motion.location_world, motion.orientation, strict=True)
-        visible = np.stack([in_image(b.shape, location, turn[:, 2]) for b, location, turn in paths])
-        if not visible[:, : self.config.n_frames].any(1).all():
+        shown = slice(self.config.n_frames)
+        paths = zip(self.bodies, motion.location_world[:, shown], motion.orientation[:, shown, 2], strict=True)
+        if not all(in_image(body.shape, location, yaw).any() for body, location, yaw in paths):
             return None
-        return self.triples, self.bodies, motion, visible
+        return self.triples, self.bodies, motion
 
     def _body(self, k: int, x: float, y: float, heading: float, speed: float) -> Body:
         shape = self.triples[k][2]
@@ -223,7 +221,7 @@ class _Construction:
         ahead = math.sqrt(TOUCHING_WORLD**2 - offset**2)
         x += ahead * math.cos(heading) - offset * math.sin(heading)
         y += ahead * math.sin(heading) + offset * math.cos(heading)
-        return self._in_area(x, y) and self._add(self._body(k, x, y, 0.0, 0.0), meets=True)
+        return _in_area(x, y) and self._add(self._body(k, x, y, 0.0, 0.0), meets=True)
 
     def _moving_participant(self, k: int, frame: int) -> bool:
         """Add an object that starts farther away and hits another one centrally at a frame."""
@@ -231,7 +229,7 @@ class _Construction:
         j = self._partner()
         (x, y), (vx, vy) = self.motion.location_world[j, frame, :2], self.motion.velocity[j, frame, :2]
         heading, speed = self.rng.uniform(0, 2 * math.pi), self.rng.uniform(*self.config.speed)
-        if not self._in_area(x, y):
+        if not _in_area(x, y):
             return False
         slid, arrival_speed = _slide(self.triples[k][2], speed, frame, self.config.physics)
         approach = math.atan2(arrival_speed * math.sin(heading) - vy, arrival_speed * math.cos(heading) - vx)
@@ -280,20 +278,22 @@ class _Construction:
         motion = self.simulator.run([*self.bodies, body], self.config.simulated_frames, stop=inadmissible)
         if not motion.complete:
             return False
-        if meets and new and not any(new in c.bodies and self._in_image(c) for c in motion.contacts):
+        if meets and new and not any(new in c.bodies and _in_image(c) for c in motion.contacts):
             return False
         self.bodies.append(body)
         self.motion = motion
         return True
 
-    def _in_image(self, contact: Contact) -> bool:
-        """Whether CLEVRER's image shows a point of contact."""
-        u, v = CLEVRER_CAMERA.pixels(contact.location_world)
-        return bool(0 < u < WIDTH_PX and 0 < v < HEIGHT_PX)
 
-    def _in_area(self, x: float, y: float) -> bool:
-        x0, x1, y0, y1 = AREA_WORLD
-        return x0 <= x <= x1 and y0 <= y <= y1
+def _in_image(contact: Contact) -> bool:
+    """Whether CLEVRER's image shows a point of contact."""
+    u, v = CLEVRER_CAMERA.pixels(contact.location_world)
+    return bool(0 < u < WIDTH_PX and 0 < v < HEIGHT_PX)
+
+
+def _in_area(x: float, y: float) -> bool:
+    x0, x1, y0, y1 = AREA_WORLD
+    return x0 <= x <= x1 and y0 <= y <= y1
 
 
 def _of_participant(values: Sequence[float], k: int) -> float:

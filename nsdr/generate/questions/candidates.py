@@ -3,9 +3,10 @@
 import random
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cache
 from itertools import combinations
+
+from msgspec.structs import replace
 
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question

@@ -8,11 +8,12 @@ as scenes allow about its answer, nor does "not" about its options'.
 import random
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from string import ascii_uppercase
 from typing import Annotated
 
 from msgspec import Meta
+from msgspec.structs import replace
 
 from nsdr.baselines.q_type import ANSWERS
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions

@@ -34,8 +34,6 @@ __all__ = ["Blender"]
 ASSET_SHAPES = {"cube": "SmoothCube_v2", "sphere": "Sphere", "cylinder": "SmoothCylinder"}
 ASSET_MATERIALS = {"rubber": "Rubber", "metal": "MyMetal"}
 """Names of the shapes and materials in CLEVR's asset files."""
-LAMP_OBJECTS = ("Lamp_Key", "Lamp_Fill", "Lamp_Back")
-"""Names of the lamps in CLEVR's base scene, in the order of `nsdr.generate.render.view.LAMPS`."""
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 """Cycles' GPU back ends, tried in this order."""
 
@@ -73,7 +71,7 @@ class Blender:
             _check_assets(self.assets)
         with quiet():
             self._open_base_scene()
-        self._lamp_positions = {name: tuple(self.bpy.data.objects[name].location) for name in LAMP_OBJECTS}
+        self._lamp_positions = [tuple(self.bpy.data.objects[lamp.name].location) for lamp in LAMPS]
         self._configure()
 
     def render(self, objects: Sequence[SceneObject], solids: Sequence[Solid], view: View, path: str | Path) -> None:
@@ -132,10 +130,8 @@ class Blender:
         camera.parent, camera.rotation_mode, camera.location = None, "XYZ", view.camera.eye_world
         camera.data.lens, camera.data.sensor_width = view.camera.lens_mm, SENSOR_MM
         camera.rotation_euler = (math.pi / 2 - pitch, 0, math.atan2(y, x) + math.pi / 2)
-        for name, shift in zip(LAMP_OBJECTS, view.lamp_shift_world, strict=True):
-            self.bpy.data.objects[name].location = [
-                a + b for a, b in zip(self._lamp_positions[name], shift, strict=True)
-            ]
+        for lamp, position, shift in zip(LAMPS, self._lamp_positions, view.lamp_shift_world, strict=True):
+            self.bpy.data.objects[lamp.name].location = [a + b for a, b in zip(position, shift, strict=True)]
 
     def _object(self, o: SceneObject) -> Any:
         key = (o.color, o.material, o.shape)
@@ -199,10 +195,10 @@ class Blender:
     def _build_substitute_scene(self) -> None:
         data, scene = self.bpy.data, self.bpy.context.scene
         scene.camera = self._linked("Camera", data.cameras.new("Camera"))
-        for lamp, name in zip(LAMPS, LAMP_OBJECTS, strict=True):
-            light = data.lights.new(name, "AREA")
+        for lamp in LAMPS:
+            light = data.lights.new(lamp.name, "AREA")
             light.energy, light.size, light.color = lamp.power, lamp.side_world, lamp.color
-            self._linked(name, light).location = lamp.location_world
+            self._linked(lamp.name, light).location = lamp.location_world
         sun = data.lights.new("Sun", "SUN")
         sun.energy, sun.angle = SUN_STRENGTH, SUN_ANGLE
         x, y, z = SUN_DIRECTION

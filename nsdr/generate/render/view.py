@@ -78,7 +78,7 @@ class Lamp:
     """A square area lamp. In CLEVR's base scene it faces the origin; in the substitutes for it, down.
 
     Attributes:
-        name: "key", "fill" or "back".
+        name: of the object in CLEVR's base scene.
         location_world: centre (x, y, z).
         side_world: side length (world units).
         power: radiant power (W).
@@ -93,9 +93,9 @@ class Lamp:
 
 
 LAMPS = (
-    Lamp("key", (6.447, -2.905, 4.258), 0.5, 78.54, (1.0, 0.932, 0.817)),
-    Lamp("fill", (-4.671, -4.014, 3.011), 0.5, 23.56, (0.762, 0.818, 1.0)),
-    Lamp("back", (-1.169, 2.646, 5.816), 1.0, 39.27, (1.0, 1.0, 1.0)),
+    Lamp("Lamp_Key", (6.447, -2.905, 4.258), 0.5, 78.54, (1.0, 0.932, 0.817)),
+    Lamp("Lamp_Fill", (-4.671, -4.014, 3.011), 0.5, 23.56, (0.762, 0.818, 1.0)),
+    Lamp("Lamp_Back", (-1.169, 2.646, 5.816), 1.0, 39.27, (1.0, 1.0, 1.0)),
 )
 """The lamps of CLEVR's base scene."""
 SUN_STRENGTH = 0.45
