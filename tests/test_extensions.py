@@ -221,7 +221,7 @@ def test_physics_fits_its_scene(known: Scene) -> None:
         ("How fast is the red cube moving at the end of the video?", f"{RED} {END} query_speed"),
         ("When the video begins, how fast is the red cube?", f"{RED} {START} query_speed"),
         ("Which direction is the red cube moving when the video ends?", f"{RED} {END} query_direction"),
-        ("Does the red cube weigh less than the blue one?", f"{BLUE} {RED} is_heavier"),
+        ("Does the red cube weigh less than the blue object?", f"{BLUE} {RED} is_heavier"),
         ("Which of the red cube and the blue object is heavier?", f"{RED} {BLUE} get_heavier query_name"),
         ("Which sphere moves the fastest?", "objects sphere filter_shape null filter_fastest unique query_name"),
         ("What colour is the lightest object?", "objects filter_lightest unique query_color"),

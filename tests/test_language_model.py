@@ -194,7 +194,7 @@ def test_the_default_asks_for_what_the_rules_cannot_read_and_checks_it(stub, par
     both = AutoParser(parser)
     assert str(both.parse("How many cubes enter the scene?")) == "events objects cube filter_shape filter_in count"
     assert not stub.asked
-    text = "Red cubes that enter the scene, of them there are how many?"
+    text = "Many red cubes enter the scene, how?"
     with pytest.warns(UserWarning, match="understood as 'How many red cubes enter the scene"):
         assert str(both.parse(text)) == PROGRAM
     for wrong in (PROGRAM.replace("red", "blue"), PROGRAM.replace("red filter_color ", "")):

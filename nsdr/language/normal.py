@@ -192,12 +192,16 @@ def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
     """Words with noun phrases and attribute words joined; "that be red" and "made of metal" join their noun phrase."""
     parts: list[str | Slot] = []
     attributes: list[str] = []
+    last_shape = ""
     for word in words:
         if word in ADJECTIVES:
             attributes.append(ADJECTIVES[word])
             continue
         if word in NOUNS or (word in ("one", "ones") and attributes):
-            shape, form = NOUNS.get(word) or ("", "NS" if word == "ones" else "N")
+            has_shape = any(CATEGORY[w] == "shape" for w in attributes)
+            one = ("" if has_shape else last_shape, "NS" if word == "ones" else "N")  # "the red cube and the blue one"
+            shape, form = NOUNS.get(word, one)
+            last_shape = shape
             _append_slot(parts, form, [*attributes, *([shape] if shape else [])])
             attributes = []
             continue
@@ -208,7 +212,22 @@ def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
             parts.append(word)
     if attributes:
         _append_slot(parts, "A", attributes)
-    return _with_postmodifiers(parts)
+    return _with_pairs(_with_postmodifiers(parts))
+
+
+def _with_pairs(parts: list[str | Slot]) -> list[str | Slot]:
+    """Two objects under one noun as two: "the red and the blue cube(s)" is "the red cube and the blue cube"."""
+    for i in range(1, len(parts) - 2):
+        end = i + 3 if parts[i + 2] == "the" else i + 2
+        first, second = parts[i], parts[end] if end < len(parts) else ""
+        if parts[i - 1] != "the" or parts[i + 1] != "and" or not isinstance(first, Slot) or first.form != "A":
+            continue
+        if isinstance(second, Slot) and (second.form == "NS" or (second.form == "N" and end == i + 3)):
+            named = {CATEGORY[w] for w in first.words}
+            both = [w for w in second.words if CATEGORY[w] not in named]
+            pair = Slot("N", in_order((*first.words, *both))), "and", "the", Slot("N", second.words)
+            return [*parts[:i], *pair, *parts[end + 1 :]]
+    return parts
 
 
 def _append_slot(parts: list[str | Slot], form: str, words: Sequence[str]) -> None:

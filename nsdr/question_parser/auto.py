@@ -1,4 +1,4 @@
-"""The default parser: rules, and for texts that they cannot read a second parser, whose programs are checked."""
+"""The default parser: rules, then what a text mentions, then a second parser, whose programs are checked."""
 
 import warnings
 from collections import Counter
@@ -15,6 +15,7 @@ from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_for
 from nsdr.language.slots import Slot
 from nsdr.language.texts import in_words
 from nsdr.question_parser.base import Parser
+from nsdr.question_parser.contents import content_readings
 from nsdr.question_parser.grammar import GrammarParser, NoReadingError
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
@@ -109,15 +110,16 @@ class Checked(Parser):
             if isinstance(program, NsdrError):
                 found.append(program)
             elif not normal_form(text).left_out and says_the_same(text, program):
-                warnings.warn(f"{text!r}: understood as {in_words(program)!r}", stacklevel=4)
-                found.append(program)
+                found.append(_understood(text, program))
             else:
                 found.append(NoReadingError(f"{text!r} fits no program"))
         return found
 
 
 class AutoParser(Parser):
-    """Parses by rules; a text that they cannot read goes to a second parser, whose program must say the same as the text.
+    """Parses by rules; a text that they cannot read, by what it mentions (`content_readings`).
+
+    What that does not tell goes to a second parser, whose program must say the same as the text.
 
     Args:
         second: the second parser, or a function that loads it when it is first needed.
@@ -164,18 +166,28 @@ class AutoParser(Parser):
         return parser.to(self._device) if self._device and hasattr(parser, "to") else parser
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`. A program of the second parser comes with a warning that says what was understood."""
+        """As of `Parser`. A program that is not of the rules comes with a warning that says what was understood."""
         found = self.grammar.parse_batch(texts, kind)
-        unread = [
-            i for i, f in enumerate(found) if isinstance(f, NoReadingError) and not normal_form(texts[i]).left_out
-        ]
+        unread: list[int] = []
+        for i, text in enumerate(texts):
+            if not isinstance(found[i], NoReadingError) or normal_form(text).left_out:
+                continue
+            programs = content_readings(text, kind)
+            if len(programs) == 1:
+                found[i] = _understood(text, Program.parse(programs[0]))
+            else:
+                unread.append(i)
         if unread:
-            for i, program in zip(
-                unread, Checked(self.second).parse_batch([texts[i] for i in unread], kind), strict=True
-            ):
+            checked = Checked(self.second).parse_batch([texts[i] for i in unread], kind)
+            for i, program in zip(unread, checked, strict=True):
                 if isinstance(program, Program):
                     found[i] = program
         return found
+
+
+def _understood(text: str, program: Program) -> Program:
+    warnings.warn(f"{text!r}: understood as {in_words(program)!r}", stacklevel=5)
+    return program
 
 
 def _networks(folder: str | Path) -> Parser:
