@@ -21,7 +21,7 @@ from nsdr.types import VideoProposals
 from nsdr.validation import PositiveCount, convert, expect, shown
 from nsdr.world.timeline import VIDEO_FRAMES
 
-__all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"]
+__all__ = ["CLEVRER", "KINDS", "SPLITS", "Entry", "Inventory", "Split"]
 
 SPLITS = {"train": range(0, 10000), "validation": range(10000, 15000), "test": range(15000, 20000)}
 """Video indices of each split."""
