@@ -19,9 +19,9 @@ from nsdr.baselines.features.extraction import (
     FeatureExtractor,
     extract_features,
     region_features,
-    spaced,
 )
-from nsdr.baselines.features.files import FeatureCache, FeatureConfig, feature_file
+from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig, feature_file, spaced
+from nsdr.baselines.features.truth import truth_features
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
@@ -206,21 +206,27 @@ def test_the_grid_has_the_means_of_the_maps(config) -> None:
         replace(config, grid=(3, 3))
 
 
-def proposals(rows: list[tuple[int, float, tuple[int, int, int, int]]], n_frames: int, **more) -> VideoProposals:
+def proposals(rows: list[tuple[int, float, tuple[int, int, int, int]]], n_frames: int, attribute=0) -> VideoProposals:
     frame, score, box = (list(column) for column in zip(*rows, strict=True))
     zeros = np.zeros(len(rows))
     return VideoProposals(
-        n_frames, np.array(frame), zeros.astype(int), np.array(score), np.c_[zeros, zeros], zeros.astype(int) + 50,
-        np.array(box), **more
+        n_frames, np.array(frame), zeros.astype(int) + attribute, np.array(score), np.c_[zeros, zeros],
+        zeros.astype(int) + 50, np.array(box)
     )  # fmt: skip
 
 
-def test_objects_are_the_best_of_each_frame() -> None:
-    boxes = [(0, 0.95, (0, 0, 240, 160)), (0, 0.99, (240, 0, 480, 160)), (0, 0.92, (0, 160, 480, 320))]
-    found = proposals([*boxes, (2, 0.9, (0, 0, 20, 20))], 3)  # a score of 0.9 is not above it
-    first, *others = extraction.best_boxes(found, 2)
-    np.testing.assert_allclose(first, [[0.5, 0, 1, 0.5], [0, 0, 0.5, 0.5]])
-    assert [box.shape for box in others] == [(0, 4), (0, 4)]
+def test_detections_with_the_same_attributes_are_one_object() -> None:
+    boxes = [(0, 0.95, (0, 0, 240, 160)), (0, 0.99, (240, 0, 480, 160)), (1, 0.92, (0, 160, 480, 320))]
+    found = proposals([*boxes, (2, 0.9, (0, 0, 20, 20))], 3, attribute=[7, 3, 3, 7])  # a score of 0.9 is not above it
+    often, once = extraction.linked_boxes(found, 2).swapaxes(0, 1)
+    np.testing.assert_allclose(often, [[0.5, 0, 1, 0.5], [0, 0.5, 1, 1], [0, 0, 0, 0]])
+    np.testing.assert_allclose(once, [[0, 0, 0.5, 0.5], [0, 0, 0, 0], [0, 0, 0, 0]])
+    assert extraction.linked_boxes(found, 1).tolist() == often[:, None].tolist()
+
+
+def test_of_two_detections_of_an_object_the_better_one_stays() -> None:
+    found = proposals([(0, 0.99, (0, 0, 240, 160)), (0, 0.95, (240, 0, 480, 160))], 1)
+    np.testing.assert_allclose(extraction.linked_boxes(found, 1), [[[0, 0, 0.5, 0.5]]])
 
 
 def test_the_frame_parser_finds_the_objects(config, tmp_path) -> None:
@@ -242,10 +248,70 @@ def test_a_region_has_the_mean_of_its_part_of_the_map() -> None:
     maps = torch.zeros(1, 2, 4, 8)
     maps[0, 0, :, :4], maps[0, 1, :, 4:] = 3, 5
     left, right = [0, 0, 0.4, 1], [0.6, 0, 1, 1]
-    features = region_features(maps, [np.array([left, right], np.float32)], 3)[0]
+    features = region_features(maps, np.array([[left, right, [0] * 4]], np.float32))[0]
     torch.testing.assert_close(features[:2], torch.tensor([[3, 0, *left], [0, 5, *right]]))
     assert not features[2].any()
-    assert not region_features(maps, [np.zeros((0, 4), np.float32)], 3).any()
+    assert not region_features(maps, np.zeros((1, 3, 4), np.float32)).any()
+
+
+@pytest.fixture(scope="module")
+def annotated(tmp_path_factory) -> Path:
+    """A data set of two annotated scenes without videos."""
+    folder = tmp_path_factory.mktemp("annotated")
+    config = DatasetConfig(
+        str(folder), 2, splits={"train": 1.0}, renderer="none", masks=False, questions=None, workers=1
+    )
+    generate_dataset(config)
+    return folder
+
+
+def test_truth_is_extracted_by_the_command_line(annotated, tmp_path, capsys) -> None:
+    out = str(tmp_path / "out")
+    given = ["extract-features", "--from", "truth", "--root", str(annotated), "-o", out, "--workers", "1"]
+    assert main([*given, "--features.frames", "4"]) == 0
+    assert "features of 2 videos" in capsys.readouterr().out
+    cache = FeatureCache(out, {"maps"})
+    assert (cache.channels, cache.grid) == (17, (8, 12))
+    found = cache.get(1, {"maps", "objects", "pooled"})
+    assert {kind: value.shape for kind, value in found.items()} == {
+        "maps": (4, 17, 8, 12), "objects": (4, 10, 17), "pooled": (4, 17 * 24), "has_object": (4, 10)
+    }  # fmt: skip
+    assert main([*given, "--features.frames", "5"]) == 2  # other features are in the folder
+    assert "frames 4 in place of 5" in capsys.readouterr().err
+    assert main([*given[:-2], "--features.backbone", "resnet18"]) == 2  # there is no network
+    assert main([*given, "--from", "pixels"]) == 2
+    assert main([*given[:-3], str(tmp_path / "other"), "--features.pooled_grid", "[3, 6]"]) == 2
+    assert "pooled_grid is [3, 6]; expected divisors of the grid's [8, 12]" in capsys.readouterr().err
+
+
+def test_features_of_truth_are_words_and_boxes() -> None:
+    def state(index: int, place: tuple[float, float], seen: bool) -> dict:
+        return {"object_id": index, "location": [*place, 0.2], "orientation": [0.0] * 3, "inside_camera_view": seen}
+
+    things = [
+        {"object_id": 0, "color": "red", "material": "metal", "shape": "sphere"},
+        {"object_id": 1, "color": "blue", "material": "rubber", "shape": "cube"},
+    ]
+    motion = [{"objects": [state(0, (0, -1), True), state(1, (0, 1), seen)]} for seen in (True, False)]
+    config = TruthConfig(frames=2, max_objects=3)
+    found = truth_features({"object_property": things, "motion_trajectory": motion}, config)
+    words = [word for known in ATTRIBUTES.values() for word in known]
+    objects, maps = found["objects"], found["maps"]
+    assert {words[i] for i in np.flatnonzero(objects[0, 0, :-4])} == {"red", "metal", "sphere"}
+    assert {words[i] for i in np.flatnonzero(objects[0, 1, :-4])} == {"blue", "rubber", "cube"}
+    assert not objects[1, 1:].any()  # not seen, and no third object
+    left, top, right, bottom = objects[0, 0, -4:]
+    assert 0 < left < right < 0.5 < objects[0, 1, -4]  # y is to the right
+    red = maps[0, words.index("red")]
+    assert red.sum() == pytest.approx(
+        (right - left) * 12 * (bottom - top) * 8, rel=1e-6
+    )  # the covered share of each cell
+    row, column = np.unravel_index(red.argmax(), red.shape)
+    box = maps[0, -4:, row, column] / red.max() / [12, 8, 12, 8] + np.tile([(column + 0.5) / 12, (row + 0.5) / 8], 2)
+    np.testing.assert_allclose(box, objects[0, 0, -4:])
+    pooled = found["pooled"].reshape(2, 17, 4, 6)
+    np.testing.assert_allclose(pooled[0, words.index("red"), 0, 0], red[:2, :2].mean())
+    np.testing.assert_allclose(pooled[0, words.index("red")].mean(), red.mean())
 
 
 def test_frames_are_evenly_spaced() -> None:

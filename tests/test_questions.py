@@ -93,6 +93,21 @@ def test_generation_is_deterministic(scenes) -> None:
     assert list(generate_questions(scenes[:4], QuestionConfig(seed=1))) != once
 
 
+def test_plain_questions_are_about_objects_alone_and_follow_clevrers(scenes, generated) -> None:
+    with_plain = list(generate_questions(scenes, QuestionConfig(plain_per_video=12)))
+    endings = Counter()
+    for (_, _, scene), before, found in zip(scenes, generated, with_plain, strict=True):
+        plain = found.questions[len(before.questions) :]
+        assert found.questions[: len(before.questions)] == before.questions
+        assert 8 <= len({q.text for q in plain}) == len(plain) <= 12
+        for q in plain:
+            assert q.program is not None
+            assert not {"events", "filter_in", "filter_out", "filter_collision"} & set(q.program)
+            assert Executor(scene).answer(q.program).answer == q.answer
+            endings[q.program[-1]] += 1
+    assert set(endings) == {"count", "exist", "query_color", "query_material", "query_shape"}
+
+
 def test_scenes_with_partial_truth_get_fewer_types(small_scene) -> None:
     partial = Scene(small_scene.objects, 128, small_scene.visible, None, small_scene.events)
     types = {q.type for s in generate_questions([(0, "v", partial)] * 3) for q in s.questions}

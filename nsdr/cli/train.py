@@ -1,5 +1,6 @@
 """`nsdr train PART` and `nsdr extract-features`: their arguments are fields of a configuration."""
 
+import argparse
 import logging
 import re
 from importlib import import_module
@@ -28,13 +29,20 @@ def train(arguments: list[str]) -> int:
 
 
 def extract_features(arguments: list[str]) -> int:
-    """Extract features of videos for the baselines."""
-    from nsdr.baselines.features.extraction import FeatureExtraction, extract_features as extract
+    """Extract features of videos for the baselines, or make them of the truth."""
+    from nsdr.baselines.features.extraction import FeatureExtraction, TruthExtraction, extract_features as extract
     from nsdr.io.files import check_output_folder
 
-    fields = [a for a in arguments if a != KEEP_GOING]
-    extraction = configured(FeatureExtraction, fields, "extract-features")
+    own = argparse.ArgumentParser("nsdr extract-features", add_help=False, allow_abbrev=False)
+    own.add_argument("--from", dest="source", choices=("videos", "truth"), default="videos")
+    own.add_argument(KEEP_GOING, action="store_true")
+    options, fields = own.parse_known_args(arguments)
+    extraction: FeatureExtraction | TruthExtraction = (
+        configured(TruthExtraction, fields, "extract-features")
+        if options.source == "truth"
+        else configured(FeatureExtraction, fields, "extract-features")
+    )
     check_output_folder(extraction.output)
-    count = extract(extraction, KEEP_GOING in arguments)
+    count = extract(extraction, options.keep_going)
     print(f"{extraction.output}: features of {count} videos")
     return left_out(extraction.output)

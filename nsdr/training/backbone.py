@@ -23,7 +23,8 @@ from nsdr.baselines.features.backbone import (
     FrameScores,
     image_batch,
 )
-from nsdr.baselines.features.extraction import frames_of, spaced
+from nsdr.baselines.features.extraction import frames_of
+from nsdr.baselines.features.files import spaced
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path

@@ -18,20 +18,32 @@ from torchvision.ops import roi_align
 
 from nsdr.baselines.features import VERSION
 from nsdr.baselines.features.backbone import image_batch, load_backbone
-from nsdr.baselines.features.files import BOX_NUMBERS, MANIFEST, FeatureCache, FeatureConfig, feature_file, manifest_of
-from nsdr.clevrer.dataset import CLEVRER, SPLITS
+from nsdr.baselines.features.files import (
+    BOX_NUMBERS,
+    MANIFEST,
+    FeatureCache,
+    FeatureConfig,
+    TruthConfig,
+    feature_file,
+    spaced,
+)
+from nsdr.baselines.features.truth import truth_features
+from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
+from nsdr.clevrer.files.annotations import check_annotation
 from nsdr.errors import DataError
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.io.device import limit_threads, resolve_device, resolve_precision
 from nsdr.io.files import atomic_path, find_files, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
+from nsdr.io.reading import parse_json
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES
 
-__all__ = ["FeatureExtraction", "FeatureExtractor", "extract_features", "find_videos", "frames_of", "spaced"]
+__all__ = ["FeatureExtraction", "FeatureExtractor", "TruthExtraction", "extract_features", "find_videos", "frames_of"]
 
 REGION_CELLS = 7
 """Cells along each side of a region, of which the mean is taken."""
@@ -42,27 +54,81 @@ REGION_SAMPLES = 2
 
 
 @dataclass(frozen=True)
-class FeatureExtraction(Settings):
+class _Extraction(Settings):
+    root: PathName
+    output: PathName
+    engine: Annotated[str, one_of(ENGINES)] = "processes"
+    workers: Count = 0
+
+
+@dataclass(frozen=True)
+class FeatureExtraction(_Extraction):
     """Features of all videos of a data set.
 
     Attributes:
         root: folder of a data set in the official layout (zips included), or any folder with `video_N.mp4`.
         output: folder to write; what an earlier run wrote is kept under its fingerprint.
-        features: the settings.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
+        features: the settings.
         device: where the networks of every process run: auto, cpu, cuda or cuda:N.
     """
 
-    root: PathName
-    output: PathName
     features: FeatureConfig = field(default_factory=FeatureConfig)
-    engine: Annotated[str, one_of(ENGINES)] = "processes"
-    workers: Count = 0
     device: str = "auto"
 
+    def resolved(self, kept: FeatureCache | None) -> "FeatureExtraction":
+        """With a known device and precision: that of the folder's features, or else the device's best."""
+        device, config = resolve_device(self.device), self.features
+        if config.precision == "auto":
+            best = str(resolve_precision("auto", device)).removeprefix("torch.")
+            config = replace(config, precision=kept.manifest["features"].get("precision", best) if kept else best)
+        load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
+        return replace(self, features=config, device=str(device))
 
-def extract_features(extraction: FeatureExtraction, keep_going: bool = False) -> int:
+    def inputs(self) -> dict[int, Path]:
+        """The videos by index."""
+        return find_videos(self.root)
+
+    def features_of(self, video: Path) -> dict[str, NDArray[Any]]:
+        """The features of a video by kind."""
+        return _extractor(self.features, self.device)(frames_of(video))
+
+
+@dataclass(frozen=True)
+class TruthExtraction(_Extraction):
+    """Features of all annotations of a data set, in place of its videos.
+
+    Attributes:
+        root: folder of a data set in the official layout (zips included); it needs no videos.
+        output: folder to write; what an earlier run wrote is kept under its fingerprint.
+        engine: "processes" or "ray".
+        workers: processes, 0 for one a CPU core.
+        features: the settings.
+    """
+
+    features: TruthConfig = field(default_factory=TruthConfig)
+
+    def resolved(self, kept: FeatureCache | None) -> "TruthExtraction":
+        """Itself."""
+        return self
+
+    def inputs(self) -> dict[int, Entry]:
+        """The annotations by index."""
+        dataset = CLEVRER(self.root)
+        found = {i: entry for name in SPLITS for i, entry in dataset.split(name).entries("annotations").items()}
+        if not found:
+            raise DataError(f"{self.root}: holds no annotations; make some with `nsdr generate dataset`")
+        return found
+
+    def features_of(self, annotation: Entry) -> dict[str, NDArray[Any]]:
+        """The features of a video by kind."""
+        content = parse_json(annotation.read(), str(annotation))
+        check_annotation(content, len(content.get("motion_trajectory", ())), f"{annotation}: ")
+        return truth_features(content, self.features)
+
+
+def extract_features(extraction: FeatureExtraction | TruthExtraction, keep_going: bool = False) -> int:
     """Write the features of every video for `FeatureCache`. A second process that writes to the folder waits.
 
     Args:
@@ -76,23 +142,27 @@ def extract_features(extraction: FeatureExtraction, keep_going: bool = False) ->
         DataError: no videos, the folder has features of other settings, or a video failed.
         CheckpointError: weights cannot be found or loaded.
     """
-    folder, device, config = Path(extraction.output), resolve_device(extraction.device), extraction.features
-    kept = FeatureCache(folder) if (folder / MANIFEST).is_file() else None
-    if config.precision == "auto":  # that of the folder's features, or else the device's best
-        best = str(resolve_precision("auto", device)).removeprefix("torch.")
-        config = replace(config, precision=kept.manifest["features"]["precision"] if kept else best)
-    manifest = manifest_of(config)
+    folder = Path(extraction.output)
+    extraction = extraction.resolved(FeatureCache(folder) if (folder / MANIFEST).is_file() else None)
+    manifest = extraction.features.manifest()
     common = fingerprint(config=[VERSION, manifest]).encode()
     jobs = []
-    for index, video in find_videos(extraction.root).items():
-        jobs.append(Job(video.name, video, feature_file(folder, index), fingerprint(inputs=[common, video])))
+    for index, item in extraction.inputs().items():
+        content = item.read() if isinstance(item, Entry) else item
+        output = feature_file(folder, index)
+        jobs.append(Job(f"video {index}", item, output, fingerprint(inputs=[common, content])))
     with locked(folder, wait=True):
         if (folder / MANIFEST).is_file():
-            FeatureCache(folder).check(config)
-        load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
+            FeatureCache(folder).check(extraction.features)
         write_json(folder / MANIFEST, manifest, indent=1)
-        summary = run_jobs(partial(_extract, config, str(device)), jobs, folder, extraction.engine, extraction.workers)
+        summary = run_jobs(partial(_extract, extraction), jobs, folder, extraction.engine, extraction.workers)
     return len(summary.succeeded(jobs, folder, keep_going))
+
+
+def _extract(extraction: FeatureExtraction | TruthExtraction, item: Any, output: Path) -> None:
+    features = {kind: value.astype(np.float16) for kind, value in extraction.features_of(item).items()}
+    with atomic_path(output) as temporary:
+        temporary.write_bytes(safetensors.save(features))
 
 
 def find_videos(root: str | Path) -> dict[int, Path]:
@@ -115,12 +185,6 @@ def find_videos(root: str | Path) -> dict[int, Path]:
     return found
 
 
-def _extract(config: FeatureConfig, device: str, video: Path, output: Path) -> None:
-    content = safetensors.save(_extractor(config, device)(frames_of(video)))
-    with atomic_path(output) as temporary:
-        temporary.write_bytes(content)
-
-
 @lru_cache(maxsize=1)
 def _extractor(config: FeatureConfig, device: str) -> "FeatureExtractor":
     """The extractor of a worker process, loaded once."""
@@ -132,11 +196,6 @@ def frames_of(video: str | Path) -> list[NDArray[np.uint8]]:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*resized to")
         return list(read_frames(video))
-
-
-def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
-    """`count` frame indices, evenly spaced from the first to the last one; of a shorter video, some repeatedly."""
-    return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
 
 
 class FeatureExtractor:
@@ -186,8 +245,8 @@ class FeatureExtractor:
         if "maps" in c.kinds:
             features["maps"] = maps if c.grid is None else adaptive_avg_pool2d(maps, c.grid)
         if self.parser is not None:
-            boxes = best_boxes(self.parser.parse(chosen), c.max_objects)
-            features["objects"] = region_features(maps, boxes, c.max_objects)
+            boxes = linked_boxes(self.parser.parse(chosen), c.max_objects)
+            features["objects"] = region_features(maps, boxes)
         half = {kind: value.to("cpu", torch.float16).contiguous() for kind, value in features.items()}
         for kind, value in half.items():
             if not bool(value.isfinite().all()):
@@ -195,34 +254,39 @@ class FeatureExtractor:
         return {kind: value.numpy() for kind, value in half.items()}
 
 
-def best_boxes(proposals: VideoProposals, max_objects: int) -> list[NDArray[np.float32]]:
-    """(N, 4) boxes of at most `max_objects` objects of each frame, best first, as shares of the image."""
+def linked_boxes(proposals: VideoProposals, max_objects: int) -> NDArray[np.float32]:
+    """Boxes (F, max_objects, 4) of a video's objects as shares of the image, zeros where an object is not seen.
+
+    An object keeps its place. CLEVRER's objects differ in their attributes, so detections with the same attributes are of one
+    object. Those that are seen in most frames come first; where there are too many, the others are left out.
+    """
     p = proposals
+    found = np.flatnonzero((p.score > MIN_SCORE) & (p.area_px > 0))
+    found = found[np.argsort(p.score[found], kind="stable")]
+    seen = np.zeros((N_ATTRIBUTE_TRIPLES, p.n_frames, BOX_NUMBERS), np.float32)
     sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
-    boxes = []
-    for frame in range(p.n_frames):
-        rows = np.flatnonzero((p.frame_index == frame) & (p.score > MIN_SCORE) & (p.area_px > 0))
-        best = rows[np.argsort(-p.score[rows], kind="stable")][:max_objects]
-        boxes.append((p.box_xyxy_px[best] / sides).astype(np.float32))
-    return boxes
+    seen[p.attribute[found], p.frame_index[found]] = (
+        p.box_xyxy_px[found] / sides
+    )  # of two in a frame the last, the best, stays
+    order = np.argsort(-seen.any(2).sum(1), kind="stable")[:max_objects]
+    return np.ascontiguousarray(seen[order].swapaxes(0, 1))
 
 
-def region_features(maps: Tensor, boxes: Sequence[NDArray[np.float32]], max_objects: int) -> Tensor:
+def region_features(maps: Tensor, boxes: NDArray[np.float32]) -> Tensor:
     """Mean features of regions, and their boxes.
 
     Args:
         maps: (F, C, h, w) float32.
-        boxes: of each frame (N, 4) left, top, right and bottom as shares of the image, N at most `max_objects`.
-        max_objects: objects of a frame.
+        boxes: (F, N, 4) left, top, right and bottom as shares of the image, zeros for none.
 
     Returns:
-        (F, max_objects, C + 4), padded with zeros.
+        (F, N, C + 4), zeros where there is no box.
     """
-    n_frames, channels, height, width = maps.shape
-    features = maps.new_zeros(n_frames, max_objects, channels + BOX_NUMBERS)
-    shares = [torch.from_numpy(b).to(maps.device) for b in boxes]
-    regions = [s * maps.new_tensor([width, height, width, height]) for s in shares]
+    height, width = maps.shape[2:]
+    shares = torch.from_numpy(boxes).to(maps.device)
+    frame, place = torch.nonzero(shares.any(2), as_tuple=True)
+    regions = torch.cat([frame[:, None], shares[frame, place] * maps.new_tensor([width, height, width, height])], 1)
     pooled = roi_align(maps.contiguous(), regions, REGION_CELLS, 1.0, REGION_SAMPLES, aligned=True).mean((2, 3))
-    for frame, (share, found) in enumerate(zip(shares, pooled.split([len(s) for s in shares]), strict=True)):
-        features[frame, : len(share)] = torch.cat([found, share], 1)
+    features = maps.new_zeros(*shares.shape[:2], maps.shape[1] + BOX_NUMBERS)
+    features[frame, place] = torch.cat([pooled, shares[frame, place]], 1)
     return features

@@ -20,8 +20,9 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import LEDGER
 from nsdr.io.reading import read_json
 from nsdr.validation import MAX_SIZE, Settings, Size, one_of
+from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
 
-__all__ = ["KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "feature_file", "manifest_of"]
+__all__ = ["KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "TruthConfig", "feature_file", "spaced"]
 
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
@@ -29,6 +30,10 @@ MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
+TRUTH_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
+"""Numbers of an object in features from truth: its attribute words, each 0 or 1, and its box."""
+Objects = Annotated[int, Meta(ge=1, le=N_ATTRIBUTE_TRIPLES)]
+"""Objects of a video, which differ in their attributes."""
 Side = Annotated[int, Meta(ge=STRIDE, le=MAX_SIZE)]
 """Height or width of an image (pixels)."""
 
@@ -45,7 +50,7 @@ class FeatureConfig(Settings):
         grid: height and width to which the maps are pooled by means; None leaves them as they are.
         kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" (of the third stage) and "objects".
         detector: checkpoint of the frame parser that finds the objects.
-        max_objects: objects of a frame; those with the best scores.
+        max_objects: objects of a video; those that are seen in most frames.
         precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
 
     Raises:
@@ -59,13 +64,12 @@ class FeatureConfig(Settings):
     grid: tuple[Size, Size] | None = None
     kinds: tuple[str, ...] = KINDS
     detector: str = "default"
-    max_objects: Size = 10
+    max_objects: Objects = 10
     precision: Annotated[str, one_of(PRECISIONS)] = "auto"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.kinds or len(set(self.kinds)) < len(self.kinds) or not set(self.kinds) <= set(KINDS):
-            raise DataError(f"kinds is {list(self.kinds)}; expected one or more of {', '.join(KINDS)}, each once")
+        check_kinds(self.kinds)
         if self.grid is not None:
             height, width = self.map_size
             if self.grid[0] > height or self.grid[1] > width:
@@ -86,18 +90,74 @@ class FeatureConfig(Settings):
             return self.frames, third, *(self.grid or self.map_size)
         return self.frames, self.max_objects, third + BOX_NUMBERS
 
+    def manifest(self) -> dict[str, Any]:
+        """How features are made, as plain values: the weights by their content, and nothing about objects where there are none.
 
-def manifest_of(config: FeatureConfig) -> dict[str, Any]:
-    """How features are made, as plain values: the weights by their content, and nothing about objects where there are none.
+        Raises:
+            CheckpointError: there is no such checkpoint.
+        """
+        values = asdict(self) | {"weights": _content(self.weights, "backbone")}
+        if "objects" in self.kinds:
+            values["detector"] = _content(self.detector, "frame_parser")
+        else:
+            del values["detector"], values["max_objects"]
+        return _plain(values, self)
+
+
+@dataclass(frozen=True)
+class TruthConfig(Settings):
+    """How features are made of a video's annotation in place of its pixels.
+
+    Attributes:
+        frames: number of frames, evenly spaced from the first to the last one.
+        grid: height and width of the maps.
+        pooled_grid: height and width of a coarser grid, over whose cells the maps are averaged for "pooled".
+        kinds: what is written: "pooled", "maps" and "objects".
+        max_objects: objects of a video.
 
     Raises:
-        CheckpointError: there is no such checkpoint.
+        DataError: a value out of its range; names it.
     """
-    values = asdict(config) | {"weights": _content(config.weights, "backbone")}
-    if "objects" in config.kinds:
-        values["detector"] = _content(config.detector, "frame_parser")
-    else:
-        del values["detector"], values["max_objects"]
+
+    frames: Size = 25
+    grid: tuple[Size, Size] = (8, 12)
+    pooled_grid: tuple[Size, Size] = (4, 6)
+    kinds: tuple[str, ...] = KINDS
+    max_objects: Objects = 10
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_kinds(self.kinds)
+        if any(cells % coarse for cells, coarse in zip(self.grid, self.pooled_grid, strict=True)):
+            raise DataError(
+                f"pooled_grid is {list(self.pooled_grid)}; expected divisors of the grid's {list(self.grid)}"
+            )
+
+    def shape(self, kind: str) -> tuple[int, ...]:
+        """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
+        if kind == "pooled":
+            return self.frames, TRUTH_CHANNELS * math.prod(self.pooled_grid)
+        if kind == "maps":
+            return self.frames, TRUTH_CHANNELS, *self.grid
+        return self.frames, self.max_objects, TRUTH_CHANNELS
+
+    def manifest(self) -> dict[str, Any]:
+        """How features are made, as plain values."""
+        return _plain({"from": "truth", **asdict(self)}, self)
+
+
+def check_kinds(kinds: Collection[str]) -> None:
+    """Raises `DataError` unless these are some of `KINDS`, each once."""
+    if not kinds or len(set(kinds)) < len(kinds) or not set(kinds) <= set(KINDS):
+        raise DataError(f"kinds is {list(kinds)}; expected one or more of {', '.join(KINDS)}, each once")
+
+
+def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
+    """`count` frame indices, evenly spaced from the first to the last one; of a shorter video, some repeatedly."""
+    return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
+
+
+def _plain(values: dict[str, Any], config: FeatureConfig | TruthConfig) -> dict[str, Any]:
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
 
@@ -150,13 +210,13 @@ class FeatureCache:
         self.channels: int = next(iter(channels.values()), 0)
         self.grid: tuple[int, int] = self._shapes["maps"][2:] if "maps" in read else (0, 0)
 
-    def check(self, config: FeatureConfig) -> None:
+    def check(self, config: FeatureConfig | TruthConfig) -> None:
         """Refuse features of other settings.
 
         Raises:
             DataError: they differ from the folder's; names how.
         """
-        expected = manifest_of(config)
+        expected = config.manifest()
         if self.manifest != expected:
             mine, wanted = self.manifest.get("features", {}), expected["features"]
             names = [n for n in {**wanted, **mine} if mine.get(n, "none") != wanted.get(n, "none")]

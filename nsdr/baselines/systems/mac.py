@@ -17,7 +17,7 @@ Differs from the paper:
     - Word embeddings are learnt with the network; none are trained beforehand.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
+from nsdr.baselines.systems.encoders import MapEncoder, ObjectEncoder
 from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax, time_encoding
 from nsdr.validation import Settings, Share, Size
 
@@ -59,8 +60,7 @@ class Mac(Baseline):
         super().__init__(config, sizes)
         self.reasoning = _Reasoning(config, sizes)
         width = self.reasoning.width
-        convolutions = [nn.Conv2d(inputs, width, 3, padding=1) for inputs in (sizes.channels, width)]
-        self.stem = _stem(convolutions, config.dropout)
+        self.encode = MapEncoder(sizes.channels, width, config.dropout)
         self.over_frames = _ReadAttention(width)
         self.over_cells = _ReadAttention(width)
         initialise(self, nn.init.xavier_uniform_)
@@ -68,15 +68,13 @@ class Mac(Baseline):
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""
         assert batch.maps is not None
-        videos, frames = batch.maps.shape[:2]
-        cells = self.stem(batch.maps.flatten(0, 1)).flatten(2).transpose(1, 2).unflatten(0, (videos, frames))
-        time = time_encoding(frames, self.reasoning.width, cells)
-        summaries = self.over_frames.projected(cells.mean(2) + time).of(batch.video)
-        of_texts = (cells + time[:, None]).flatten(2)[batch.video]
+        cells = self.encode(batch.maps).flatten(2, 3)
+        cells = cells + time_encoding(cells.shape[1], self.reasoning.width, cells)[:, None]
+        summaries = self.over_frames.projected(cells.mean(2)).of(batch.video)
 
         def read(control: Tensor, memory: Tensor) -> Tensor:
             frame_weights = self.over_frames(control, memory, summaries)
-            latent = torch.bmm(frame_weights[:, None], of_texts).unflatten(2, cells.shape[2:])[:, 0]
+            latent = _of_videos(frame_weights, cells.flatten(2), batch.video).unflatten(1, cells.shape[2:])
             return _weighted(self.over_cells(control, memory, self.over_cells.projected(latent)), latent)
 
         return self.reasoning(batch.words, read)
@@ -92,7 +90,7 @@ class MacObjects(Baseline):
         super().__init__(config, sizes)
         self.reasoning = _Reasoning(config, sizes)
         width = self.reasoning.width
-        self.stem = _stem([nn.Linear(inputs, width) for inputs in (sizes.channels + 4, width)], config.dropout)
+        self.encode = ObjectEncoder(sizes.channels + 4, width, config.dropout)
         self.over_objects = _ReadAttention(width)
         initialise(self, nn.init.xavier_uniform_)
 
@@ -100,24 +98,30 @@ class MacObjects(Baseline):
         """Scores (B, answers) before the softmax."""
         assert batch.objects is not None
         assert batch.has_object is not None
-        objects = self.stem(batch.objects)
-        objects = objects + time_encoding(objects.shape[1], self.reasoning.width, objects)[:, None]
-        objects = objects.flatten(1, 2)
-        of_texts, projected = objects[batch.video], self.over_objects.projected(objects).of(batch.video)
-        mask = batch.has_object.flatten(1)[batch.video]
-        return self.reasoning(
-            batch.words,
-            lambda control, memory: _weighted(self.over_objects(control, memory, projected, mask), of_texts),
-        )
+        objects, has_object = self.encode(batch.objects, batch.has_object)
+        projected, mask = self.over_objects.projected(objects).of(batch.video), has_object[batch.video]
 
+        def read(control: Tensor, memory: Tensor) -> Tensor:
+            return _of_videos(self.over_objects(control, memory, projected, mask), objects, batch.video)
 
-def _stem(layers: Sequence[nn.Module], dropout: float) -> nn.Sequential:
-    return nn.Sequential(*(part for layer in layers for part in (nn.Dropout(dropout), layer, nn.ELU())))
+        return self.reasoning(batch.words, read)
 
 
 def _weighted(weights: Tensor, items: Tensor) -> Tensor:
     """Sum (B, W) of items (B, K, W) with weights (B, K)."""
     return torch.bmm(weights[:, None], items)[:, 0]
+
+
+def _of_videos(weights: Tensor, items: Tensor, video: Tensor) -> Tensor:
+    """Sum (B, W) of the items (V, K, W) of each text's video (B,), with weights (B, K).
+
+    One product for each video: copies of the items for every text take most of the time on a CPU.
+    """
+    found = weights.new_zeros(len(weights), items.shape[2])
+    for row, of_video in enumerate(items):
+        texts = (video == row).nonzero()[:, 0]
+        found = found.index_copy(0, texts, weights[texts] @ of_video.to(weights.dtype))
+    return found
 
 
 class _Projected(NamedTuple):

@@ -56,6 +56,7 @@ class HeterogeneousMemory(Baseline):
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
         self.dropout = nn.Dropout(config.dropout)
+        self.frame = nn.LayerNorm(sizes.channels)
         self.appearance = nn.LSTM(sizes.channels, width, batch_first=True)
         self.motion = nn.LSTM(sizes.channels, width, batch_first=True)
         self.video_memory = _Memory(2, width, config.slots)
@@ -72,8 +73,9 @@ class HeterogeneousMemory(Baseline):
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""
         assert batch.pooled is not None
-        frames = self.dropout(batch.pooled)
-        change = self.dropout(torch.diff(batch.pooled, dim=1, prepend=batch.pooled[:, :1]))
+        normal = self.frame(batch.pooled)
+        frames = self.dropout(normal)
+        change = self.dropout(torch.diff(normal, dim=1, prepend=normal[:, :1]))
         streams = torch.stack([self.appearance(frames)[0], self.motion(change)[0]], 2)
         video = self.video_memory(streams, torch.ones_like(frames[..., 0], dtype=torch.bool))[batch.video]
         text = self.text(batch.words)

@@ -26,6 +26,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
+from nsdr.baselines.systems.encoders import MapEncoder, SpaceConv, TimeConv
 from nsdr.baselines.systems.layers import AnswerHead, initialise
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, execute, program_graph
 from nsdr.validation import Settings, Size
@@ -67,47 +68,19 @@ class TbdConfig(ModularConfig):
     dilations: tuple[Size, ...] = (1, 2, 4, 8, 1)
 
 
-class _SpaceConv(nn.Module):
-    """Convolution of 3x3 over space, the same in every frame: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
-
-    def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
-        super().__init__()
-        self.conv = nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation)
-
-    def forward(self, x: Tensor) -> Tensor:
-        images = x.flatten(0, 1).permute(0, 3, 1, 2)
-        return self.conv(images).permute(0, 2, 3, 1).unflatten(0, x.shape[:2])
-
-
-class _TimeConv(nn.Module):
-    """Convolution of 3 over time, the same at every place: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
-
-    def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
-        super().__init__()
-        self.conv = nn.Conv2d(inputs, outputs, (3, 1), padding=(dilation, 0), dilation=(dilation, 1))
-
-    def forward(self, x: Tensor) -> Tensor:
-        rows = x.flatten(2, 3).permute(0, 3, 1, 2)
-        return self.conv(rows).permute(0, 2, 3, 1).unflatten(2, x.shape[2:4])
-
-
 class _Stem(nn.Module):
-    """Feature maps (V, F, C, h, w) -> features (V, frames, h, w, width), with the coordinates as three more channels."""
+    """Feature maps (V, F, C, h, w) -> features (V, frames, h, w, width)."""
 
     def __init__(self, channels: int, config: ModularConfig) -> None:
         super().__init__()
-        self.frames, width = config.frames, config.width
-        self.layers = nn.Sequential(_SpaceConv(channels + 3, width), nn.ReLU(), _SpaceConv(width, width), nn.ReLU())
+        self.frames = config.frames
+        self.encode = MapEncoder(channels, config.width)
 
     def forward(self, maps: Tensor) -> Tensor:
         """See the class. Videos of fewer frames than `frames` have some of them repeated."""
-        v, f, c, h, w = maps.shape
-        pooled = functional.adaptive_avg_pool1d(maps.permute(0, 3, 4, 2, 1).reshape(v, h * w * c, f), self.frames)
-        x = pooled.reshape(v, h, w, c, self.frames).permute(0, 4, 1, 2, 3)
-        axes = [torch.linspace(-1, 1, n, device=x.device, dtype=x.dtype) for n in x.shape[1:4]]
-        coordinates = torch.stack(torch.meshgrid(*axes, indexing="ij"), -1)
-        features: Tensor = self.layers(torch.cat([x, coordinates.expand(v, -1, -1, -1, -1)], -1))
-        return features
+        features = self.encode(maps)  # (V, F, h, w, W)
+        pooled = functional.adaptive_avg_pool1d(features.flatten(2).transpose(1, 2), self.frames)
+        return pooled.transpose(1, 2).unflatten(2, features.shape[2:])
 
 
 class _Classifier(nn.Module):
@@ -171,7 +144,7 @@ class _Residual(nn.Module):
     def __init__(self, width: int, arguments: int) -> None:
         super().__init__()
         self.project = nn.Linear(2 * width, width) if arguments == 2 else None
-        self.space, self.time = _SpaceConv(width, width), _TimeConv(width, width)
+        self.space, self.time = SpaceConv(width, width), TimeConv(width, width)
 
     def forward(self, *arguments: Tensor) -> Tensor:
         x = arguments[0] if self.project is None else self.project(torch.cat(arguments, -1)).relu()
@@ -185,6 +158,7 @@ class Iep(Modular):
     def __init__(self, config: ModularConfig, sizes: Sizes) -> None:
         super().__init__(config, sizes)
         self.program_modules = nn.ModuleDict({name: _Residual(config.width, n) for name, n in INSTRUCTIONS.items()})
+        initialise(self, nn.init.kaiming_normal_)
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
         """As of `Modular`, with (N, F, h, w, width) everywhere; a module without arguments reads the features."""
@@ -244,7 +218,7 @@ def _tbd_module(instruction: str, config: TbdConfig) -> nn.Sequential:
     width = config.width
 
     def pair(dilation: int = 1) -> list[nn.Module]:
-        return [_SpaceConv(width, width, dilation), nn.ReLU(), _TimeConv(width, width, dilation), nn.ReLU()]
+        return [SpaceConv(width, width, dilation), nn.ReLU(), TimeConv(width, width, dilation), nn.ReLU()]
 
     if instruction == "belong_to":
         return nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), *pair())

@@ -86,13 +86,14 @@ class CnnMlp(Baseline):
     def __init__(self, config: CnnMlpConfig, sizes: Sizes) -> None:
         super().__init__(config, sizes)
         self.embedding = nn.Embedding(sizes.words, config.embedding, padding_idx=PAD)
+        self.video = nn.LayerNorm(sizes.channels)
         self.join = nn.Linear(sizes.channels + config.embedding, config.head)
         self.head = AnswerHead(config.head, config.head, sizes.answers, config.dropout)
 
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""
         assert batch.pooled is not None
-        video, is_word = batch.pooled.mean(1)[batch.video], (batch.words != PAD)[..., None].float()
+        video, is_word = self.video(batch.pooled.mean(1))[batch.video], (batch.words != PAD)[..., None].float()
         text = (self.embedding(batch.words) * is_word).sum(1) / is_word.sum(1).clamp(min=1)
         scores: Tensor = self.head(torch.relu(self.join(torch.cat([video, text], 1))))
         return scores
@@ -107,6 +108,7 @@ class CnnLstm(Baseline):
     def __init__(self, config: CnnLstmConfig, sizes: Sizes) -> None:
         super().__init__(config, sizes)
         between = config.dropout if config.layers > 1 else 0.0
+        self.frame = nn.LayerNorm(sizes.channels)
         self.frames = nn.LSTM(sizes.channels, config.video, config.layers, batch_first=True, dropout=between)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, config.layers, config.dropout)
         self.head = AnswerHead(config.video + self.text.width, config.head, sizes.answers, config.dropout)
@@ -114,6 +116,6 @@ class CnnLstm(Baseline):
     def forward(self, batch: Batch) -> Tensor:
         """Scores (B, answers) before the softmax."""
         assert batch.pooled is not None
-        video = self.frames(batch.pooled)[1][0][-1][batch.video]
+        video = self.frames(self.frame(batch.pooled))[1][0][-1][batch.video]
         scores: Tensor = self.head(torch.cat([video, self.text(batch.words).summary], 1))
         return scores

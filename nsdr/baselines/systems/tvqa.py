@@ -20,7 +20,8 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, masked_softmax, time_encoding
+from nsdr.baselines.systems.encoders import ObjectEncoder
+from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, masked_softmax
 from nsdr.validation import Settings, Share, Size
 
 __all__ = ["TvqaConfig", "TvqaPlus"]
@@ -53,9 +54,7 @@ class TvqaPlus(Baseline):
         super().__init__(config, sizes)
         self.text = TextEncoder(sizes.words, config.embedding, config.hidden, dropout=config.dropout)
         width = self.text.width
-        self.embed = nn.Sequential(
-            nn.Dropout(config.dropout), nn.Linear(sizes.channels + 4, config.embedding), nn.Tanh()
-        )
+        self.embed = ObjectEncoder(sizes.channels + 4, config.embedding, config.dropout)
         self.encode = _BidirectionalLstm(config.embedding, width)
         self.dropout = nn.Dropout(config.dropout)
         self.fuse = _BidirectionalLstm(3 * width, width)
@@ -65,9 +64,7 @@ class TvqaPlus(Baseline):
         """Scores (B, answers) before the softmax. A video without any object is read as one object of zeros."""
         assert batch.objects is not None
         assert batch.has_object is not None
-        embedded = self.embed(batch.objects)
-        embedded = embedded + time_encoding(embedded.shape[1], self.config.embedding, embedded)[:, None]
-        sequences, lengths = _compact(embedded.flatten(1, 2), batch.has_object.flatten(1))
+        sequences, lengths = _compact(*self.embed(batch.objects, batch.has_object))
         encoded = self.encode(sequences, lengths)[batch.video]
         text = self.text(batch.words)
         attention = masked_softmax(encoded @ text.states.transpose(1, 2), text.mask[:, None])

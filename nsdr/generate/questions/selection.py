@@ -28,6 +28,7 @@ from nsdr.generate.questions.candidates import (
     multiple_choice_questions,
 )
 from nsdr.generate.questions.inferential import InferentialSelection
+from nsdr.generate.questions.plain import PLAIN, plain_questions
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.validation import Count, NotNegative, Settings, Share, one_of
@@ -87,6 +88,7 @@ class QuestionConfig(Settings):
         extensions: whether each video also gets questions beyond CLEVRER, about speeds, directions and masses.
         changed_per_video: max number of what-if questions about changed objects, for truth files of scenes with CLEVRER's
             physics; each takes seconds of simulation.
+        plain_per_video: max number of questions about objects alone, for the training of networks.
     """
 
     per_video: Mapping[Annotated[str, one_of(PER_VIDEO)], NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
@@ -95,6 +97,7 @@ class QuestionConfig(Settings):
     inferential_share: Share | None = None
     extensions: bool = False
     changed_per_video: Count = 0
+    plain_per_video: Count = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -123,6 +126,7 @@ def find_candidates(
         found += _kept(((str(q.subtype), q) for q in descriptive_questions(scene, rng, beyond=True)), rng)
         if config.changed_per_video and simulate and simulate[0] is not None:
             found += changed_questions(scene, simulate[0], rng, config.changed_per_video)
+    found += plain_questions(scene, random.Random(f"{config.seed} plain {index}"), config.plain_per_video)
     return SceneQuestions(index, filename, tuple(found))
 
 
@@ -157,7 +161,8 @@ def select_questions(candidates: Iterable[SceneQuestions], config: QuestionConfi
     """
     selection, beyond = _Selection(config), _ExtensionSelection(config.seed, config.max_options)
     for scene in candidates:
-        found = [*selection.questions(scene.questions), *beyond.questions(scene.questions)]
+        plain = [q for q in scene.questions if q.subtype == PLAIN]
+        found = [*selection.questions(scene.questions), *beyond.questions(scene.questions), *plain]
         yield replace(scene, questions=tuple(replace(q, id=i) for i, q in enumerate(found)))
     if selection.inferential is not None:
         selection.inferential.warn_if_missed()
