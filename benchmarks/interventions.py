@@ -26,7 +26,7 @@ import numpy as np
 from nsdr import Add, DataError, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity, load_backend
 from nsdr.dynamics.interventions import resolve
 from nsdr.dynamics.physics.changed_bodies import change_bodies
-from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate_perturbed
+from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
 from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
@@ -267,7 +267,7 @@ def known_state(document: dict[str, Any], case: Case) -> list[Event]:
     """Collisions by our simulator from the true states and masses, in most of `RUNS` runs that are nudged a little."""
     objects, frame, states = objects_of(document), case["frame"], np.array(case["states"])
     shapes = np.array([SHAPES.index(o.shape) for o in objects])
-    bodies = BodyStates(shapes, states[:, :2], states[:, 2:4], states[:, 4], states[:, 5], states[:, 6])
+    bodies = BodyStates(shapes, states[:, :6], states[:, 6])
     changes = resolve(changes_of(case), objects, np.ones((len(objects), VIDEO_FRAMES), bool), frame)
     changed = change_bodies(bodies, changes)
     n, rng = len(changed.exists), np.random.default_rng(0)
@@ -275,7 +275,7 @@ def known_state(document: dict[str, Any], case: Case) -> list[Event]:
     nudges[..., :2] = NUDGE_WORLD * rng.normal(size=(RUNS - 1, n, 2))
     runs = Perturbations(nudges, np.ones((RUNS - 1, n)))
     total = horizon_frame(VIDEO_FRAMES) + 1
-    frames = simulate_perturbed(changed.bodies, changed.exists, total, runs, start=frame)[1]
+    frames = simulate(changed.bodies, changed.exists, total, start=frame, perturbations=runs).contacts
     hit = frames != NO_CONTACT
     pairs = np.argwhere(np.triu(hit.mean(0) > 0.5, 1)).tolist()
     return [Event("collision", int(np.median(frames[hit[:, i, j], i, j])), (i, j)) for i, j in pairs]

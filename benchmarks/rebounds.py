@@ -17,7 +17,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from nsdr.dynamics.physics.contact_geometry import SPHERE
-from nsdr.dynamics.physics.forces import approach, drift, slow_down, speed_after
+from nsdr.dynamics.physics.forces import VELOCITY, approach, drift, slow_down, speed_after
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.world.physics_constants import (
@@ -63,12 +63,12 @@ def hit(shapes: tuple[str, str], rng: random.Random) -> tuple[BodyStates, list[B
         )
         for i, shape in enumerate(shapes)
     ]
-    return BodyStates(kinds, position, velocity, yaw, np.zeros(2), mass), bodies
+    return BodyStates(kinds, np.column_stack([position, velocity, yaw, np.zeros(2)]), mass), bodies
 
 
 def rule(start: BodyStates) -> float | None:
     """The separation speed that Bullet's rule for one contact wants at the first one, as a share of the approach speed."""
-    state = np.concatenate([start.position, start.velocity, start.yaw[:, None], start.spin[:, None]], 1)
+    state = start.state.copy()
     for _ in range(FRAMES * STEPS_PER_FRAME):
         for i in (0, 1):
             slow_down(start.shape[i], state, i)
@@ -83,7 +83,7 @@ def rule(start: BodyStates) -> float | None:
 def error(start: BodyStates, rebound: float, velocity: np.ndarray, frame: int) -> float:
     """Distance of the simulated velocities at a frame from Bullet's (2, 2), the larger of the two (world units/s)."""
     run = simulate(start, np.ones(2, bool), frame + 1, np.full((2, 2), rebound))
-    return float(np.linalg.norm(run.velocity[:, frame] - velocity, axis=1).max())
+    return float(np.linalg.norm(run.states[:, frame, VELOCITY] - velocity, axis=1).max())
 
 
 def measure(shapes: tuple[str, str], hits: int, rng: random.Random, bullet: Simulator) -> np.ndarray:

@@ -372,7 +372,7 @@ def test_the_fit_knows_how_well_it_knows_masses() -> None:
     met, unmet = fit_trajectories(states, [collision]), fit_trajectories(states, [])
     np.testing.assert_allclose(unmet.log_mass_covariance, LOG_MASS_STD**2 * np.eye(2))
     problem = _Problem(states, [collision]).problem
-    failed = log_mass_covariance(problem, [("log_mass", 0, 0)], np.eye(1), 1.01)
+    failed = log_mass_covariance(problem, np.eye(1), 1.01)
     np.testing.assert_allclose(failed, LOG_MASS_STD**2 * np.eye(2))
     c = met.log_mass_covariance
     assert c[0, 0] + c[1, 1] - 2 * c[0, 1] < (0.4 * LOG_MASS_STD) ** 2  # the ratio is known

@@ -20,6 +20,7 @@ from nsdr.dynamics.interventions import find_object, resolve, simulate_removal
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.forces import POSITION, VELOCITY
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
@@ -53,7 +54,7 @@ def tracks() -> VideoTracks:
     """A red sphere hits a blue cylinder at rest, at about frame 16; a red cube rests behind it, on the cylinder's way."""
     start = bodies(("sphere", -1.5, 0.0, 2.5, 0.0), ("cylinder", 0.0, 0.02, 0.0, 0.0), ("cube", 1.0, 0.0, 0.0, 0.0))
     motion = run(start, FRAMES)
-    return VideoTracks(FRAMES, tuple(_track(o, motion.position[o.id]) for o in OBJECTS))
+    return VideoTracks(FRAMES, tuple(_track(o, motion.states[o.id, :, POSITION]) for o in OBJECTS))
 
 
 def _track(o: SceneObject, position: np.ndarray) -> Track:
@@ -66,7 +67,7 @@ def _track(o: SceneObject, position: np.ndarray) -> Track:
 @pytest.fixture(scope="module")
 def backend(tracks: VideoTracks) -> PhysicsPredictor:
     start = bodies(("sphere", -1.5, 0.0, 2.5, 0.0), ("cylinder", 0.0, 0.02, 0.0, 0.0), ("cube", 1.0, 0.0, 0.0, 0.0))
-    contact = run(start, FRAMES).contact
+    contact = run(start, FRAMES).contacts[0]
     events = [Event("collision", int(contact[i, j]), (i, j)) for i, j in ((0, 1), (1, 2))]
     return PhysicsPredictor(NoDetector(*events), PhysicsConfig(runs=5))  # type: ignore[arg-type]
 
@@ -125,10 +126,10 @@ def test_a_pair_that_meets_again_without_interventions_too_is_nothing_new() -> N
         ("sphere", -1.5, 0.0, 2.5, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0), ("cube", 1.2, 0.0, 0.0, 0.0), yaw=0.0
     )
     motion = run(replace(start, mass=np.array([1.0, 1.0, 50.0])), FRAMES)
-    hits = [Event("collision", int(motion.contact[pair]), pair) for pair in ((0, 1), (1, 2))]
+    hits = [Event("collision", int(motion.contacts[0][pair]), pair) for pair in ((0, 1), (1, 2))]
     end = hits[1].frame + 8  # the cylinder is on its way back to the sphere
     backend = PhysicsPredictor(NoDetector(*hits), PhysicsConfig(runs=5))  # type: ignore[arg-type]
-    seen = VideoTracks(end, tuple(_track(o, motion.position[o.id, :end]) for o in OBJECTS))
+    seen = VideoTracks(end, tuple(_track(o, motion.states[o.id, :end, POSITION]) for o in OBJECTS))
     early, late = (backend.simulate(seen, [SetMass(0, 1.0)], frame) for frame in (0, hits[0].frame + 6))
     assert pairs(early) == [(0, 1), (1, 2)]
     assert pairs(late) == [(0, 1), (1, 2), (0, 1)]
@@ -179,7 +180,7 @@ def test_given_velocities_are_exact() -> None:
         (SetVelocity(0, speed=1), False),
     ):
         changes = resolve([change], OBJECTS, np.ones((3, 5), bool), 0)
-        assert change_bodies(start, changes).exact_velocity.tolist() == [exact, False, False], change
+        assert change_bodies(start, changes).exact[:, VELOCITY].all(1).tolist() == [exact, False, False], change
 
 
 def test_moved_objects_meet_others(simulated) -> None:

@@ -12,6 +12,7 @@ from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
 from nsdr.dynamics.physics.collision_search import Evidence, closest_gap, log_odds, search_collisions
 from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
@@ -37,7 +38,7 @@ def bodies(*rows: tuple[str, float, float, float, float], yaw: float = 0.3) -> B
     numbers = np.array([r[1:] for r in rows], float)
     n = len(rows)
     turn = np.where(shape == 0, yaw, 0.0)
-    return BodyStates(shape, numbers[:, :2], numbers[:, 2:], turn, np.zeros(n), np.ones(n))
+    return BodyStates(shape, np.column_stack([numbers, turn, np.zeros(n)]), np.ones(n))
 
 
 def run(start: BodyStates, n_frames: int = 128, **options: object) -> SimulatedMotion:
@@ -47,9 +48,9 @@ def run(start: BodyStates, n_frames: int = 128, **options: object) -> SimulatedM
 def seen(motion: SimulatedMotion, shape: np.ndarray, noise: float = 0.003) -> MotionStates:
     """What a tracker would measure of a run, boxes left out (zero width)."""
     rng = np.random.default_rng(0)
-    n, frames = motion.yaw.shape
+    n, frames = motion.states.shape[:2]
     objects = tuple(SceneObject(i, COLORS[i], "metal", SHAPES[k]) for i, k in enumerate(shape))
-    position = motion.position + rng.normal(size=motion.position.shape) * noise
+    position = motion.states[..., POSITION] + rng.normal(size=(n, frames, 2)) * noise
     all_frames = np.ones((n, frames), bool)
     return MotionStates(objects, position, all_frames, all_frames, all_frames, np.zeros((n, frames, 4)))
 
@@ -63,13 +64,16 @@ def test_runs_follow_bullet(shapes: tuple[str, str]) -> None:
 
     start = bodies((shapes[0], -1.2, 0.12, 2.0, 0.0), (shapes[1], 0.0, 0.0, 0.0, 0.0))
     planar = run(start, 50)
-    turn = [(np.pi / 2, 0.0, 0.0) if s == "cylinder" else (0.0, 0.0, float(start.yaw[i])) for i, s in enumerate(shapes)]
-    positions = [(*start.position[i], 0.2) for i in range(2)]
+    turn = [
+        (np.pi / 2, 0.0, 0.0) if s == "cylinder" else (0.0, 0.0, float(start.state[i, YAW]))
+        for i, s in enumerate(shapes)
+    ]
+    positions = [(*start.state[i, POSITION], 0.2) for i in range(2)]
     with Simulator() as simulator:
-        solid = [Body(s, positions[i], turn[i], (*start.velocity[i], 0.0)) for i, s in enumerate(shapes)]
+        solid = [Body(s, positions[i], turn[i], (*start.state[i, VELOCITY], 0.0)) for i, s in enumerate(shapes)]
         true = simulator.run(solid, 50)
-    assert abs(planar.contact[0, 1] - true.contacts[0].frame) <= 1
-    assert np.linalg.norm(planar.position[:, 40] - true.location_world[:, 40, :2], axis=-1).max() < 0.12
+    assert abs(planar.contacts[0, 0, 1] - true.contacts[0].frame) <= 1
+    assert np.linalg.norm(planar.states[:, 40, POSITION] - true.location_world[:, 40, :2], axis=-1).max() < 0.12
 
 
 def test_cylinders_rebound_as_in_bullet_wherever_in_a_step_they_meet() -> None:
@@ -79,9 +83,9 @@ def test_cylinders_rebound_as_in_bullet_wherever_in_a_step_they_meet() -> None:
     with Simulator() as simulator:
         for distance in np.linspace(1.2, 1.25, 12):
             start = bodies(("cylinder", -distance, 0.05, 2.0, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0))
-            places = [((*start.position[i], 0.2), (*start.velocity[i], 0.0)) for i in range(2)]
+            places = [((*start.state[i, POSITION], 0.2), (*start.state[i, VELOCITY], 0.0)) for i in range(2)]
             true = simulator.run([Body("cylinder", at, (np.pi / 2, 0.0, 0.0), v) for at, v in places], 40)
-            errors.append(np.abs(run(start, 40).velocity[:, 30] - true.velocity[:, 30, :2]).max())
+            errors.append(np.abs(run(start, 40).states[:, 30, VELOCITY] - true.velocity[:, 30, :2]).max())
     assert np.mean(errors) < 0.08  # by the rule for one contact: 0.12
 
 
@@ -89,18 +93,19 @@ def test_momentum_is_kept_and_a_given_rebound_is_met() -> None:
     start = replace(TWO, shape=np.array([1, 1]))  # two spheres: no friction
     for rebound in (0.0, 0.5):
         motion = run(start, 30, rebound=np.full((2, 2), rebound))
-        hit = int(motion.contact[0, 1])
-        before, after = motion.velocity[:, hit - 1], motion.velocity[:, hit + 1]
+        hit = int(motion.contacts[0, 0, 1])
+        before, after = motion.states[:, hit - 1, VELOCITY], motion.states[:, hit + 1, VELOCITY]
         np.testing.assert_allclose(before.sum(0), after.sum(0), atol=0.02)
-        normal = motion.position[1, hit] - motion.position[0, hit]
+        normal = motion.states[1, hit, POSITION] - motion.states[0, hit, POSITION]
         normal = normal / np.linalg.norm(normal)
         assert (after[1] - after[0]) @ normal == pytest.approx(rebound * (before[0] - before[1]) @ normal, abs=0.06)
 
 
 def test_motion_is_a_smooth_function_of_the_start_with_given_rebounds() -> None:
     def end(shift: float) -> np.ndarray:
-        moved = replace(TWO, position=TWO.position + np.array([[shift, 0.0], [0.0, 0.0]]))
-        return run(moved, 60, rebound=np.full((2, 2), 0.4)).position[:, -1]
+        moved = replace(TWO, state=TWO.state + shift * np.eye(2, 6))
+        moved.state[1] = TWO.state[1]
+        return run(moved, 60, rebound=np.full((2, 2), 0.4)).states[:, -1, POSITION]
 
     ends = np.array([end(s) for s in np.linspace(0, 0.02, 41)])
     assert np.abs(np.diff(ends, axis=0)).max() < 0.003
@@ -110,47 +115,40 @@ def test_prescribed_objects_keep_their_motion_until_something_meets_them() -> No
     free = run(TWO, 60)
     alone = run(bodies(("sphere", 3.0, 3.0, 0.0, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0)), 60)
     prescribed = PrescribedMotion(
-        np.stack([free.position[0], alone.position[1]]),
-        np.stack([free.velocity[0], alone.velocity[1]]),
-        alone.yaw,
-        alone.spin,
-        np.array([0, 59]),
-        np.zeros((0, 3), np.int64),
+        np.stack([free.states[0], alone.states[1]]), np.array([0, 59]), np.zeros((0, 3), np.int64)
     )
     motion = run(TWO, 60, prescribed=prescribed)
-    np.testing.assert_allclose(motion.position, free.position, atol=1e-9)
-    assert motion.free_from[1] == pytest.approx(free.contact[0, 1], abs=1)
+    np.testing.assert_allclose(motion.states, free.states, atol=1e-9)
+    assert motion.free_from[1] == pytest.approx(free.contacts[0, 0, 1], abs=1)
 
 
 def test_without_its_partner_a_prescribed_collision_does_not_happen() -> None:
     free = run(TWO, 60)
-    hit = int(free.contact[0, 1])
-    prescribed = PrescribedMotion(
-        free.position, free.velocity, free.yaw, free.spin, np.array([59, 59]), np.array([[0, 1, hit]])
-    )
+    hit = int(free.contacts[0, 0, 1])
+    prescribed = PrescribedMotion(free.states, np.array([59, 59]), np.array([[0, 1, hit]]))
     both = run(TWO, 60, prescribed=prescribed)
-    assert both.contact[0, 1] == hit
+    assert both.contacts[0, 0, 1] == hit
     assert (both.free_from == 59).all()
     alone = simulate(TWO, np.array([True, False]), 60, None, prescribed)
-    assert alone.contact[0, 1] == NO_CONTACT
-    assert alone.position[0, 50, 0] > 1.0  # it goes on past the other's position
+    assert alone.contacts[0, 0, 1] == NO_CONTACT
+    assert alone.states[0, 50, 0] > 1.0  # it goes on past the other's position
 
 
 def test_a_fit_finds_masses_and_rebounds_through_noise() -> None:
     start = replace(TWO, mass=np.array([1.2, 0.8]))
     motion = run(start, rebound=np.full((2, 2), 0.5))
-    hit = int(motion.contact[0, 1])
+    hit = int(motion.contacts[0, 0, 1])
     fit = fit_trajectories(seen(motion, start.shape), [Event("collision", hit, (0, 1))])
-    assert np.nanmax(fit.error_world) < 0.006
+    assert np.abs(fit.states[..., POSITION] - motion.states[..., POSITION]).max() < 0.006
     assert fit.bodies.mass[0] / fit.bodies.mass[1] == pytest.approx(1.5, abs=0.2)
     assert fit.rebound[0, 1] == pytest.approx(0.5, abs=0.05)
-    assert fit.motion.contact[0, 1] == pytest.approx(hit, abs=1)
+    assert fit.contact[0, 1] == pytest.approx(hit, abs=1)
 
 
 def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> None:
     three = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
     motion = run(three)
-    hit = int(motion.contact[0, 1])
+    hit = int(motion.contacts[0, 0, 1])
     states = seen(motion, three.shape)
     candidates = [(Event("collision", hit, (0, 1)), 0.3), (Event("collision", hit + 20, (1, 2)), 0.7)]
     found, fit, judged = search_collisions(states, candidates)
@@ -166,26 +164,29 @@ def test_gaps_are_those_of_outlines_at_the_closest_approach() -> None:
     passing = bodies(
         ("cube", -1.5, 0.5, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.0, -2.0, 0.0, 0.0), yaw=0.0
     )
-    fit = replace(fit_trajectories(seen(run(passing), passing.shape), []), motion=run(passing))
+    motion = run(passing)
+    fit = fit_trajectories(seen(motion, passing.shape), [])
+    fit = replace(fit, states=motion.states, contact=motion.contacts[0])
     assert closest_gap(fit, (0, 1)) == pytest.approx(0.1, abs=0.03)  # 0.5 between the centres, 0.2 to the edges of each
     assert closest_gap(fit, (0, 2)) == 0.3  # no more than that is said
     meeting = bodies(("cube", -1.5, 0.1, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
-    assert closest_gap(replace(fit, bodies=meeting, motion=run(meeting)), (0, 1)) == 0.0
+    motion = run(meeting)
+    assert closest_gap(replace(fit, bodies=meeting, states=motion.states, contact=motion.contacts[0]), (0, 1)) == 0.0
 
 
 def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
     three = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
-    good = replace(fit_trajectories(seen(run(three), three.shape), []), motion=run(three))
+    motion = run(three)
+    good = replace(fit_trajectories(seen(motion, three.shape), []), states=motion.states, contact=motion.contacts[0])
     met = replace(good, cost=0.2)
     trust = 1 / (1 + 0.5**2)
     assert Evidence.of((0, 1), 0.9, met, replace(met, cost=0.4)).fit == pytest.approx(trust * np.log(2))
     assert Evidence.of((0, 1), 0.9, replace(met, cost=20.0), replace(met, cost=40.0)).fit == pytest.approx(0, abs=0.001)
     assert Evidence.of((0, 1), 0.9, met, replace(met, cost=1e9)).fit == pytest.approx(trust * 3.0)
     assert Evidence.of((0, 1), 1.0, met, met) == Evidence(12.0, 0.0, 0.0)
-    position = good.motion.position.copy()
-    position[1, :, 1] += 5.0
-    never = np.full((2, 2), NO_CONTACT)
-    apart = replace(good, motion=replace(good.motion, position=position, contact=never), cost=0.2)
+    moved = good.states.copy()
+    moved[1, :, 1] += 5.0
+    apart = replace(good, states=moved, contact=np.full((2, 2), NO_CONTACT), cost=0.2)
     assert Evidence.of((0, 1), 0.5, apart, met) == Evidence(0.0, pytest.approx(trust * 0.3), 0.0)
     assert log_odds(0.5) == 0.0
 
@@ -202,7 +203,10 @@ def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
     monkeypatch.setattr(
         collision_search, "fit_trajectories", lambda *args: calls.append(args[1]) or fit_trajectories(*args)
     )
-    candidates = [(Event("collision", int(motion.contact[0, 1]), (0, 1)), 1.0), (Event("collision", 60, (1, 2)), 0.0)]
+    candidates = [
+        (Event("collision", int(motion.contacts[0, 0, 1]), (0, 1)), 1.0),
+        (Event("collision", 60, (1, 2)), 0.0),
+    ]
     found, _, _ = search_collisions(states, candidates)
     assert [e.objects for e in found] == [(0, 1)]
     assert len(calls) == 1
@@ -216,9 +220,10 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
     real, fits = collision_search.fit_trajectories, []
 
     def fitted(states, collisions, *options):
-        touching = replace(motion, contact=np.full((2, 2), 40 if collisions else NO_CONTACT))
+        touching = np.full((2, 2), 40 if collisions else NO_CONTACT)
         cost = 0.9 if collisions else 1.0  # cheaper with a collision, but not so much that it is probable
-        fits.append(replace(real(states, collisions, *options), motion=touching, cost=cost))
+        fit = real(states, collisions, *options)
+        fits.append(replace(fit, states=motion.states, contact=touching, cost=cost))
         return fits[-1]
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
@@ -269,7 +274,7 @@ def test_physics_predicts_a_meeting_after_the_video(observer: StatePredictor) ->
         seen(run(start), start.shape)
     )
     assert [e.objects for e in rollout.collisions] == [(0, 1)]
-    assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contact[0, 1], abs=2)
+    assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contacts[0, 0, 1], abs=2)
     assert rollout.unseen_scores is not None
     assert rollout.unseen_scores[0, 1] > 0.8 > 0.1 > rollout.unseen_scores[0, 2] > 0
 
@@ -287,7 +292,7 @@ class Detector:
 def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
     motion = run(start)
-    hit, graze = Event("collision", int(motion.contact[0, 1]), (0, 1)), Event("collision", 70, (1, 2))
+    hit, graze = Event("collision", int(motion.contacts[0, 0, 1]), (0, 1)), Event("collision", 70, (1, 2))
     # No trials: the detector's probabilities stay.
     config = PhysicsConfig(runs=5, trials=0)
     predictor = PhysicsPredictor(Detector((hit, 0.9), (graze, 0.2)), config)
@@ -318,12 +323,12 @@ def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
 
 def test_collisions_from_velocity_alone() -> None:
     motion = run(TWO)
-    rollout = Rollout(motion.position, np.ones((2, 128), bool), ())
+    rollout = Rollout(motion.states[..., POSITION], np.ones((2, 128), bool), ())
     found = velocity_collisions(rollout)
     assert [e.objects for e in found] == [(0, 1)]
-    assert found[0].frame == pytest.approx(motion.contact[0, 1], abs=3)
+    assert found[0].frame == pytest.approx(motion.contacts[0, 0, 1], abs=3)
     assert len(velocity_collisions(rollout, "paper")) == 1
-    position = motion.position.copy()
+    position = motion.states[..., POSITION].copy()
     position[:, :4] = np.nan  # seen from frame 4 on
     assert velocity_collisions(replace(rollout, location_world=position)) == found
 

@@ -13,6 +13,8 @@ from nsdr.dynamics.physics.contact_geometry import CUBE_OUTLINE
 from nsdr.dynamics.physics.fit_objective import (
     EDGE_NOISE_PX,
     EDGES_PX,
+    LOG_MASS,
+    PAIR_REBOUND,
     POSITION_NOISE_WORLD,
     REBOUND,
     ROBUST_SCALE,
@@ -20,7 +22,8 @@ from nsdr.dynamics.physics.fit_objective import (
     evaluate,
     rows_of,
 )
-from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate, simulate_perturbed
+from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
+from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
 from nsdr.dynamics.physics.solver import trust_region_step
 from nsdr.dynamics.physics.trajectory_fit import REBOUND_DEVIATION, _Problem, fit_trajectories
 from nsdr.dynamics.sliding import slide_one
@@ -53,10 +56,10 @@ def measured(start: BodyStates, rebound: float = 0.4, frames: int = 60) -> tuple
     states = seen(motion, start.shape)
     rng = np.random.default_rng(1)
     for i in np.flatnonzero(start.shape == SHAPES.index("cube")):
-        edges = np.array([outline_px(p, yaw) for p, yaw in zip(motion.position[i], motion.yaw[i], strict=True)])
+        edges = np.array([outline_px(row[POSITION], row[YAW]) for row in motion.states[i]])
         edges += rng.normal(size=edges.shape)
         states.box_px[i, :, 0], states.box_px[i, :, 2] = edges.mean(1), edges[:, 1] - edges[:, 0]
-    return states, Event("collision", int(motion.contact[0, 1]), (0, 1))
+    return states, Event("collision", int(motion.contacts[0, 0, 1]), (0, 1))
 
 
 def problem_near(name: str) -> tuple[_Problem, np.ndarray]:
@@ -97,20 +100,19 @@ def test_the_cost_is_the_mean_robust_loss_of_all_residuals(name: str) -> None:
     problem, x = problem_near(name)
     cost, _, _, motion, _ = evaluate(problem.problem, x, 40)
     residuals = []
-    for i, d in enumerate(problem.data):
-        for frame, position, weight, edges in zip(
-            d.frame, d.position, d.weight, [None] * 60 if d.edges_px is None else d.edges_px, strict=True
+    states = problem.states
+    for i, shape in enumerate(problem.shape):
+        for row, position, box, weight in zip(
+            motion[i], states.location_world[i], states.box_xyxy_px[i], states.weight[i], strict=False
         ):
-            if frame < 40:
-                off = (motion[i, frame, :2] - position) / POSITION_NOISE_WORLD
+            residuals += (np.sqrt(weight) * (row[POSITION] - position) / POSITION_NOISE_WORLD).tolist()
+            if shape == SHAPES.index("cube"):
+                off = (outline_px(row[POSITION], row[YAW]) - box[[0, 2]]) / EDGE_NOISE_PX
                 residuals += (np.sqrt(weight) * off).tolist()
-                if edges is not None:
-                    off = (outline_px(motion[i, frame, :2], motion[i, frame, 4]) - edges) / EDGE_NOISE_PX
-                    residuals += (np.sqrt(weight) * off).tolist()
-    for value, (kind, *_) in zip(x * problem.unit, problem.names, strict=True):
-        if kind == "log_mass":
+    for value, kind in zip(x * problem.unit, problem.problem.parameters[:, 0], strict=True):
+        if kind == LOG_MASS:
             residuals.append(value / LOG_MASS_STD)
-        elif kind == "rebound":
+        elif kind == PAIR_REBOUND:
             residuals.append((value - REBOUND) / REBOUND_DEVIATION)
     loss = ROBUST_SCALE**2 * (np.sqrt(1 + (np.array(residuals) / ROBUST_SCALE) ** 2) - 1)
     assert cost == pytest.approx(loss.mean(), rel=1e-9)
@@ -130,16 +132,17 @@ def test_event_to_event_is_as_step_by_step(name: str) -> None:
     states, collision = measured(PAIRS[name])
     fit = fit_trajectories(states, [collision])
     stepped = simulate(fit.bodies, np.ones(2, bool), 60, fit.rebound)
-    assert abs(stepped.contact[0, 1] - fit.motion.contact[0, 1]) <= 1
-    np.testing.assert_allclose(stepped.position, fit.motion.position, atol=0.02)
+    assert abs(stepped.contacts[0, 0, 1] - fit.contact[0, 1]) <= 1
+    np.testing.assert_allclose(stepped.states[..., POSITION], fit.states[..., POSITION], atol=0.02)
 
 
 def test_objects_that_press_on_each_other_come_to_an_end() -> None:
     start = bodies(("sphere", -1.0, 0.0, 2.0, 0.0), ("cube", 0.0, 0.0, 0.0, 0.0), yaw=0.01)
     states, collision = measured(start, rebound=0.0)
     fit = fit_trajectories(states, [collision])
-    assert fit.motion.velocity[1, 40, 0] > 0.5  # the sphere, which nothing slows down, pushes the cube
-    assert np.nanmax(fit.error_world) < 0.02
+    assert fit.states[1, 40, 2] > 0.5  # the sphere, which nothing slows down, pushes the cube
+    errors = np.linalg.norm(fit.states[..., POSITION] - states.location_world, axis=-1)
+    assert np.median(errors, axis=1).max() < 0.02
 
 
 def test_steps_stay_within_the_trust_region() -> None:
@@ -167,18 +170,12 @@ def test_perturbed_runs_are_those_of_perturbed_bodies() -> None:
     start, rng = PAIRS["a cube that spins"], np.random.default_rng(0)
     noise = rng.normal(size=(4, 2, 6)) * [0.02, 0.02, 0.1, 0.1, 0.3, 0.0]
     changes = Perturbations(noise, rng.uniform(0.8, 1.2, (4, 2)))
-    first, contacts = simulate_perturbed(start, np.ones(2, bool), 60, changes)
-    np.testing.assert_array_equal(first.position, run(start, 60).position)
-    moves = np.linalg.norm(start.velocity, axis=1, keepdims=True) > 0
+    motion = simulate(start, np.ones(2, bool), 60, perturbations=changes)
+    np.testing.assert_array_equal(motion.states, run(start, 60).states)
+    noise[~start.state[:, VELOCITY].any(1)[None].repeat(4, 0), VELOCITY] = 0.0
     for k in range(4):
-        changed = replace(
-            start,
-            position=start.position + noise[k, :, :2],
-            velocity=start.velocity + noise[k, :, 2:4] * moves,
-            yaw=start.yaw + noise[k, :, 4],
-            mass=start.mass * changes.mass[k],
-        )
-        np.testing.assert_array_equal(contacts[k + 1], run(changed, 60).contact)
+        changed = replace(start, state=start.state + noise[k], mass=start.mass * changes.mass[k])
+        np.testing.assert_array_equal(motion.contacts[k + 1], run(changed, 60).contacts[0])
 
 
 def test_a_probable_collision_that_the_fitted_objects_make_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,9 +186,7 @@ def test_a_probable_collision_that_the_fitted_objects_make_is_kept(monkeypatch: 
     def fitted(states, collisions, restarts, start):
         calls.append((len(collisions), start is not None))
         touches, cost = {(1, False): (False, 0.56), (0, False): (True, 0.14), (1, True): (True, 0.12)}[calls[-1]]
-        return replace(
-            fit, motion=replace(fit.motion, contact=np.full((2, 2), 30 if touches else NO_CONTACT)), cost=cost
-        )
+        return replace(fit, contact=np.full((2, 2), 30 if touches else NO_CONTACT), cost=cost)
 
     monkeypatch.setattr(collision_search, "fit_trajectories", fitted)
     found, chosen, _ = search_collisions(states, [(collision, 0.9)])

@@ -11,6 +11,7 @@ from nsdr.clevrer.files.predictions import read_predictions
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
+from nsdr.dynamics.physics.forces import VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.generate.physics.bullet import Simulator
@@ -206,14 +207,16 @@ def test_cubes_and_cylinders_rebound_in_the_plane_as_in_the_annotations(shared) 
             change = np.linalg.norm(later - velocity, axis=1)  # tells the ratio of the masses
             start = BodyStates(
                 np.array([SHAPES.index(shapes[i]) for i in pair]),
-                np.array([o["location"][:2] for o in before]),
-                velocity,
-                np.array([o["orientation"][2] for o in before]),
-                np.array([o["angular_velocity"][2] for o in before]),
+                np.array(
+                    [
+                        (*o["location"][:2], *o["velocity"][:2], o["orientation"][2], o["angular_velocity"][2])
+                        for o in before
+                    ]
+                ),
                 np.array([1.0, change[0] / change[1]]),
             )
             run = simulate(start, np.ones(2, bool), 7)
-            errors.append(np.linalg.norm(run.velocity[:, 6] - later, axis=1).max())
+            errors.append(np.linalg.norm(run.states[:, 6, VELOCITY] - later, axis=1).max())
     assert len(errors) == 8
     assert np.mean(errors) < 0.12  # 0.17 by Bullet's rule for one contact
 

@@ -65,6 +65,11 @@ class MotionStates:
     camera: Camera = CLEVRER_CAMERA
 
     @property
+    def weight(self) -> FloatArray:
+        """(n, F) weight of each position in fits, 0-1: `UNRELIABLE_WEIGHT` where it was detected, but is not reliable."""
+        return np.where(self.reliable, 1.0, np.where(self.detected, UNRELIABLE_WEIGHT, 0.0))
+
+    @property
     def spacing_frames(self) -> float:
         """Frames from one processed frame of the video to the next, as its detections show (median)."""
         frames = np.flatnonzero(self.detected.any(0))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.interventions import Changes
 from nsdr.dynamics.physics.contact_geometry import outline_gap
+from nsdr.dynamics.physics.forces import POSITION, SPIN, VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, SetMass, SetVelocity
@@ -31,15 +32,14 @@ class ChangedBodies:
         exists: (n,) bool, False for removed objects.
         simulated: (n,) bool, whose motion is no longer that of the video: set, moved, frozen and added objects.
         reweighed: (n,) bool, whose mass is changed.
-        exact_position, exact_velocity, exact_mass: (n,) bool, given by the interventions and so free of noise.
+        exact, exact_mass: (n, 6) and (n,) bool, what of the states and masses the interventions give, so that it has no noise.
     """
 
     bodies: BodyStates
     exists: NDArray[np.bool_]
     simulated: NDArray[np.bool_]
     reweighed: NDArray[np.bool_]
-    exact_position: NDArray[np.bool_]
-    exact_velocity: NDArray[np.bool_]
+    exact: NDArray[np.bool_]
     exact_mass: NDArray[np.bool_]
 
 
@@ -53,19 +53,12 @@ def change_bodies(bodies: BodyStates, changes: Changes) -> ChangedBodies:
     Raises:
         DataError: an object would overlap another one, leave the ground or be too fast, or has no direction to keep.
     """
-    n = len(changes.objects)
-    none = np.zeros((n - len(bodies.shape), 2))
+    n, extra = len(changes.objects), len(changes.added)
+    shape = np.array([SHAPES.index(o.shape) for o in changes.objects], np.int64)
+    state, mass = np.pad(bodies.state, [(0, extra), (0, 0)]), np.pad(bodies.mass, (0, extra), constant_values=1.0)
+    simulated, reweighed, exact_mass = np.zeros((3, n), bool)
     changed = ChangedBodies(
-        BodyStates(
-            np.array([SHAPES.index(o.shape) for o in changes.objects], np.int64),
-            np.concatenate([bodies.position, none]),
-            np.concatenate([bodies.velocity, none]),
-            np.concatenate([bodies.yaw, none[:, 0]]),
-            np.concatenate([bodies.spin, none[:, 0]]),
-            np.concatenate([bodies.mass, none[:, 0] + 1]),
-        ),
-        np.ones(n, bool),
-        *(np.zeros(n, bool) for _ in range(5)),
+        BodyStates(shape, state, mass), np.ones(n, bool), simulated, reweighed, np.zeros((n, 6), bool), exact_mass
     )
     for i, change in changes.of:
         _apply(changed, i, change, changes.objects[i].name)
@@ -78,29 +71,27 @@ def change_bodies(bodies: BodyStates, changes: Changes) -> ChangedBodies:
 
 def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str) -> None:
     """Change body i in place. Several changes of one object concern different parts of its state, so any order will do."""
-    bodies = changed.bodies
+    state, mass, exact = changed.bodies.state[i], changed.bodies.mass, changed.exact[i]
     changed.simulated[i] |= isinstance(change, SetVelocity | Move | Freeze | Add)
     if isinstance(change, SetMass):
-        bodies.mass[i] *= change.factor
+        mass[i] *= change.factor
         changed.reweighed[i] = change.factor != 1
     elif isinstance(change, SetVelocity):
-        bodies.velocity[i] = _velocity(change, bodies.velocity[i], name)
+        state[VELOCITY] = _velocity(change, state[VELOCITY], name)
         is_given = change.vx is not None or None not in (change.speed, change.direction)
-        changed.exact_velocity[i] = is_given or not bodies.velocity[i].any()
+        exact[VELOCITY] = is_given or not state[VELOCITY].any()
     elif isinstance(change, Move):
         if change.x is not None and change.y is not None:
-            bodies.position[i] = change.x, change.y
-            changed.exact_position[i] = True
+            state[POSITION], exact[POSITION] = (change.x, change.y), True
         else:
-            bodies.position[i] += change.dx or 0.0, change.dy or 0.0
-            check_position(f"Move {name}", *bodies.position[i].tolist())
+            state[POSITION] += change.dx or 0.0, change.dy or 0.0
+            check_position(f"Move {name}", *state[POSITION].tolist())
     elif isinstance(change, Freeze):
-        bodies.velocity[i], bodies.spin[i], bodies.mass[i] = 0.0, 0.0, FROZEN_MASS
+        state[VELOCITY], state[SPIN], mass[i] = 0.0, 0.0, FROZEN_MASS
         changed.exact_mass[i] = True
     elif isinstance(change, Add):
-        bodies.position[i], bodies.velocity[i] = (change.x, change.y), (change.vx, change.vy)
-        bodies.yaw[i], bodies.mass[i] = change.yaw, change.mass
-        changed.exact_position[i] = changed.exact_velocity[i] = changed.exact_mass[i] = True
+        state[:], mass[i] = (change.x, change.y, change.vx, change.vy, change.yaw, 0.0), change.mass
+        exact[POSITION], exact[VELOCITY], changed.exact_mass[i] = True, True, True
 
 
 def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]:
@@ -126,11 +117,10 @@ def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]
 def _check_free(changed: ChangedBodies, i: int, changes: Changes) -> None:
     """Raise `DataError` where a placed object would overlap another one."""
     bodies, names = changed.bodies, [o.name for o in changes.objects]
-    state = np.concatenate([bodies.position, bodies.velocity, bodies.yaw[:, None], bodies.spin[:, None]], 1)
     for j in np.flatnonzero(changed.exists).tolist():
-        gap = float(outline_gap(bodies.shape, state, i, j)[0]) if j != i else 0.0
+        gap = float(outline_gap(bodies.shape, bodies.state, i, j)[0]) if j != i else 0.0
         if gap < 0:
-            (x, y), (other_x, other_y) = bodies.position[[i, j]].tolist()
+            (x, y), (other_x, other_y) = bodies.state[[i, j], POSITION].tolist()
             raise DataError(
                 f"{names[i]} at ({x:.2f}, {y:.2f}): would overlap the {names[j]} at ({other_x:.2f}, {other_y:.2f}) by "
                 f"{-gap:.2f} world units; expected a free place"

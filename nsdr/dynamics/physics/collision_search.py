@@ -10,6 +10,7 @@ import numpy as np
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.contact_geometry import outline_gap
+from nsdr.dynamics.physics.forces import POSITION
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import GOOD_COST, TrajectoryFit, fit_trajectories
 from nsdr.types import Event
@@ -78,19 +79,15 @@ def closest_gap(fit: TrajectoryFit, pair: Pair) -> float:
     """Smallest gap of two bodies' outlines during a fitted run (world units), up to `MAX_GAP_WORLD`; 0 where they touch."""
     if _meet(fit, pair):
         return 0.0
-    i, j = pair
-    motion = fit.motion
-    apart = np.linalg.norm(motion.position[i] - motion.position[j], axis=-1)
-    state = np.zeros((2, 6))
-    gaps = [MAX_GAP_WORLD]
-    for frame in np.argsort(apart)[:NEAREST_FRAMES].tolist():
-        state[:, :2], state[:, 4] = motion.position[[i, j], frame], motion.yaw[[i, j], frame]
-        gaps.append(float(outline_gap(fit.bodies.shape[[i, j]], state, 0, 1)[0]))
-    return max(min(gaps), 0.0)
+    two = list(pair)
+    apart = np.diff(fit.states[two, :, POSITION], axis=0)[0]
+    nearest = np.argsort(np.linalg.norm(apart, axis=-1))[:NEAREST_FRAMES]
+    gaps = [float(outline_gap(fit.bodies.shape[two], fit.states[two, frame], 0, 1)[0]) for frame in nearest]
+    return max(min(MAX_GAP_WORLD, *gaps), 0.0)
 
 
 def _meet(fit: TrajectoryFit, pair: Pair) -> bool:
-    return bool(fit.motion.contact[pair] != NO_CONTACT)
+    return bool(fit.contact[pair] != NO_CONTACT)
 
 
 class CollisionSearch:

@@ -41,6 +41,8 @@ ROBUST_SCALE = 2.0
 """Residuals beyond this many standard deviations are weighted down (soft L1)."""
 EDGES_PX = (-0.3, -0.6)
 """Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
+LOG_MASS, PAIR_REBOUND = 6, 7
+"""Kinds of parameters beside those of the state (its columns)."""
 _OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
 _MIN_DEPTH_WORLD = 0.1
 """Nearest depth that is projected (world units)."""
@@ -57,29 +59,22 @@ class FitProblem(NamedTuple):
     Attributes:
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
         reference_s: (n,) seconds, when positions and velocities are those of the parameters.
-        first: (n + 1,) int, first datum of each object.
-        frame, position, root_weight, edges_px: (D,), (D, 2), (D,) and (D, 2), in order within an object: measured positions,
-            square roots of their weights, and left and right edges of cubes' boxes.
+        position, root_weight, edges_px: (n, F, 2), (n, F) and (n, F, 2), measured positions, square roots of their weights, 0
+            where nothing was measured, and left and right edges of boxes, of which those of cubes count.
+        parameters: (P, 3) int, a column of the state of an object, `LOG_MASS` or `PAIR_REBOUND`; the object; and for
+            rebounds the other object.
         unit: (P,) of the parameters.
-        position_at, velocity_at, log_mass_at, yaw_at: (n,) int, each object's (first) parameter of that kind; -1 for none.
-        rebound_at: (n, n) int, parameter of the pair's rebound; -1 for none.
         prior: (P, 2) mean and standard deviation; infinite without a prior.
         projection: see `rows_of`.
     """
 
     shape: NDArray[np.int64]
     reference_s: NDArray[np.float64]
-    first: NDArray[np.int64]
-    frame: NDArray[np.int64]
     position: NDArray[np.float64]
     root_weight: NDArray[np.float64]
     edges_px: NDArray[np.float64]
+    parameters: NDArray[np.int64]
     unit: NDArray[np.float64]
-    position_at: NDArray[np.int64]
-    velocity_at: NDArray[np.int64]
-    log_mass_at: NDArray[np.int64]
-    yaw_at: NDArray[np.int64]
-    rebound_at: NDArray[np.int64]
     prior: NDArray[np.float64]
     projection: tuple[float, ...]
 
@@ -87,9 +82,12 @@ class FitProblem(NamedTuple):
 class Sums(NamedTuple):
     """What is gathered along a run; arrays that the functions below change.
 
-    The sum of the robust losses and the number of residuals (2,), its gradient (P,) and curvature (P, P); states at every frame
-    (n, F, 6); the first frame and datum of each object that are not gathered yet (n,); and the outermost points of each cube's
-    image at its last datum (n, 2, 2), see `cube_edges_px`.
+    Attributes:
+        loss: (2,) sum of the robust losses, and number of residuals.
+        gradient, curvature: (P,) and (P, P) of that sum.
+        motion: (n, F, 6) states at every frame.
+        next_frame: (n,) the first frame of each object that is not gathered yet.
+        outermost: (n, 2, 2) outermost points of each cube's image in the last frame, see `cube_edges_px`.
     """
 
     loss: NDArray[np.float64]
@@ -97,7 +95,6 @@ class Sums(NamedTuple):
     curvature: NDArray[np.float64]
     motion: NDArray[np.float64]
     next_frame: NDArray[np.int64]
-    next_datum: NDArray[np.int64]
     outermost: NDArray[np.int64]
 
 
@@ -229,11 +226,10 @@ def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ign
 @cached_njit
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
     """Gather the data of body i's segment before a time, and move its start there."""
-    frames, positions, edges_px, root_weight, projection = p.frame, p.position, p.edges_px, p.root_weight, p.projection
+    positions, edges_px, root_weight, projection = p.position[i], p.edges_px[i], p.root_weight[i], p.projection
     motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
     shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
-    begin, d, last_datum = sums.next_frame[i], sums.next_datum[i], p.first[i + 1]
-    end = begin
+    begin = end = sums.next_frame[i]
     while end < len(motion) and end * FRAME_SECONDS < seconds:
         end += 1
     derivatives = np.empty((end - begin + 1 if spinning else 1, 6, 6))
@@ -252,46 +248,44 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
             advance(bodies, i, seconds, after, here)
             break
         copy_state(after, motion[k])
-        if d < last_datum and frames[d] == k:
-            measured = (positions[d], edges_px[d], root_weight[d])
+        if root_weight[k] > 0:
+            measured = (positions[k], edges_px[k], root_weight[k])
             _add_datum(shape == CUBE, projection, *measured, after, here, scratch, outermost, loss, force, curvature)
-            d += 1
-    sums.next_frame[i], sums.next_datum[i] = end, d
+    sums.next_frame[i] = end
 
 
 @cached_njit
 def _start(p, x, horizon):  # type: ignore[no-untyped-def]
     """Bodies of the parameters at their reference frames."""
     bodies = new_bodies(p.shape, len(x), int(horizon / STEP_SECONDS) + 1)
-    for i in range(len(p.shape)):
-        bodies.start[i] = p.reference_s[i]
-        for first, at, count in ((0, p.position_at[i], 2), (2, p.velocity_at[i], 2), (4, p.yaw_at[i], 1)):
-            if at >= 0:
-                for k in range(count):
-                    bodies.state[i, first + k] = x[at + k] * p.unit[at + k]
-                    bodies.sensitivity[i, first + k, at + k] = p.unit[at + k]
-                    bodies.active[i, at + k] = True
-        at = p.log_mass_at[i]
-        if at >= 0:
-            bodies.mass[i] = np.exp(x[at] * p.unit[at])
+    bodies.start[:] = p.reference_s
+    for k in range(len(x)):
+        kind, i = p.parameters[k, 0], p.parameters[k, 1]
+        if kind < LOG_MASS:
+            bodies.state[i, kind] = x[k] * p.unit[k]
+            bodies.sensitivity[i, kind, k] = p.unit[k]
+            bodies.active[i, k] = True
+        elif kind == LOG_MASS:
+            bodies.mass[i] = np.exp(x[k] * p.unit[k])
     return bodies
 
 
 @cached_njit
 def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
-    """The exchange of bodies i and j; a pair that touched before does not rebound again."""
-    parameters, d_mass = np.array([p.log_mass_at[i], p.log_mass_at[j], p.rebound_at[i, j]]), np.zeros(2)
-    for k, body in ((0, i), (1, j)):
-        if parameters[k] >= 0:
-            d_mass[k] = bodies.mass[body] * p.unit[parameters[k]]
-    rebound, d_rebound, at = REBOUND, 0.0, parameters[2]
-    if at >= 0:
-        given = x[at] * p.unit[at]
-        rebound = min(max(given, 0.0), MAX_FITTED_REBOUND)
-        d_rebound = p.unit[at] if rebound == given else 0.0
+    """The exchange of bodies i and j, i < j; a pair that touched before does not rebound again."""
+    rebound, at, derivatives = REBOUND, np.full(3, -1), np.zeros(3)
+    for k in range(len(x)):
+        kind, one, other = p.parameters[k]
+        if kind == LOG_MASS and one in (i, j):
+            which = 0 if one == i else 1
+            at[which], derivatives[which] = k, bodies.mass[one] * p.unit[k]
+        elif kind == PAIR_REBOUND and one == i and other == j:
+            given = x[k] * p.unit[k]
+            rebound = min(max(given, 0.0), MAX_FITTED_REBOUND)
+            at[2], derivatives[2] = k, p.unit[k] if rebound == given else 0.0
     if touched:
-        rebound, d_rebound = 0.0, 0.0
-    exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound)
+        rebound, derivatives[2] = 0.0, 0.0
+    exchange(bodies, i, j, rebound, at, derivatives)
 
 
 @cached_njit
@@ -354,7 +348,6 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
         np.zeros((len(x), len(x))),
         np.empty((n, n_frames, 6)),
         np.zeros(n, np.int64),
-        p.first[:-1].copy(),
         np.zeros((n, 2, 2), np.int64),
     )
     first_contact, contacts = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.int64)

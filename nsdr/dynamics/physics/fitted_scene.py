@@ -15,13 +15,14 @@ from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.changed_bodies import ChangedBodies, change_bodies
 from nsdr.dynamics.physics.collision_search import FoundCollisions
 from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.simulator import (
     NO_CONTACT,
     BodyStates,
     Perturbations,
     PrescribedMotion,
     SimulatedMotion,
-    simulate_perturbed,
+    simulate,
 )
 from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image, with_smoothed_tracks
 from nsdr.types import Event, Remove, Rollout, UncertainCollision
@@ -64,16 +65,17 @@ class FittedScene:
         self.config, self.shortcut, self.total = config, shortcut, total_frames
         n, self.frames = states.present.shape
         # Smoothed stretches follow the tracks most closely; where there is none, the fitted run steps in.
-        known = np.isfinite(smoothed.location_world)
-        self.position = np.where(known, smoothed.location_world, fitted.motion.position)
-        self.velocity = np.where(known, smoothed.velocity_world_per_s, fitted.motion.velocity)
+        self.motion = fitted.states.copy()
+        known = np.isfinite(smoothed.location_world).all(-1)
+        self.motion[known, POSITION] = smoothed.location_world[known]
+        self.motion[known, VELOCITY] = smoothed.velocity_world_per_s[known]
         met = {i for e in observed for i in e.objects}
         # Each run draws its masses, positions, velocities and yaws in this order.
         noise = np.random.default_rng(config.seed).normal(size=(config.runs - 1, 6 * n))
         state = np.zeros((config.runs - 1, n, 6))
-        state[..., :2] = config.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2)
-        state[..., 2:4] = config.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2)
-        state[..., 4] = config.yaw_noise * noise[:, 5 * n :]
+        state[..., POSITION] = config.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2)
+        state[..., VELOCITY] = config.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2)
+        state[..., YAW] = config.yaw_noise * noise[:, 5 * n :]
         mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
         self.perturbations = Perturbations(state, np.exp(mass_noise * noise[:, :n]))
         self.uncertain = [
@@ -92,10 +94,11 @@ class FittedScene:
     def _unchanged(self) -> tuple[Rollout, FloatArray]:
         """The scene as it is, and (n, F) rotations about the vertical axis (radians)."""
         n = len(self.states.objects)
-        motion = self._prescribed(np.full(n, self.frames - 1))
-        bodies = replace(self.fitted.bodies, position=self.position[:, 0], velocity=self.velocity[:, 0])
         every = np.ones(n, bool)
-        first, frames = simulate_perturbed(bodies, every, self.total, self.perturbations, None, motion)
+        bodies = BodyStates(self.fitted.bodies.shape, self.motion[:, 0], self.fitted.bodies.mass)
+        motion = self._prescribed(np.full(n, self.frames - 1))
+        run = simulate(bodies, every, self.total, prescribed=motion, perturbations=self.perturbations)
+        frames, position = run.contacts, run.states[..., POSITION]
         pairs, share = {e.objects for e in self.observed}, (frames != NO_CONTACT).mean(0)
         later = [
             (replace(event, frame=max(event.frame, self.frames)), p)
@@ -103,19 +106,19 @@ class FittedScene:
             if event.objects not in pairs
         ]
         collisions, uncertain = self._judged(later)
-        gap = first.position[:, self.frames - 1 :]
+        gap = position[:, self.frames - 1 :]
         gap = np.linalg.norm(gap[:, None] - gap[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
         scores = (len(frames) * share + np.exp(-np.maximum(gap, 0) / CLOSENESS_WORLD)) / (len(frames) + 1)
         for pair in pairs:  # a pair collides once
             scores[pair] = scores[pair[::-1]] = 0.0
         rollout = Rollout(
-            first.position,
-            self._visible(first, every, np.zeros(n, bool), 0),
+            position,
+            self._visible(run, every, np.zeros(n, bool), 0),
             tuple(sorted([*self.observed, *collisions], key=lambda e: e.frame)),
             scores,
             uncertain=(*self.uncertain, *uncertain),
         )
-        return rollout, first.yaw
+        return rollout, run.states[..., YAW]
 
     def original(self, extra: int, from_frame: int) -> tuple[Rollout, FloatArray]:
         """The rollout without interventions, and its yaws (radians), with a number of further objects that are absent.
@@ -149,21 +152,21 @@ class FittedScene:
             DataError: an intervention is impossible (see `change_bodies`).
         """
         changed = change_bodies(self._bodies_at(from_frame), changes)
-        first, later = self._later_collisions(changed, from_frame)
+        run, later = self._later_collisions(changed, from_frame)
         collisions, uncertain = self._judged(later)
         extra = len(changed.exists) - len(self.states.objects)
-        location, speed = first.position.copy(), np.linalg.norm(first.velocity, axis=-1)
+        location, speed = run.states[..., POSITION].copy(), np.linalg.norm(run.states[..., VELOCITY], axis=-1)
         location[~changed.exists] = np.nan
-        location[:, :from_frame] = _padded(self.position[:, :from_frame], extra, np.nan)
+        location[:, :from_frame] = _padded(self.motion[:, :from_frame, POSITION], extra, np.nan)
         observed_speed = _padded(np.linalg.norm(self.smoothed.velocity_world_per_s, axis=-1), extra, np.nan)
-        as_observed = self._as_observed(first, changed.simulated, from_frame)[:, : self.frames]
+        as_observed = self._as_observed(run, changed.simulated, from_frame)[:, : self.frames]
         speed[:, : self.frames] = np.where(as_observed, observed_speed, speed[:, : self.frames])
-        yaw = first.yaw.copy()
-        yaw[:, :from_frame] = _padded(self.fitted.motion.yaw[:, :from_frame], extra, 0.0)
+        yaw = run.states[..., YAW].copy()
+        yaw[:, :from_frame] = _padded(self.motion[:, :from_frame, YAW], extra, 0.0)
         shapes = [o.shape for o in changes.objects]
         rollout = Rollout(
             location,
-            self._visible(first, changed.exists, changed.simulated, from_frame, shapes),
+            self._visible(run, changed.exists, changed.simulated, from_frame, shapes),
             tuple(sorted([*self._earlier(from_frame), *collisions], key=lambda e: e.frame)),
             None,
             speed,
@@ -183,8 +186,9 @@ class FittedScene:
     def _later_collisions(
         self, changed: ChangedBodies, from_frame: int
     ) -> tuple[SimulatedMotion, list[tuple[Event, float]]]:
-        """The first run from a frame on, and the collisions after it that are not ruled out, with their probabilities."""
-        first, frames = self._runs(changed, from_frame)
+        """The runs from a frame on, and the collisions after it that are not ruled out, with their probabilities."""
+        run = self._run(changed, from_frame)
+        frames = run.contacts
         for event in self._earlier(from_frame):  # while they touch or soon after, it is the same collision
             i, j = event.objects
             continued = frames[:, i, j] <= max(event.frame + CONTACT_PAUSE_STEPS // STEPS_PER_FRAME, from_frame + 1)
@@ -197,7 +201,7 @@ class FittedScene:
             (i, j), p = one.event.objects, one.probability
             if untouched[[i, j]].all() and (from_frame == 0 or one.event.frame > from_frame):
                 share[i, j] = share[i, j] * p if (i, j) in found else 1 - (1 - share[i, j]) * (1 - p)
-        return first, self._probable_collisions(frames, share)
+        return run, self._probable_collisions(frames, share)
 
     def _probable_collisions(self, frames: IntArray, probability: FloatArray) -> list[tuple[Event, float]]:
         """Collisions that are not ruled out, with their probabilities.
@@ -216,25 +220,15 @@ class FittedScene:
 
     def _bodies_at(self, frame: int) -> BodyStates:
         """The objects at a frame of the video."""
-        motion = self.fitted.motion
-        position, velocity = (self.position, self.velocity) if self.shortcut else (motion.position, motion.velocity)
-        bodies = replace(self.fitted.bodies, position=position[:, frame], velocity=velocity[:, frame])
-        return replace(bodies, yaw=motion.yaw[:, frame], spin=motion.spin[:, frame])
+        motion = self.motion if self.shortcut else self.fitted.states
+        return BodyStates(self.fitted.bodies.shape, motion[:, frame], self.fitted.bodies.mass)
 
     def _prescribed(self, until: IntArray) -> PrescribedMotion:
         """The motion of the video, that each object, and further ones, keep until a frame (n,)."""
-        motion, extra = self.fitted.motion, len(until) - len(self.states.objects)
-        return PrescribedMotion(
-            _padded(self.position, extra, 0.0),
-            _padded(self.velocity, extra, 0.0),
-            _padded(motion.yaw, extra, 0.0),
-            _padded(motion.spin, extra, 0.0),
-            until,
-            np.array([(*e.objects, e.frame) for e in self.observed], np.int64).reshape(-1, 3),
-        )
+        motion = _padded(self.motion, len(until) - len(self.motion), 0.0)
+        return PrescribedMotion(motion, until, np.array([(*e.objects, e.frame) for e in self.observed]).reshape(-1, 3))
 
-    def _runs(self, changed: ChangedBodies, from_frame: int) -> tuple[SimulatedMotion, IntArray]:
-        """The first run from a frame on, and the frames (runs, n, n) of first contacts of all."""
+    def _run(self, changed: ChangedBodies, from_frame: int) -> SimulatedMotion:
         n, old = len(changed.exists), len(self.states.objects)
         rebound, prescribed = np.full((n, n), np.nan), None
         if self.shortcut:
@@ -246,12 +240,9 @@ class FittedScene:
         # Added objects and what interventions give exactly are not perturbed.
         state, mass = np.zeros((self.config.runs - 1, n, 6)), np.ones((self.config.runs - 1, n))
         state[:, :old], mass[:, :old] = self.perturbations.state, self.perturbations.mass
-        state[:, changed.exact_position, :2] = state[:, changed.exact_velocity, 2:4] = 0.0
-        mass[:, changed.exact_mass] = 1.0
+        state[:, changed.exact], mass[:, changed.exact_mass] = 0.0, 1.0
         perturbations = Perturbations(state, mass)
-        return simulate_perturbed(
-            changed.bodies, changed.exists, self.total, perturbations, rebound, prescribed, from_frame
-        )
+        return simulate(changed.bodies, changed.exists, self.total, rebound, prescribed, from_frame, perturbations)
 
     def _unchanged_collisions(self, changed: ChangedBodies, from_frame: int) -> list[tuple[int, ...]]:
         """Pairs whose next collision in the video is at unchanged velocities, one of them having another mass.
@@ -291,11 +282,11 @@ class FittedScene:
     ) -> BoolArray:
         """(n, F) bool: as observed until an object is simulated, then as its simulated position is in the image."""
         shapes = shapes or [o.shape for o in self.states.objects]
-        observed = np.zeros(run.yaw.shape, bool)
+        observed = np.zeros(run.states.shape[:2], bool)
         observed[: len(self.states.objects), : self.frames] = self.smoothed.visible
         as_observed = self._as_observed(run, simulated, from_frame)
         there = exists[:, None] | (np.arange(self.total) < from_frame)
-        position = np.where((~as_observed & there)[..., None], run.position, np.nan)
+        position = np.where((~as_observed & there)[..., None], run.states[..., POSITION], np.nan)
         return np.where(as_observed, observed, rollout_in_image(shapes, position, self.states.camera)) & there
 
 

@@ -1,7 +1,7 @@
 """What changes a body's motion in the plane: damping and friction in a Bullet step, and contacts with others (by Numba).
 
 A body that only slides needs no steps (`nsdr.dynamics.sliding`). A spinning cube does: its four corners rub on the ground with
-forces that depend on both speed and spin, so its motion has no closed form. States are rows (x, y, vx, vy, yaw, spin).
+forces that depend on both speed and spin, so its motion has no closed form.
 """
 
 import numpy as np
@@ -23,6 +23,10 @@ from nsdr.world.physics_constants import (
 __all__ = [
     "GIVEN_GAP_WORLD",
     "MIN_SPIN_RAD_PER_S",
+    "POSITION",
+    "SPIN",
+    "VELOCITY",
+    "YAW",
     "approach",
     "drift",
     "push",
@@ -31,6 +35,8 @@ __all__ = [
     "speed_after",
 ]
 
+POSITION, VELOCITY, YAW, SPIN = slice(0, 2), slice(2, 4), 4, 5
+"""Columns of a body's state, a row (x, y, vx, vy, yaw, spin): world units, radians and seconds."""
 _DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
 _SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
 """Torque per mass by which the ground resists spinning (world units²/s²)."""
@@ -40,8 +46,6 @@ _SPIN_SLIDING_WORLD = 0.2
 """Lever (world units) by which spin adds to the speed over the ground in the test for rest."""
 MIN_SPIN_RAD_PER_S = 1e-3
 """Slower spin counts as none."""
-
-
 GIVEN_GAP_WORLD = 0.003
 """Gap at which given rebounds happen: the mean gap of Bullet's rule at usual speeds (world units)."""
 WALLS_REBOUND, WALLS_SLOPE = 0.26, 0.30
@@ -55,7 +59,7 @@ def slow_down(shape, state, i):  # type: ignore[no-untyped-def]
 
     Args:
         shape: of the body, index into `nsdr.world.vocabulary.SHAPES`.
-        state: (n, 6) rows (x, y, vx, vy, yaw, spin); not a row, because a slice costs as much as the step.
+        state: (n, 6) rows; not a row, because a slice costs as much as the step.
         i: which.
     """
     speed = np.sqrt(state[i, 2] * state[i, 2] + state[i, 3] * state[i, 3])

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, MIN_SPIN_RAD_PER_S, approach, drift, rebound_at, slow_down
+from nsdr.dynamics.physics.forces import (
+    GIVEN_GAP_WORLD,
+    MIN_SPIN_RAD_PER_S,
+    SPIN,
+    YAW,
+    approach,
+    drift,
+    rebound_at,
+    slow_down,
+)
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
@@ -31,7 +40,6 @@ _SPIN_DIFFERENCE = 1e-4
 """Step of the numerical derivatives of a spinning cube's motion (world units/s, radians, radians/s)."""
 _CONTACT_DIFFERENCE = 1e-6
 """Step of the numerical derivatives of an exchange."""
-_YAW, _SPIN = 4, 5
 
 
 class Bodies(NamedTuple):
@@ -89,7 +97,7 @@ def _spin_steps(state, count, rows):  # type: ignore[no-untyped-def]
             rows[k, c] = rows[k - 1, c]
         slow_down(CUBE, rows, k)
         drift(rows, k, STEP_SECONDS)
-        if rows[k, _SPIN] == 0.0:
+        if rows[k, SPIN] == 0.0:
             return k
     return count
 
@@ -108,12 +116,12 @@ def start_segment(bodies, i, seconds, horizon):  # type: ignore[no-untyped-def]
     """Start the segment of body i at a time with the state that is there already."""
     bodies.start[i] = seconds
     bodies.end[i] = np.inf
-    if bodies.shape[i] == CUBE and abs(bodies.state[i, _SPIN]) >= MIN_SPIN_RAD_PER_S:
+    if bodies.shape[i] == CUBE and abs(bodies.state[i, SPIN]) >= MIN_SPIN_RAD_PER_S:
         count = min(int((horizon - seconds) / STEP_SECONDS) + 1, bodies.steps.shape[1] - 1)
         done = _spin_steps(bodies.state[i], count, bodies.steps[i])
         bodies.end[i] = seconds + done * STEP_SECONDS
     else:
-        bodies.state[i, _SPIN] = 0.0
+        bodies.state[i, SPIN] = 0.0
 
 
 @cached_njit
@@ -141,7 +149,7 @@ def slide_derivatives(shape, state, elapsed, after, out):  # type: ignore[no-unt
     for r in range(6):
         for c in range(6):
             out[r, c] = 0.0
-    out[0, 0] = out[1, 1] = out[_YAW, _YAW] = 1.0
+    out[0, 0] = out[1, 1] = out[YAW, YAW] = 1.0
     speed = np.sqrt(state[2] ** 2 + state[3] ** 2)
     if speed == 0.0:
         return
@@ -229,7 +237,7 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
         state_at(bodies, i, seconds, state[0])
         state_at(bodies, j, seconds, state[1])
         speed = np.sqrt(state[0, 2] ** 2 + state[0, 3] ** 2) + np.sqrt(state[1, 2] ** 2 + state[1, 3] ** 2)
-        spin = abs(state[0, _SPIN]) + abs(state[1, _SPIN])
+        spin = abs(state[0, SPIN]) + abs(state[1, SPIN])
         if speed == 0.0 and spin == 0.0:
             return np.inf
         apart_world = np.sqrt((state[1, 0] - state[0, 0]) ** 2 + (state[1, 1] - state[0, 1]) ** 2) - reach
@@ -254,7 +262,7 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
     timed = apart < -_MIN_APPROACH_WORLD_PER_S and abs(gap - GIVEN_GAP_WORLD) < _TIMED_GAP_WORLD
     masses, state = mass.copy(), np.empty((2, 6))
     for k in range(-1, 15):
-        if 0 <= k < 12 and k % 6 >= _YAW and shape[k // 6] != CUBE:
+        if 0 <= k < 12 and k % 6 >= YAW and shape[k // 6] != CUBE:
             continue
         for b in range(2):
             copy_state(before[b], state[b])
@@ -275,11 +283,11 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
 
 
 @cached_njit
-def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ignore[no-untyped-def]
+def exchange(bodies, i, j, rebound, parameters, derivatives):  # type: ignore[no-untyped-def]
     """Apply the contact of bodies i and j, both at their segments' starts, to their states and sensitivities.
 
-    `parameters` (3,) are those of the masses of i and j and of the rebound, -1 for none; `d_mass` (2,) and `d_rebound` the
-    derivatives by them.
+    `parameters` (3,) are those of the masses of i and j and of the rebound, -1 for none; `derivatives` (3,) those of masses and
+    rebound by them.
     """
     shape = np.array([bodies.shape[i], bodies.shape[j]])
     mass = np.array([bodies.mass[i], bodies.mass[j]])
@@ -306,10 +314,9 @@ def exchange(bodies, i, j, rebound, parameters, d_mass, d_rebound):  # type: ign
     for k in range(3):
         p = parameters[k]
         if p >= 0:
-            unit = d_mass[k] if k < 2 else d_rebound
             for r in range(6):
-                bodies.sensitivity[i, r, p] += by_input[0, r, 12 + k] * unit
-                bodies.sensitivity[j, r, p] += by_input[1, r, 12 + k] * unit
+                bodies.sensitivity[i, r, p] += by_input[0, r, 12 + k] * derivatives[k]
+                bodies.sensitivity[j, r, p] += by_input[1, r, 12 + k] * derivatives[k]
             bodies.active[i, p] = bodies.active[j, p] = True
     copy_state(after[0], bodies.state[i])
     copy_state(after[1], bodies.state[j])

@@ -17,11 +17,7 @@ from numpy.typing import NDArray
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
 from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, rebound_at, slow_down, speed_after
-from nsdr.world.physics_constants import (
-    CONTACT_THRESHOLD_WORLD,
-    STEP_SECONDS,
-    STEPS_PER_FRAME,
-)
+from nsdr.world.physics_constants import CONTACT_THRESHOLD_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
 __all__ = [
     "NO_CONTACT",
@@ -30,7 +26,6 @@ __all__ = [
     "PrescribedMotion",
     "SimulatedMotion",
     "simulate",
-    "simulate_perturbed",
 ]
 
 FloatArray = NDArray[np.floating[Any]]
@@ -48,21 +43,16 @@ _MAX_SWEEPS = 2
 
 @dataclass(frozen=True)
 class BodyStates:
-    """State of the objects at the start of a run.
+    """Objects at the start of a run.
 
     Attributes:
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
-        position: (n, 2) world units.
-        velocity: (n, 2) world units per second.
-        yaw, spin: (n,) radians, radians per second.
+        state: (n, 6) rows (x, y, vx, vy, yaw, spin): world units, radians and seconds.
         mass: (n,) relative.
     """
 
     shape: IntArray
-    position: FloatArray
-    velocity: FloatArray
-    yaw: FloatArray
-    spin: FloatArray
+    state: FloatArray
     mass: FloatArray
 
 
@@ -71,38 +61,15 @@ class PrescribedMotion:
     """Motion that objects keep until one that does not keep its own collides with them.
 
     Attributes:
-        position, velocity: (n, F, 2) at every frame of a video.
-        yaw, spin: (n, F).
+        states: (n, F, 6) rows at every frame of a video.
         until: (n,) int, the frame from which each object is simulated; 0 for an object that is simulated from the start.
         collisions: (E, 3) int, (i, j, frame) of prescribed collisions in order of time. If either object is absent or already
             simulated by then, the other is simulated from the frame before.
     """
 
-    position: FloatArray
-    velocity: FloatArray
-    yaw: FloatArray
-    spin: FloatArray
+    states: FloatArray
     until: IntArray
     collisions: IntArray
-
-
-@dataclass(frozen=True)
-class SimulatedMotion:
-    """Result of a run; zero before its first frame.
-
-    Attributes:
-        position, velocity: (n, F, 2).
-        yaw, spin: (n, F).
-        contact: (n, n) int, the frame of each pair's first contact, `NO_CONTACT` for none.
-        free_from: (n,) int, the frame from which each object is simulated.
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    yaw: FloatArray
-    spin: FloatArray
-    contact: IntArray
-    free_from: IntArray
 
 
 @dataclass(frozen=True)
@@ -110,13 +77,27 @@ class Perturbations:
     """Changes of the start of further runs.
 
     Attributes:
-        state: (R, n, 6) added to rows (x, y, vx, vy, yaw, spin), also at all frames where motion is prescribed; bodies at rest
-            get no velocity.
+        state: (R, n, 6) added to rows, also at all frames where motion is prescribed; bodies at rest get no velocity.
         mass: (R, n) factors.
     """
 
     state: FloatArray
     mass: FloatArray
+
+
+@dataclass(frozen=True)
+class SimulatedMotion:
+    """Result of a run, and of those with perturbations.
+
+    Attributes:
+        states: (n, F, 6) rows; zero before the first frame.
+        contacts: (1 + R, n, n) int, the frame of each pair's first contact in each run, `NO_CONTACT` for none.
+        free_from: (n,) int, the frame from which each object is simulated.
+    """
+
+    states: FloatArray
+    contacts: IntArray
+    free_from: IntArray
 
 
 def simulate(
@@ -126,8 +107,9 @@ def simulate(
     rebound: FloatArray | None = None,
     prescribed: PrescribedMotion | None = None,
     start: int = 0,
+    perturbations: Perturbations | None = None,
 ) -> SimulatedMotion:
-    """Run the bodies from frame `start` to frame `n_frames - 1`.
+    """Run the bodies from frame `start` to frame `n_frames - 1`, and again with each of R perturbations.
 
     Args:
         bodies: their state at frame `start`.
@@ -136,53 +118,22 @@ def simulate(
         rebound: (n, n) rebound of each pair as a share of its approach speed; NaN for Bullet's rule, None for it everywhere.
         prescribed: motion of objects until they are simulated.
         start: first frame.
-    """
-    n = len(bodies.shape)
-    none = Perturbations(np.zeros((0, n, 6)), np.zeros((0, n)))
-    return simulate_perturbed(bodies, exists, n_frames, none, rebound, prescribed, start)[0]
-
-
-def simulate_perturbed(
-    bodies: BodyStates,
-    exists: NDArray[np.bool_],
-    n_frames: int,
-    perturbations: Perturbations,
-    rebound: FloatArray | None = None,
-    prescribed: PrescribedMotion | None = None,
-    start: int = 0,
-) -> tuple[SimulatedMotion, IntArray]:
-    """Run the bodies from frame `start` as they are, and again with each of R perturbations.
-
-    Args:
-        bodies, exists, n_frames, rebound, prescribed, start: as of `simulate`.
         perturbations: of the further runs.
-
-    Returns:
-        The first run, and the frames (R + 1, n, n) of all runs' first contacts.
     """
-    shape, mass, n = np.asarray(bodies.shape, np.int64), np.asarray(bodies.mass, float), len(bodies.shape)
-    state = _rows(bodies.position, bodies.velocity, bodies.yaw, bodies.spin)
-    exists = np.asarray(exists, np.bool_)
-    rebounds = np.full((n, n), np.nan) if rebound is None else np.ascontiguousarray(rebound, float)
-    until, collisions = np.zeros(n, np.int64), np.zeros((0, 3), np.int64)
-    rows: FloatArray = np.zeros((n, 1, 6))
-    if prescribed is not None:
-        rows = _rows(prescribed.position, prescribed.velocity, prescribed.yaw, prescribed.spin)
-        until, collisions = np.array(prescribed.until, np.int64), np.ascontiguousarray(prescribed.collisions, np.int64)
-    changes = np.concatenate([np.zeros((1, n, 6)), perturbations.state])
-    masses = mass * np.concatenate([np.ones((1, n)), perturbations.mass])
-    runs = [
-        _run(shape, state, change, own_mass, exists, rebounds, rows, until, collisions, start, n_frames)
-        for change, own_mass in zip(changes, masses, strict=True)
+    n, mass = len(bodies.shape), np.asarray(bodies.mass, float)
+    rebound = np.full((n, n), np.nan) if rebound is None else rebound
+    kept = prescribed or PrescribedMotion(np.zeros((n, 1, 6)), np.zeros(n, int), np.zeros((0, 3), int))
+    runs = [(np.zeros((n, 6)), mass)]
+    if perturbations is not None:
+        runs += zip(perturbations.state, mass * perturbations.mass, strict=True)
+    shape, until, collisions = (np.ascontiguousarray(a, np.int64) for a in (bodies.shape, kept.until, kept.collisions))
+    state, rebound, rows = (np.ascontiguousarray(a, float) for a in (bodies.state, rebound, kept.states))
+    results = [
+        _run(shape, state, change, own_mass, exists, rebound, rows, until, collisions, start, n_frames)
+        for change, own_mass in runs
     ]
-    first, contact, free_from = runs[0]
-    motion = SimulatedMotion(first[..., :2], first[..., 2:4], first[..., 4], first[..., 5], contact, free_from)
-    return motion, np.stack([contact for _, contact, _ in runs])
-
-
-def _rows(position: FloatArray, velocity: FloatArray, yaw: FloatArray, spin: FloatArray) -> FloatArray:
-    """(..., 6) for the compiled functions."""
-    return np.ascontiguousarray(np.concatenate([position, velocity, yaw[..., None], spin[..., None]], -1), float)
+    states, _, free_from = results[0]
+    return SimulatedMotion(states, np.stack([contact for _, contact, _ in results]), free_from)
 
 
 @cached_njit

@@ -3,7 +3,6 @@
 Differs from `scipy.optimize.least_squares`: the objective returns its gradient and curvature, not its residuals.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CUBE
-from nsdr.dynamics.physics.fit_objective import FitProblem, evaluate
+from nsdr.dynamics.physics.fit_objective import LOG_MASS, FitProblem, evaluate
 from nsdr.world.physics_constants import LOG_MASS_STD
 
 __all__ = ["log_mass_covariance", "minimise", "trust_region_step"]
@@ -82,9 +81,7 @@ def minimise(p: FitProblem, x: FloatArray, n_frames: int, evaluations: int) -> t
     return x, cost
 
 
-def log_mass_covariance(
-    problem: FitProblem, names: Sequence[tuple[str, int, int]], curvature: FloatArray, cost: float
-) -> FloatArray:
+def log_mass_covariance(problem: FitProblem, curvature: FloatArray, cost: float) -> FloatArray:
     """Covariance (n, n) of the errors of the fitted log masses, by Laplace's approximation.
 
     The data count as if their noise were `DATA_ERROR_SCALE` times that of the fit; priors count as they are. Masses that are
@@ -92,7 +89,6 @@ def log_mass_covariance(
 
     Args:
         problem: of the fit.
-        names: kind and objects of each parameter.
         curvature: (P, P) of the mean loss at the solution.
         cost: the mean loss there.
     """
@@ -101,14 +97,13 @@ def log_mass_covariance(
         return result
     deviation = problem.prior[:, 1] / problem.unit
     prior = np.where(np.isfinite(deviation), deviation, 1.0) ** -2.0 * np.isfinite(deviation)
-    per_object = np.diff(problem.first)
-    n_data = 2 * int(per_object.sum()) + 2 * int(per_object[problem.shape == CUBE].sum())
+    measured = problem.root_weight > 0
+    n_data = 2 * int(measured.sum()) + 2 * int(measured[problem.shape == CUBE].sum())
     total = (n_data + np.count_nonzero(prior)) * np.asarray(curvature)
     prior = np.diag(np.minimum(prior, np.diagonal(total)))
     information = (total - prior) / DATA_ERROR_SCALE**2 + prior
     inverse = np.linalg.inv(information + RIDGE * float(information.max()) * np.eye(len(information)))
-    at = [(k, i) for k, (kind, i, _) in enumerate(names) if kind == "log_mass"]
-    for k, i in at:
-        for m, j in at:
-            result[i, j] = inverse[k, m] * problem.unit[k] * problem.unit[m]
+    at = np.flatnonzero(problem.parameters[:, 0] == LOG_MASS)
+    of = problem.parameters[at, 1]
+    result[np.ix_(of, of)] = inverse[np.ix_(at, at)] * LOG_MASS_STD**2
     return result
