@@ -26,7 +26,7 @@ FRAME_STEP = 2
 
 
 class ObjectEncoder(nn.Module):
-    """Objects in the light of their own motion and of the other objects.
+    """Objects (V, F, N, C) in the light of their own motion and of the other objects.
 
     Args:
         inputs: numbers C of an object in a frame.
@@ -84,25 +84,27 @@ class _ObjectLayer(nn.Module):
 
 
 class SpaceConv(nn.Module):
-    """Convolution of 3x3 over space, the same in every frame: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+    """Convolution of 3x3 over space, the same in every frame."""
 
     def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
         super().__init__()
         self.conv = nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation)
 
     def forward(self, x: Tensor) -> Tensor:
+        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
         images = x.flatten(0, 1).permute(0, 3, 1, 2)
         return self.conv(images).permute(0, 2, 3, 1).unflatten(0, x.shape[:2])
 
 
 class TimeConv(nn.Module):
-    """Convolution of 3 over time, the same at every place: (N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+    """Convolution of 3 over time, the same at every place."""
 
     def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
         super().__init__()
         self.conv = nn.Conv2d(inputs, outputs, (3, 1), padding=(dilation, 0), dilation=(dilation, 1))
 
     def forward(self, x: Tensor) -> Tensor:
+        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
         rows = x.flatten(2, 3).permute(0, 3, 1, 2)
         return self.conv(rows).permute(0, 2, 3, 1).unflatten(2, x.shape[2:4])
 

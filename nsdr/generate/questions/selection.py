@@ -20,15 +20,16 @@ from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
     EXTENSION_KINDS,
+    PLAIN,
     changed_questions,
     descriptive_questions,
     family,
     form,
     is_negated,
     multiple_choice_questions,
+    plain_questions,
 )
 from nsdr.generate.questions.inferential import InferentialSelection
-from nsdr.generate.questions.plain import PLAIN, plain_questions
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.validation import Count, NotNegative, Settings, Share, one_of
