@@ -28,8 +28,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.encoders import MapEncoder, SpaceConv, TimeConv
-from nsdr.baselines.systems.layers import AnswerHead, initialise
+from nsdr.baselines.systems.layers import AnswerHead, MapEncoder, SpaceConv, TimeConv, initialise
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, execute, program_graph
 from nsdr.validation import Settings, Size
 

@@ -20,8 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.encoders import ObjectEncoder
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, masked_softmax
+from nsdr.baselines.systems.layers import AnswerHead, ObjectEncoder, TextEncoder, Width, masked_softmax
 from nsdr.validation import Settings, Share, Size
 
 __all__ = ["TvqaConfig", "TvqaPlus"]
