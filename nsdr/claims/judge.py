@@ -121,9 +121,11 @@ class ClaimJudge:
 
     def _near(self, phrase: EventPhrase) -> list[Event]:
         """Observed events of the kind and objects, and of the frame where one is stated."""
-        frame = phrase.frame
-        found = self._matching(phrase, self.scene.events)
-        return [e for e in found if frame is None or abs(e.frame - frame) <= self.tolerance]
+        return self._at(phrase.frame, self._matching(phrase, self.scene.events))
+
+    def _at(self, frame: int | None, events: Iterable[Event]) -> list[Event]:
+        """The events within the tolerance of a frame; all with None."""
+        return [e for e in events if frame is None or abs(e.frame - frame) <= self.tolerance]
 
     def _sides(self, said: Statement, events: list[Event]) -> list[list[Event]]:
         """The events before or after the stated frame, for each boundary within the tolerance; all without such a frame."""
@@ -158,7 +160,7 @@ class ClaimJudge:
             sides = self._sides(said, matching)
             found = max(sides, key=len)
             return Verdict([] in sides if said.negated else bool(found), happens, event=found[0] if found else None)
-        near = [e for e in matching if phrase.frame is None or abs(e.frame - phrase.frame) <= self.tolerance]
+        near = self._at(phrase.frame, matching)
         if not said.negated:
             elsewhere = f"{happens}, not at frame {phrase.frame}" if matching else happens
             return Verdict(bool(near), elsewhere, event=near[0] if near else None)

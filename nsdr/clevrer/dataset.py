@@ -1,6 +1,7 @@
 """Access to a folder with CLEVRER's files by split and video index, and a list of what is missing."""
 
 import os
+import stat
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from nsdr.io.files import atomic_path, is_hidden
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import UNZIP_ERRORS, parse_json, read_bytes, read_json
 from nsdr.types import VideoProposals
-from nsdr.validation import PositiveCount, convert, expect
+from nsdr.validation import PositiveCount, convert, expect, shown
 from nsdr.world.timeline import VIDEO_FRAMES
 
 __all__ = ["CLEVRER", "KINDS", "SPLITS", "Entry", "Inventory", "Split"]
@@ -280,8 +281,10 @@ def _listing(root: Path, kind: str, split: str) -> Iterator[tuple[str, Entry]]:
         for archive in (folder / f"{singular}_{split}.zip", folder.with_suffix(".zip")):
             if archive.is_file():
                 with _opened(archive) as opened:
-                    for member in opened.namelist():
-                        yield PurePosixPath(member).name, Entry(archive, member)
+                    for member in opened.infolist():
+                        if not member.is_dir():
+                            _check_member(archive, member)
+                            yield PurePosixPath(member.filename).name, Entry(archive, member.filename)
         if folder.is_dir():
             for path in folder.rglob("*.*"):
                 if path.suffix != ".zip" and not is_hidden(path.relative_to(folder)):
@@ -298,3 +301,13 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
         raise
     except (*UNZIP_ERRORS, OSError) as e:
         raise DataError(f"{path}: not a readable zip ({e}); download it again") from e
+
+
+def _check_member(archive: Path, member: zipfile.ZipInfo) -> None:
+    """Refuse links, and members that lead out of the folder; others that cannot be read are refused when they are read."""
+    where = f"{archive}: {shown(member.filename)}"
+    parts = PurePosixPath(member.filename).parts
+    if not parts or parts[0] == "/" or ".." in parts or "\\" in member.filename or ":" in parts[0]:
+        raise DataError(f"{where}: leads out of the folder; delete the zip, and download it from CLEVRER's own server")
+    if stat.S_ISLNK(member.external_attr >> 16):
+        raise DataError(f"{where}: is a link; expected files only")

@@ -15,13 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.motion_states import (
-    COLLISION_MARGIN_FRAMES,
-    REST_SPEED_WORLD_PER_S,
-    UNRELIABLE_WEIGHT,
-    MotionStates,
-    detections_in,
-)
+from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
@@ -125,7 +119,7 @@ def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_co
     if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
         return None
     positions = states.location_world[i, detected]
-    weight = np.where(states.reliable[i, detected], 1.0, UNRELIABLE_WEIGHT)
+    weight = states.weight[i, detected]
     reference = float(detected[0])
     position, velocity, residual = fit_sliding(shape, detected, positions, weight, reference)
     if residual > MAX_RESIDUAL_WORLD:

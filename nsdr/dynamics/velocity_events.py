@@ -74,21 +74,18 @@ class VelocityEvents:
         before = velocity_collisions(seen, self.rule, tracks.camera) if observed is None else tuple(observed)
         prediction = self.backend.predict(tracks, before, *([pixels] if self.reads_images else []))
         met = {e.objects for e in before}
-        ahead = velocity_collisions(_from(prediction.observed, tracks.n_frames - LEAD_FRAMES), self.rule, tracks.camera)
+        rollout = prediction.observed
+        known = np.arange(rollout.visible.shape[1]) >= tracks.n_frames - LEAD_FRAMES
+        location = np.where(known[:, None], rollout.location_world, np.nan)
+        end = replace(rollout, location_world=location, visible=rollout.visible & known)
+        ahead = velocity_collisions(end, self.rule, tracks.camera)
         later = [e for e in ahead if e.frame >= tracks.n_frames and e.objects not in met]
         counterfactual = {
             k: replace(without, collisions=velocity_collisions(without, self.rule, tracks.camera), uncertain=None)
             for k, without in prediction.counterfactual.items()
         }
-        rollout = replace(prediction.observed, collisions=(*before, *later), unseen_scores=None, uncertain=None)
+        rollout = replace(rollout, collisions=(*before, *later), unseen_scores=None, uncertain=None)
         return replace(prediction, observed=rollout, counterfactual=counterfactual)
-
-
-def _from(rollout: Rollout, frame: int) -> Rollout:
-    """The rollout with nothing known before a frame."""
-    known = np.arange(rollout.visible.shape[1]) >= frame
-    location = np.where(known[:, None], rollout.location_world, np.nan)
-    return replace(rollout, location_world=location, visible=rollout.visible & known)
 
 
 def velocity_collisions(rollout: Rollout, rule: str = "tuned", camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:

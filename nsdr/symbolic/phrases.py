@@ -18,6 +18,19 @@ EXTREMES = {f"filter_{word}": word for word in ("fastest", "slowest", "heaviest"
 """Adjective of each filter that keeps one object."""
 COMPARISONS = {f"get_{word}": word for word in ("faster", "slower", "heavier", "lighter")}
 """Adjective of each choice of one of two objects."""
+PHRASES = {
+    "unique": "the {0}",
+    "filter_order": "the {1} {0}",
+    "get_col_partner": "the other object of {0}",
+    "get_object": "the object of {0}",
+    "filter_ancestor": "event that led to {1}",
+    "get_changed": "event with {1} {2}",
+    "get_counterfact": "event without {1}",
+    "counterfact_events": "event without {0}",
+    "start": "the start of the video",
+    "end": "the end of the video",
+}
+"""Phrase of each other module, of the phrases of its inputs."""
 
 
 def attribute_words(steps: Sequence[Step], index: int) -> tuple[str, ...]:
@@ -52,27 +65,15 @@ def noun_phrase(steps: Sequence[Step], index: int) -> str:
     if step.token in (*EVENT_NOUNS, "filter_before", "filter_after", "events", "all_events", "unseen_events"):
         return _events(steps, index)
     inputs = step.inputs
-    if step.token == "unique":
-        return f"the {noun_phrase(steps, inputs[0])}"
-    if step.token == "filter_order":
-        return f"the {steps[inputs[1]].token} {noun_phrase(steps, inputs[0])}"
-    if step.token == "get_col_partner":
-        return f"the other object of {noun_phrase(steps, inputs[0])}"
-    if step.token == "get_object":
-        return f"the object of {noun_phrase(steps, inputs[0])}"
-    if step.token == "filter_ancestor":
-        return f"event that led to {noun_phrase(steps, inputs[1])}"
     if step.token in EXTREMES:
         when = _time_clause(steps, inputs[1]) if len(inputs) > 1 else ""
         return f"{EXTREMES[step.token]} {noun_phrase(steps, inputs[0])}{when}"
     if step.token in COMPARISONS:
         when = _time_clause(steps, inputs[2]) if len(inputs) > 2 else ""
         return f"the {COMPARISONS[step.token]} of {noun_phrase(steps, inputs[0])} and {noun_phrase(steps, inputs[1])}{when}"
-    if step.token == "get_changed":
-        return f"event with {noun_phrase(steps, inputs[1])} {steps[inputs[2]].token.replace('_', ' ')}"
-    if step.token in ("get_counterfact", "counterfact_events"):
-        return f"event without {noun_phrase(steps, inputs[-1])}"
-    return {"start": "the start of the video", "end": "the end of the video"}.get(step.token, step.token)
+    if step.token in PHRASES:
+        return PHRASES[step.token].format(*(noun_phrase(steps, i) for i in inputs))
+    return step.token if step.module else step.token.replace("_", " ")
 
 
 def _objects(steps: Sequence[Step], index: int) -> str:

@@ -215,7 +215,7 @@ def _archive_cases() -> Iterator[Case]:
             text_writer("release/videos/validation/video_validation.zip", content())(folder, good)
             (folder / "release/questions").symlink_to(good / "release/questions")
 
-        yield Case("zip, archive", name, argv, write, "video_validation")
+        yield Case("zip, archive", name, argv, write, "video_validation.zip")
 
 
 def archive_cases() -> Iterator[Case]:

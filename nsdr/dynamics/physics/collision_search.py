@@ -118,14 +118,9 @@ class CollisionSearch:
         self._fits: dict[frozenset[Pair], TrajectoryFit] = {}
         self._repeated: set[frozenset[Pair]] = set()
 
-    @property
-    def trials(self) -> int:
-        """Number of fits beside the first."""
-        return max(len(self._fits) - 1, 0)
-
     def can_try(self, pairs: frozenset[Pair]) -> bool:
         """Whether a fit with these collisions is there already, or may still be made."""
-        return pairs in self._fits or self.trials < self.config.trials
+        return pairs in self._fits or max(len(self._fits), 1) <= self.config.trials
 
     def fitted(self, pairs: frozenset[Pair], near: TrajectoryFit | None = None) -> TrajectoryFit:
         """The fit with these collisions; where it is new, it starts from `near`, None for a first guess."""

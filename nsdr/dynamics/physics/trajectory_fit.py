@@ -11,12 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.motion_states import (
-    COLLISION_MARGIN_FRAMES,
-    REST_SPEED_WORLD_PER_S,
-    MotionStates,
-    detections_in,
-)
+from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
 from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.fit_objective import (
     LOG_MASS,

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from nsdr.dynamics.base import VideoPixels, rollout_frames
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
@@ -131,9 +131,14 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         """What is seen (C, n, K) a step later, and collision probabilities (C, n, n, window), of several rollouts at once."""
         static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
         inputs = (torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
-        boxes, logits = (x.cpu() for x in self.model(*(x.to(self.device) for x in inputs)))
+        following, logits = (x.float().cpu() for x in self._network(*(x.to(self.device) for x in inputs)))
         possible = here[:, :, None] & here[:, None]
-        return boxes.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible[..., None]
+        return following.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible[..., None]
+
+    def _network(self, seen: Tensor, static: Tensor, here: Tensor) -> tuple[Tensor, Tensor]:
+        """What is seen (C, n, K) after windows (C, n, window, K), and collision logits."""
+        boxes, logits = self.model(seen, static, here)
+        return boxes, logits
 
     def _future(self, states: MotionStates, observed: Sequence[Event]) -> Rollout:
         last = states.present.shape[1] - 1
@@ -230,15 +235,8 @@ class ImagePredictor(PatchPredictor):
         flat = patches.reshape(*patches.shape[:2], -1).astype(np.float32) / MAX_VALUE
         return np.concatenate([boxes, flat], -1)
 
-    @torch.no_grad()
-    def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """What is seen (C, n, 4 + K) a step later, and collision probabilities (C, n, n, window)."""
+    def _network(self, seen: Tensor, static: Tensor, here: Tensor) -> tuple[Tensor, Tensor]:
         cells = self.config.patch_cells
-        seen = torch.from_numpy(window.astype(np.float32))
         patches = seen[..., 4:].unflatten(-1, (PATCH_CHANNELS, cells, cells))
-        static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
-        inputs = (seen[..., :4], patches, static, torch.from_numpy(here.copy()))
-        boxes, following, logits = (x.float().cpu() for x in self.model(*(x.to(self.device) for x in inputs)))
-        possible = here[:, :, None] & here[:, None]
-        probability = logits.sigmoid().numpy().astype(float) * possible[..., None]
-        return torch.cat([boxes, following.flatten(2)], -1).numpy().astype(float), probability
+        boxes, following, logits = self.model(seen[..., :4], patches, static, here)
+        return torch.cat([boxes.float(), following.flatten(2)], -1), logits
