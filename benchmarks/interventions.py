@@ -36,8 +36,7 @@ from nsdr.io.files import atomic_path
 from nsdr.tracking.tracker import tracks_from_motion
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
-from nsdr.world.timeline import VIDEO_FRAMES, horizon_frame
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD, VIDEO_FRAMES, horizon_frame
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 TOLERANCE_FRAMES = 3

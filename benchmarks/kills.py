@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 SHORT_FRAMES = 40
 """Frames of each video of the data set whose generation is killed; those that other commands read have CLEVRER's 128."""

@@ -25,8 +25,8 @@ from nsdr.io.limits import check_limit
 from nsdr.io.video import sample_frames
 from nsdr.validation import Count, PositiveCount, Settings, convert
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.physics_constants import FPS
 from nsdr.world.shapes import rendered_rotation
-from nsdr.world.timeline import FPS
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["STATE", "VideoDataset"]

@@ -73,7 +73,8 @@ def scene_questions(index: int) -> SceneQuestions:
                 Choice(c, option, tuple(of_option.split()), ("wrong", "correct")[c == 0 and index % 2 == 0])
                 for c, (option, of_option) in enumerate(CHOICES)
             )
-        questions.append(Question(k, text, kind, None, tuple(program.split()), answer, choices))
+        subtype = ("exist", "count", None, None)[k]
+        questions.append(Question(k, text, kind, subtype, tuple(program.split()), answer, choices))
     return SceneQuestions(index, f"video_{index:05d}.mp4", tuple(questions))
 
 
@@ -237,7 +238,9 @@ def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_pa
     details = json.loads((tmp_path / "run" / "checkpoint" / "baseline.json").read_text())
     assert details["parameters"] == sum(p.numel() for p in trained.network.parameters())
     assert (details["videos"], details["held_out_videos"]) == (4, 2)  # 10 and 15 are held out
-    assert {"descriptive", "explanatory_per_option", "predictive_per_question"} <= set(details["metrics"])
+    assert {"descriptive", "descriptive_count", "explanatory_per_option", "predictive_per_question"} <= set(
+        details["metrics"]
+    )
     assert training_time(tmp_path / "run")["cpu_seconds"] > 0
 
 

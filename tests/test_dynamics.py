@@ -18,8 +18,7 @@ from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
-from nsdr.world.physics_constants import FRAME_SECONDS
-from nsdr.world.timeline import horizon_frame
+from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
 

@@ -30,7 +30,7 @@ from nsdr.training import dynamics
 from nsdr.training.loop import LoopConfig
 from nsdr.training.patch_dynamics import ImageModelTask
 from nsdr.training.track_task import DynamicsTraining
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 from tests.conftest import draw_frame
 from tests.second_device import second_device
 from tests.test_devices import step

@@ -21,7 +21,7 @@ from nsdr.training import dynamics, frame_parser, question_parser
 from nsdr.training.ablation import ALL, parse_sizes
 from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train
 from nsdr.training.run_folder import TrainingState
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
 

@@ -20,7 +20,7 @@ from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import Answer, Simulation
 from nsdr.types.interventions import Intervention
 from nsdr.visualize.html_parts import jpeg
-from nsdr.world.timeline import FPS
+from nsdr.world.physics_constants import FPS
 
 __all__ = ["Clip", "Clips", "Progress"]
 

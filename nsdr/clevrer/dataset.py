@@ -19,7 +19,7 @@ from nsdr.io.limits import check_limit
 from nsdr.io.reading import UNZIP_ERRORS, parse_json, read_bytes, read_json
 from nsdr.types import VideoProposals
 from nsdr.validation import PositiveCount, convert, expect, shown
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 __all__ = ["CLEVRER", "KINDS", "SPLITS", "Entry", "Inventory", "Split"]
 

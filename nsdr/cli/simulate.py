@@ -11,7 +11,7 @@ from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
 from nsdr.types.interventions import Intervention
-from nsdr.world.timeline import FPS
+from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["simulate"]

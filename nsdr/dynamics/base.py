@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.types import DynamicsPrediction, Event, VideoProposals, VideoTracks
-from nsdr.world import timeline
+from nsdr.world import physics_constants
 
 __all__ = ["DynamicsBackend", "VideoPixels", "rollout_frames"]
 
@@ -28,7 +28,7 @@ class DynamicsBackend(Protocol):
             observed: the video's collisions, taken as true; None finds them.
 
         Returns:
-            Rollouts to the horizon (`nsdr.world.timeline.horizon_frame`); empty ones for a video without objects.
+            Rollouts to the horizon (`nsdr.world.physics_constants.horizon_frame`); empty ones for a video without objects.
         """
 
 
@@ -47,5 +47,5 @@ class VideoPixels:
 
 def rollout_frames(n_frames: int, horizon_frame: int | None = None) -> int:
     """Length of the rollouts of a video of `n_frames`, whose last frame is `horizon_frame` (None: 7/5 of the video)."""
-    last = timeline.horizon_frame(n_frames) if horizon_frame is None else horizon_frame
+    last = physics_constants.horizon_frame(n_frames) if horizon_frame is None else horizon_frame
     return max(last + 1, n_frames)

@@ -8,7 +8,7 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.types import Event, Rollout
-from nsdr.world.timeline import SAME_EVENT_FRAMES
+from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 __all__ = ["collision_scores", "rollout_errors"]
 

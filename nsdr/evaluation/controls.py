@@ -18,7 +18,7 @@ from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
 from nsdr.io.video import sample_frames, write_video
-from nsdr.world.timeline import FPS
+from nsdr.world.physics_constants import FPS
 
 __all__ = ["CONTROLS", "EXCHANGED", "exchange", "write_controls"]
 

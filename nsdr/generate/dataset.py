@@ -184,11 +184,12 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
 
 def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[int]) -> None:
     assert config.questions is not None
+    wanted = config.questions if split == "train" else replace(config.questions, plain_per_video=0)
     if not indices:
         return
     paths = [Files(config.output, split, i).truth for i in indices]
-    found = run_in_order(partial(_scene_candidates, config.questions), paths, config.engine, config.workers)
-    scenes = list(select_questions(tqdm(found, total=len(paths), unit="scene", desc="questions"), config.questions))
+    found = run_in_order(partial(_scene_candidates, wanted), paths, config.engine, config.workers)
+    scenes = list(select_questions(tqdm(found, total=len(paths), unit="scene", desc="questions"), wanted))
     root = Path(config.output)
     if split == "test":
         write_questions(root / "truth" / "questions_test.json", scenes)

@@ -19,7 +19,7 @@ from nsdr.errors import DataError, VideoError
 from nsdr.io.files import atomic_path, check_installed
 from nsdr.io.limits import check_limit
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.timeline import FPS, VIDEO_FRAMES
+from nsdr.world.physics_constants import FPS, VIDEO_FRAMES
 
 __all__ = [
     "Layout",

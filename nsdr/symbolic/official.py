@@ -19,7 +19,7 @@ from nsdr.symbolic.modules import MODULES, WORDS, Kind, as_set
 from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
 from nsdr.symbolic.program import ProgramSource, program_tokens
 from nsdr.types import Answer, ChoiceAnswer, TraceStep
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 __all__ = ["OfficialExecutor"]
 

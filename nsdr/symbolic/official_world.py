@@ -20,7 +20,7 @@ from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity,
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import Event, SceneObject
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 __all__ = ["OfficialEvent", "OfficialWorld"]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError, ExecutionError
 from nsdr.types import Event, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
-from nsdr.world.timeline import SAME_EVENT_FRAMES
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, SAME_EVENT_FRAMES
 from nsdr.world.vocabulary import DIRECTIONS
 
 __all__ = ["CHANGES", "Quantities", "Simulate"]

@@ -148,8 +148,10 @@ class BaselineTask(Task):
 
 
 def accuracies(report: Mapping[str, Any]) -> dict[str, float]:
-    """The accuracies (0-1) of a report by name, without question types that do not occur."""
-    found = {"descriptive": report["descriptive"]["accuracy"]}
+    """The accuracies (0-1) of a report by name, also by subtype, without question types that do not occur."""
+    descriptive = report["descriptive"]
+    found = {"descriptive": descriptive["accuracy"]}
+    found |= {f"descriptive_{name}": row["accuracy"] for name, row in descriptive["subtypes"].items() if name != "None"}
     for kind in QUESTION_TYPES[1:]:
         found |= {f"{kind}_{name}": report[kind][name] for name in ("per_option", "per_question")}
     return {name: value for name, value in found.items() if value is not None}

@@ -23,7 +23,7 @@ from nsdr.io.checkpoint import load_checkpoint
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
 from nsdr.types import Event
 from nsdr.validation import Count, NotNegative, PositiveCount, Settings, expect
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 __all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
 

@@ -9,7 +9,7 @@ from nsdr.types.interventions import Intervention
 from nsdr.types.scenes import Event, Rollout, Scene
 from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import Array, Checked, Count, FloatArray, PositiveCount, Share, expect
-from nsdr.world.timeline import SAME_EVENT_FRAMES
+from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 __all__ = ["EventChange", "Simulation"]
 

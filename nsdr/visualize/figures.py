@@ -10,7 +10,7 @@ from nsdr.io.files import check_installed
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
-from nsdr.world.timeline import FPS
+from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import COLORS_RGB
 
 __all__ = ["causal_figure", "figure_png", "plan_figure"]

@@ -11,7 +11,7 @@ from nsdr.types import Event, Rollout, Scene
 from nsdr.visualize.event_words import event_text
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
-from nsdr.world.timeline import FPS, horizon_frame
+from nsdr.world.physics_constants import FPS, horizon_frame
 from nsdr.world.vocabulary import COLORS_RGB
 
 __all__ = ["TIMELINE_STYLE", "event_picture", "timeline_html"]

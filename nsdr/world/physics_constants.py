@@ -1,4 +1,4 @@
-"""Physical constants of CLEVRER's simulation in Bullet.
+"""Physical constants of CLEVRER's simulation in Bullet, and time in its videos.
 
 Recovered from the release's annotation files: re-simulating ten of them from frame 0 with these values gives the annotated
 collisions (`pytest -m real_data -k simulated_again`). Objects are 0.4 world units wide; seconds are simulated time.
@@ -9,6 +9,7 @@ __all__ = [
     "CONTACT_PAUSE_STEPS",
     "CONTACT_THRESHOLD_WORLD",
     "ERROR_REDUCTION",
+    "FPS",
     "FRAME_SECONDS",
     "GRAVITY",
     "GROUND_FRICTION",
@@ -23,10 +24,13 @@ __all__ = [
     "OBJECT_RADIUS_WORLD",
     "OBJECT_RESTITUTION",
     "PAIR_RESTITUTION",
+    "SAME_EVENT_FRAMES",
     "SPINNING_FRICTION",
     "START_SPEED_RANGE_WORLD_PER_S",
     "STEPS_PER_FRAME",
     "STEP_SECONDS",
+    "VIDEO_FRAMES",
+    "horizon_frame",
 ]
 
 STEP_SECONDS = 0.004
@@ -74,3 +78,20 @@ START_SPEED_RANGE_WORLD_PER_S = (2.7, 3.0)
 """Range of the initial speeds of moving objects (world units/s); the others start at rest."""
 MOVING_SPEED_WORLD_PER_S = 0.02
 """Speed on the ground above which CLEVRER's answers count an object as moving (world units/s)."""
+
+FPS = 25
+"""Frame rate of the released videos (frames per second of video time)."""
+VIDEO_FRAMES = 128
+"""Number of frames of a released video, except three irregular ones (`nsdr.clevrer.files.annotations.IRREGULAR_VIDEOS`)."""
+SAME_EVENT_FRAMES = 3
+"""Events of one kind and one pair that are at most so many frames apart are taken as the same event."""
+_SIMULATED_PER_SHOWN = 7 / 5
+"""Simulated frames per shown frame: CLEVRER simulates 7 s of video time and shows the first 5 (paper, section 3.1)."""
+
+
+def horizon_frame(n_frames: int) -> int:
+    """Number of frames that CLEVRER simulates for a video of `n_frames`: 179 for 128.
+
+    It is the last frame to predict, too, which agrees best with CLEVRER's own answers.
+    """
+    return round(n_frames * _SIMULATED_PER_SHOWN)

@@ -1,4 +1,9 @@
-"""Layers that several baselines share: the encoder of texts, the answer head, masked attention and the encoding of time."""
+"""Layers that several baselines share: encoders of texts, objects and feature maps, the answer head, masked attention.
+
+The papers' networks see features of single frames and have to find motion and contact by attending to several of them, which
+they do not learn from as few texts as can be read here. `ObjectEncoder` and `MapEncoder` see both. They are computed once for a
+video, whatever is asked about it.
+"""
 
 import math
 from collections.abc import Callable
@@ -7,17 +12,41 @@ from typing import Annotated, NamedTuple
 import torch
 from msgspec import Meta
 from torch import Tensor, nn
+from torch.nn import functional as F
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
+from nsdr.baselines.features.files import BOX_NUMBERS
 from nsdr.question_parser.tokenizer import PAD
 from nsdr.validation import MAX_SIZE
 
-__all__ = ["AnswerHead", "EncodedText", "TextEncoder", "Width", "initialise", "masked_softmax", "time_encoding"]
+__all__ = [
+    "AnswerHead",
+    "EncodedText",
+    "MapEncoder",
+    "ObjectEncoder",
+    "SpaceConv",
+    "TextEncoder",
+    "TimeConv",
+    "Width",
+    "initialise",
+    "masked_softmax",
+    "time_encoding",
+]
 
 LONGEST_PERIOD = 10_000.0
 """Longest wavelength of the encoding of time, over 2 pi (Vaswani et al. 2017)."""
 Width = Annotated[int, Meta(ge=2, le=MAX_SIZE)]
 """Width of the states of two directions; an odd one is rounded down."""
+
+
+VIDEO_LAYERS = 2
+"""Layers of `ObjectEncoder` and `MapEncoder`."""
+WAVES = tuple(math.pi * 2**k for k in range(6))
+"""Frequencies by which boxes are encoded, so that small changes are seen (per share of the image)."""
+OBJECT_FRAMES = 5
+"""Frames that a layer of `ObjectEncoder` sees at once."""
+FRAME_STEP = 2
+"""`ObjectEncoder` gives one of so many frames: attention to all takes twice as long and finds no more."""
 
 
 class EncodedText(NamedTuple):
@@ -104,3 +133,118 @@ def time_encoding(frames: int, width: int, like: Tensor) -> Tensor:
     frequency = torch.exp(torch.arange(waves, device=like.device) * (-math.log(LONGEST_PERIOD) / waves))
     angle = torch.arange(frames, device=like.device)[:, None] * frequency
     return torch.cat([angle.sin(), angle.cos()], 1)[:, :width].to(like.dtype)
+
+
+class ObjectEncoder(nn.Module):
+    """Objects (V, F, N, C) in the light of their own motion and of the other objects.
+
+    Args:
+        inputs: numbers C of an object in a frame.
+        width: width W of the encoding.
+        dropout: dropout of the inputs, in training (0-1).
+    """
+
+    waves: Tensor
+
+    def __init__(self, inputs: int, width: int, dropout: float = 0.0) -> None:
+        super().__init__()
+        self.register_buffer("waves", torch.tensor(WAVES), persistent=False)
+        waves = 2 * len(WAVES) * BOX_NUMBERS
+        self.first = nn.Sequential(nn.Dropout(dropout), nn.Linear(inputs + waves + 1, width))
+        self.layers = nn.ModuleList(_ObjectLayer(width) for _ in range(VIDEO_LAYERS))
+        self.last = nn.LayerNorm(width)
+
+    def forward(self, objects: Tensor, has_object: Tensor) -> tuple[Tensor, Tensor]:
+        """Encodings (V, K, W) of the objects of every second frame, in the order of the frames, and which are there (V, K).
+
+        Args:
+            objects: (V, F, N, C), each object in the same place in all frames.
+            has_object: (V, F, N) bool.
+        """
+        objects = objects.masked_fill(~has_object[..., None], 0.0)
+        angles = (objects[..., -BOX_NUMBERS:, None] * self.waves).flatten(-2)
+        there = has_object[..., None].to(objects.dtype)
+        x = self.first(torch.cat([objects, angles.sin(), angles.cos(), there], -1))
+        x = x + time_encoding(x.shape[1], x.shape[-1], x)[:, None]
+        for layer in self.layers:
+            x = layer(x, has_object)
+        return self.last(x)[:, ::FRAME_STEP].flatten(1, 2), has_object[:, ::FRAME_STEP].flatten(1)
+
+
+class _ObjectLayer(nn.Module):
+    """Adds to each object what a convolution over time and the maximum over its pairs with others find."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.before_time, self.before_pairs = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.over_time = nn.Conv1d(width, width, OBJECT_FRAMES, padding=OBJECT_FRAMES // 2)
+        self.one, self.other, self.pair, self.found = (nn.Linear(width, width) for _ in range(4))
+
+    def forward(self, x: Tensor, has_object: Tensor) -> Tensor:
+        """(V, F, N, W), (V, F, N) -> (V, F, N, W)."""
+        videos, _, things, _ = x.shape
+        of_object = self.before_time(x).permute(0, 2, 3, 1).flatten(0, 1)
+        x = x + F.elu(self.over_time(of_object)).unflatten(0, (videos, things)).permute(0, 3, 1, 2)
+        normal = self.before_pairs(x)
+        pairs = F.elu(self.one(normal)[:, :, :, None] + self.other(normal)[:, :, None])  # (V, F, N, N, W)
+        pairs = F.elu(self.pair(pairs))  # near in both directions: no single layer finds that
+        is_pair = has_object[:, :, None] & ~torch.eye(things, dtype=torch.bool, device=x.device)
+        found = pairs.masked_fill(~is_pair[..., None], -1.0).amax(3)  # -1 is the least value of ELU
+        return x + self.found(found)
+
+
+class SpaceConv(nn.Module):
+    """Convolution of 3x3 over space, the same in every frame."""
+
+    def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+        images = x.flatten(0, 1).permute(0, 3, 1, 2)
+        return self.conv(images).permute(0, 2, 3, 1).unflatten(0, x.shape[:2])
+
+
+class TimeConv(nn.Module):
+    """Convolution of 3 over time, the same at every place."""
+
+    def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(inputs, outputs, (3, 1), padding=(dilation, 0), dilation=(dilation, 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, F, h, w, inputs) -> (N, F, h, w, outputs)."""
+        rows = x.flatten(2, 3).permute(0, 3, 1, 2)
+        return self.conv(rows).permute(0, 2, 3, 1).unflatten(2, x.shape[2:4])
+
+
+class MapEncoder(nn.Module):
+    """Feature maps in the light of the places around, in space and in time; three more channels hold the coordinates.
+
+    Args:
+        channels: channels C of the maps.
+        width: width W of the encoding.
+        dropout: dropout of the maps, in training (0-1).
+    """
+
+    def __init__(self, channels: int, width: int, dropout: float = 0.0) -> None:
+        super().__init__()
+        self.first = nn.Sequential(nn.Dropout(dropout), nn.Linear(channels + 3, width))
+        self.layers = nn.ModuleList(
+            nn.Sequential(nn.LayerNorm(width), conv(width, width), nn.ELU())
+            for _ in range(VIDEO_LAYERS)
+            for conv in (SpaceConv, TimeConv)
+        )
+        self.last = nn.LayerNorm(width)
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """(V, F, C, h, w) -> (V, F, h, w, W)."""
+        cells = maps.permute(0, 1, 3, 4, 2)
+        axes = [torch.linspace(-1, 1, n, device=maps.device, dtype=maps.dtype) for n in cells.shape[1:4]]
+        coordinates = torch.stack(torch.meshgrid(*axes, indexing="ij"), -1)
+        x = self.first(torch.cat([cells, coordinates.expand(len(cells), -1, -1, -1, -1)], -1))
+        for layer in self.layers:
+            x = x + layer(x)
+        encoded: Tensor = self.last(x)
+        return encoded

@@ -7,7 +7,8 @@ information (V+).
 Differs from the paper:
     - The temporal attention unit scores the mean of each frame's cells as MAC's read unit scores cells, anew in each step. Its
       weights sum the frames to one map, which the read unit attends to. Yi et al. do not describe their unit further.
-    - Sines and cosines of the frame's index are added to the features, so that the network can tell the order of the frames.
+    - Features are those of `ObjectEncoder` and `MapEncoder`, which see motion and contact; in MAC, of two convolutions over one
+      image. Sines and cosines of the frame's index are added, so that the network can tell the order of the frames.
     - MAC (V+) reads detected objects (features and box) of all frames at once instead of feature maps. Yi et al. do not say
       in enough detail how they give object information to the network. The frame parser's attributes are not given.
     - One rate of dropout for the words, the features, the memory that is read and the answer, where MAC has one each. Dropout
@@ -26,8 +27,16 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.encoders import MapEncoder, ObjectEncoder
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax, time_encoding
+from nsdr.baselines.systems.layers import (
+    AnswerHead,
+    MapEncoder,
+    ObjectEncoder,
+    TextEncoder,
+    Width,
+    initialise,
+    masked_softmax,
+    time_encoding,
+)
 from nsdr.validation import Settings, Share, Size
 
 __all__ = ["Mac", "MacConfig", "MacObjects"]

@@ -6,6 +6,7 @@ Source: Fan et al. 2019, "Heterogeneous memory enhanced multimodal attention mod
 Differs from the paper:
     - The motion stream reads the differences of the frame features of successive frames, instead of features of a network for
       video clips (C3D).
+    - The frames' features are normalised (layer normalisation).
     - The memory attends to its slots with a linear function of the states, and all activations inside of it are tanh.
     - The answer is computed from the last states of the fusion, the question memory, the video memory and the encoded text by a
       network with a hidden layer. Without the text it learns no more in our short trainings than how frequent the answers are.

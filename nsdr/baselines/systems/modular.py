@@ -6,15 +6,17 @@ Design: Closing the Gap Between Performance and Interpretability in Visual Reaso
 
 Differs from the papers:
     - no program generator: programs are given, the data set's or those of our question parser;
-    - video: Yi et al. run the modules on features of a convolutional LSTM, as far as we know; here features and values are
-      those of every frame, and of two successive 3x3 convolutions the second runs over 3 frames instead (`relate` of TbD-net
-      has both at each dilation); the classifier takes the maximum over time; three channels hold the coordinates;
+    - video: Yi et al. run the modules on features of a convolutional LSTM, as far as we know; here features are those of
+      `MapEncoder`, features and values are those of every frame, and of two successive 3x3 convolutions the second runs over
+      3 frames instead (`relate` of TbD-net has both at each dilation); the classifier takes the maximum over time;
     - an option's program and its question's are one tree, joined by `belong_to`;
     - a malformed program runs one module of its own on the whole video;
     - IEP: the modules without arguments (`objects`, `events`, `start` ...) are residual modules on the video's features; the
       paper's only one, `scene`, is the features themselves;
     - TbD-net: no `same` module, which CLEVRER's programs do not need, and no Or; `compare` reads masks, not encodings; no
-      penalty on the masks; all layers start from He's weights (Kaiming, normal), as in the paper's code as far as we know.
+      penalty on the masks;
+    - all layers start from He's weights (Kaiming, normal), as in TbD-net's code as far as we know. With PyTorch's, IEP does not
+      learn to tell the colour of a single object (`tests/test_baselines_look.py`).
 """
 
 from abc import abstractmethod
@@ -26,8 +28,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.encoders import MapEncoder, SpaceConv, TimeConv
-from nsdr.baselines.systems.layers import AnswerHead, initialise
+from nsdr.baselines.systems.layers import AnswerHead, MapEncoder, SpaceConv, TimeConv, initialise
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, execute, program_graph
 from nsdr.validation import Settings, Size
 

@@ -3,6 +3,7 @@
 Source: Yi et al. 2020, "CLEVRER: Collision Events for Video Representation and Reasoning", baselines.
 
 Differs from the paper:
+    - The frames' features are normalised (layer normalisation): they may be small beside the text's.
     - Word embeddings are learnt with the network; none are trained beforehand.
     - The widths that the paper does not give are ours.
 """

@@ -9,7 +9,7 @@ Differs from the paper:
       option one number.
     - The LSTM over the words and the first one over the objects do not share weights.
     - Objects are given by features of the shared backbone and their boxes, without the frame parser's attributes.
-    - Sines and cosines of the frame's index are added to the objects' features, because frames have different numbers of them.
+    - Objects are encoded by `ObjectEncoder`, which sees their motion, their contacts and the frame's index.
     - Word embeddings are learnt with the network; none are trained beforehand.
     - Yi et al. do not state the sizes; those here are those of Lei et al. as far as they are known to us.
 """
@@ -20,8 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
-from nsdr.baselines.systems.encoders import ObjectEncoder
-from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, masked_softmax
+from nsdr.baselines.systems.layers import AnswerHead, ObjectEncoder, TextEncoder, Width, masked_softmax
 from nsdr.validation import Settings, Share, Size
 
 __all__ = ["TvqaConfig", "TvqaPlus"]

@@ -26,7 +26,7 @@ from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.types import Scene
 from nsdr.validation import Count, PositiveCount, convert, expect
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 __all__ = [
     "IRREGULAR_VIDEOS",

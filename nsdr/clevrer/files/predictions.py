@@ -28,8 +28,7 @@ from nsdr.world.camera import (
     on_ground,
     pixels_from_grid,
 )
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
 from nsdr.world.vocabulary import Color, Material, Shape
 
 __all__ = [

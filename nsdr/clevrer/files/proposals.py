@@ -18,7 +18,7 @@ from nsdr.io.reading import parse_json, read_bytes, read_json, read_npz
 from nsdr.types import VideoProposals
 from nsdr.validation import Array, IntArray, Settings, Share, convert, expect
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, Color, Material, Shape, attribute_index, attributes_of
 
 __all__ = [

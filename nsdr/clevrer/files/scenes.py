@@ -17,8 +17,7 @@ from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 from nsdr.types import Event, ObjectPhysics, Scene, SceneObject
 from nsdr.validation import convert
-from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
 
 __all__ = [
     "collisions_in_view",

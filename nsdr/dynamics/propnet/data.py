@@ -24,7 +24,7 @@ from nsdr.io.reading import read_npz
 from nsdr.io.video import read_frames
 from nsdr.tracking.tracker import track
 from nsdr.types import Event, SceneObject
-from nsdr.world.timeline import VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 __all__ = ["MotionDataset", "read_image_dataset", "read_motion_dataset"]

@@ -18,7 +18,7 @@ from nsdr.frame_parser.check.ground import (
 )
 from nsdr.frame_parser.check.shots import change
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.timeline import FPS
+from nsdr.world.physics_constants import FPS
 
 __all__ = ["MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "marked_px", "needed_levels", "reasons"]
 

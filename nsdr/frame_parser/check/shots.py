@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.world.timeline import FPS
+from nsdr.world.physics_constants import FPS
 
 __all__ = ["change", "first_shot", "is_cut", "until_cut"]
 

@@ -10,8 +10,7 @@ from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import NotNegative, Positive, Settings, expect, one_of
-from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S
-from nsdr.world.timeline import VIDEO_FRAMES, horizon_frame
+from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S, VIDEO_FRAMES, horizon_frame
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 __all__ = ["SceneConfig", "Triple", "matches_any"]
@@ -90,7 +89,7 @@ class SceneConfig(Settings):
 
     @property
     def simulated_frames(self) -> int:
-        """Number of frames that are simulated, see `nsdr.world.timeline.horizon_frame`."""
+        """Number of frames that are simulated, see `nsdr.world.physics_constants.horizon_frame`."""
         return horizon_frame(self.n_frames)
 
 

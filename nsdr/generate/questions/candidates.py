@@ -2,6 +2,7 @@
 
 import random
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import combinations
@@ -12,7 +13,7 @@ from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
 from nsdr.errors import ExecutionError
 from nsdr.language.rules import Chooser, Pair
-from nsdr.language.texts import clevrer
+from nsdr.language.texts import clevrer, in_words
 from nsdr.symbolic import Executor
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
@@ -20,12 +21,14 @@ from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
     "EXTENSION_KINDS",
+    "PLAIN",
     "changed_questions",
     "descriptive_questions",
     "family",
     "form",
     "is_negated",
     "multiple_choice_questions",
+    "plain_questions",
 ]
 
 EXTENSION_KINDS = ("speed", "direction", "is_faster", "faster", "extreme_speed", "is_heavier", "heavier", "heaviest")
@@ -43,6 +46,14 @@ DESCRIPTION_WEIGHTS = {
 """Relative frequency of each set of attributes in descriptions of a single object; close to the released questions."""
 ABSENT_CLASSES = 4
 """Number of classes without objects that each scene's questions mention ("Are there any green cubes that …?")."""
+PLAIN = "plain"
+"""Subtype of questions about objects alone."""
+PLAIN_TRIES = 10
+"""Questions that are drawn for each that is wanted, of which many have no answer, or a frequent one."""
+PLAIN_SAME_ANSWER = 0.25
+"""Largest share of a scene's questions with the same ending and answer."""
+PLAIN_WITH_TIME = 0.3
+"""Share of the questions about motion when the video begins or ends."""
 _ATTRIBUTE_WORDS = frozenset(word for known in ATTRIBUTES.values() for word in known)
 _ATTRIBUTE_TOKENS = re.compile(r"\S+ filter_(color|material|shape) ?")
 
@@ -244,3 +255,41 @@ def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: i
 
 def _shuffled(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:
     return pair if rng.random() < 0.5 else (pair[1], pair[0])
+
+
+def plain_questions(scene: Scene, rng: random.Random, count: int) -> list[Question]:
+    """At most `count` different questions about a scene's objects, such as "How many cubes are there?".
+
+    Networks learn sooner from them. CLEVRER itself has none of those without motion.
+    """
+    executor, used = Executor(scene), Counter[tuple[str, str]]()
+    found: dict[str, Question] = {}
+    for _ in range(PLAIN_TRIES * count if scene.objects else 0):
+        program = _plain_program(scene, rng)
+        try:
+            answer = executor.answer(program).answer
+        except ExecutionError:
+            continue
+        key = program[-1], str(answer)
+        if used[key] < max(1, PLAIN_SAME_ANSWER * count):
+            text = in_words(program)
+            used[key] += text not in found
+            found[text] = Question(0, text, "descriptive", PLAIN, program, answer, ())
+        if len(found) == count:
+            break
+    return list(found.values())
+
+
+def _plain_program(scene: Scene, rng: random.Random) -> tuple[str, ...]:
+    """A random program: objects by one or two of an object's attributes, or by a random one; their motion; what is asked."""
+    ending = rng.choice(["count", "exist", *[f"query_{name}" for name in ATTRIBUTES]])
+    names = [name for name in ATTRIBUTES if ending != f"query_{name}"]
+    chosen = rng.choice(scene.objects)
+    words = {name: getattr(chosen, name) for name in rng.sample(names, rng.randint(1, 2))}
+    if ending in ("count", "exist") and rng.random() < 0.5:
+        name = rng.choice(names)
+        words = {name: rng.choice(ATTRIBUTES[name])}
+    program = ["objects", *(token for name in sorted(words) for token in (words[name], f"filter_{name}"))]
+    if rng.random() < PLAIN_WITH_TIME:
+        program += [rng.choice(["start", "end"]), "get_frame", rng.choice(["filter_moving", "filter_stationary"])]
+    return (*program, *([] if ending in ("count", "exist") else ["unique"]), ending)

@@ -20,15 +20,16 @@ from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
     EXTENSION_KINDS,
+    PLAIN,
     changed_questions,
     descriptive_questions,
     family,
     form,
     is_negated,
     multiple_choice_questions,
+    plain_questions,
 )
 from nsdr.generate.questions.inferential import InferentialSelection
-from nsdr.generate.questions.plain import PLAIN, plain_questions
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.validation import Count, NotNegative, Settings, Share, one_of
@@ -88,7 +89,8 @@ class QuestionConfig(Settings):
         extensions: whether each video also gets questions beyond CLEVRER, about speeds, directions and masses.
         changed_per_video: max number of what-if questions about changed objects, for truth files of scenes with CLEVRER's
             physics; each takes seconds of simulation.
-        plain_per_video: max number of questions about objects alone, for the training of networks.
+        plain_per_video: max number of questions about objects alone, for the training of networks; a generated data set has
+            them in its training split only.
     """
 
     per_video: Mapping[Annotated[str, one_of(PER_VIDEO)], NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))

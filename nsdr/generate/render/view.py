@@ -12,7 +12,7 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.validation import NotNegative, Settings, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
-from nsdr.world.timeline import FPS
+from nsdr.world.physics_constants import FPS
 
 __all__ = [
     "GROUND_REFLECTANCE",
