@@ -63,6 +63,7 @@ def attributes_of(index: int) -> tuple[str, str, str]:
 ADJECTIVES = {
     **{w: w for name in ("color", "material") for w in ATTRIBUTES[name]},
     **{"grey": "gray", "metallic": "metal", "shiny": "metal", "rubbery": "rubber", "matte": "rubber", "matt": "rubber"},
+    **dict.fromkeys(("steel", "chrome", "glossy", "reflective"), "metal"),
     **{"cubic": "cube", "cubical": "cube", "spherical": "sphere", "cylindrical": "cylinder"},
 }
 """Attribute words before a noun, and what they mean."""
@@ -71,9 +72,9 @@ NOUNS = {
     **{form: (shape, "N") for shape in ATTRIBUTES["shape"] for form in (shape,)},
     **{f"{shape}s": (shape, "NS") for shape in ATTRIBUTES["shape"]},
     **{"ball": ("sphere", "N"), "balls": ("sphere", "NS"), "block": ("cube", "N"), "blocks": ("cube", "NS")},
-    **{"box": ("cube", "N"), "boxes": ("cube", "NS")},
+    **{"box": ("cube", "N"), "boxes": ("cube", "NS"), "globe": ("sphere", "N"), "globes": ("sphere", "NS")},
     **{"tube": ("cylinder", "N"), "tubes": ("cylinder", "NS"), "orb": ("sphere", "N"), "orbs": ("sphere", "NS")},
-    **dict.fromkeys(("object", "thing", "item", "obj"), ("", "N")),
-    **dict.fromkeys(("objects", "things", "items", "objs"), ("", "NS")),
+    **dict.fromkeys(("object", "thing", "item", "obj", "entity", "thingy"), ("", "N")),
+    **dict.fromkeys(("objects", "things", "items", "objs", "entities", "bodies"), ("", "NS")),
 }
 """Nouns for objects: their shape, or "" for any, and whether they are singular (N) or plural (NS)."""
