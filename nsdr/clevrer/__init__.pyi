@@ -22,7 +22,14 @@ from .answers.responses import (
     read_response_to as read_response_to,
 )
 from .compact_files import write_compact_files as write_compact_files
-from .dataset import CLEVRER as CLEVRER, KINDS as KINDS, SPLITS as SPLITS, Inventory as Inventory, Split as Split
+from .dataset import (
+    CLEVRER as CLEVRER,
+    KINDS as KINDS,
+    SPLITS as SPLITS,
+    Entry as Entry,
+    Inventory as Inventory,
+    Split as Split,
+)
 from .download import OFFICIAL_ROOT as OFFICIAL_ROOT, download as download
 from .files.annotations import (
     IRREGULAR_VIDEOS as IRREGULAR_VIDEOS,
