@@ -5,8 +5,8 @@ refused; `also` lists other programs that are right. A question file in CLEVRER'
 Prints, for each file and parser, the shares that are right, refused, and accepted and wrong, by kind of text, and those of the
 texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), the
 networks with the check of their programs' words ("network-checked"), and the default ("auto"), which joins them. The sets
-that ship were used to tune the rules; `questions_blind.json`, `questions_blind2.json` and `questions_blind3.json` are by people
-who had not seen the parser, and were measured before they were opened.
+that ship were used to tune the rules, but for `questions_blind4.json`; the blind ones are by people who had not seen the parser,
+and were measured before they were opened.
 """
 
 import argparse
