@@ -92,6 +92,9 @@ def _files(arguments: Sequence[str]) -> dict[str, tuple[str, dict[str, Any]]]:
 
 def _check_sections(kind: Any, content: Mapping[str, Any], where: str) -> None:
     """Sections of nested settings must be sections in the file, too: jsonargparse's errors of others say nothing to a user."""
+    for name in content:
+        if not isinstance(name, str):
+            raise DataError(f"{where}: {name!r} is no name of a setting; expected a text")
     for field in fields(kind):
         inner = next((t for t in (field.type, *get_args(field.type)) if is_dataclass(t)), None)
         value = content.get(field.name)
