@@ -2,11 +2,11 @@
 
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
 refused; `also` lists other programs that are right. A question file in CLEVRER's format counts, too: its texts and programs.
-Prints, for each file and parser, the shares that are right, refused, and accepted and wrong, by kind of text, and those of the
-texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), the
+Prints, for each file and parser, the shares that are right, refused, and accepted and wrong, by kind of text, and those of
+the texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), the
 networks with the check of their programs' words ("network-checked"), and the default ("auto"), which joins them. The sets
-that ship were used to tune the rules, but for `questions_blind4.json`; the blind ones are by people who had not seen the parser,
-and were measured before they were opened.
+that ship were used to tune the rules, but for `questions_blind4.json`; the blind ones are by people who had not seen the
+parser, and were measured before they were opened.
 """
 
 import argparse

@@ -92,3 +92,15 @@ def test_multiple_choice_in_any_order(text: str, question: str) -> None:
 )
 def test_other_contents_have_no_program(text: str, kind: str) -> None:
     assert content_readings(text, kind) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Which event does the collision between the red cube and the blue sphere not cause?",
+        "Which events will the entrance of the red cube not cause?",
+        "What does the red cube entering not cause?",
+    ],
+)
+def test_what_an_event_does_not_cause_is_not_what_is_not_responsible_for_it(text: str) -> None:
+    assert content_readings(text, "multiple_choice") == []

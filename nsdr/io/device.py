@@ -136,9 +136,9 @@ def limit_threads(most: int | None = None) -> Iterator[None]:
         _before.append(_before[0] if _before else now)
         outer, mine = getattr(_inside, "threads", None), _before[0]
     has_blas = _blas.acquire(blocking=False)
-    _inside.threads = min(available_cores() if most is None else most, outer or mine)
-    torch.set_num_threads(_inside.threads)
     try:
+        _inside.threads = min(available_cores() if most is None else most, outer or mine)
+        torch.set_num_threads(_inside.threads)
         with ThreadpoolController().select(user_api="blas").limit(limits=1) if has_blas else nullcontext():
             yield
     finally:

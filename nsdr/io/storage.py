@@ -154,6 +154,7 @@ def _decoded(tree: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
         return arrays[name]
     if "map" in tree:
         rows = convert(tree["map"], list[tuple[int, Any]], f"{place}.map: ")
+        check_limit(sum(len(v) for _, v in rows if isinstance(v, list)), "events", place)
         return {k: _decoded(v, arrays, f"{where}.map[{i}][1]") for i, (k, v) in enumerate(rows)}
     if "dtype" in tree or "values" in tree:
         stored: _StoredArray = convert(tree, _StoredArray, f"{place}.")

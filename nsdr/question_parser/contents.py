@@ -33,6 +33,7 @@ _MALFORMED = re.compile(
     r"|\bnot (?!(?:happen|happening|cause)\b)"
     r"|\bcaused\b|\bwhy\b|(?<!what )(?<!who )(?<!not )(?<!what be the )(?<!who be the )(?<!not the )(?<!not a )\bcause\b"
     r"|\bcause\b.*\b(?:a|any|another) [NO]\b"
+    r"|\b(?:[NO]|enter|entering|exit|exiting|collision|hit|hitting)\b.*\bnot cause\b"
     r"|\bwithout (?!(?:the |a )?[NO]\b)"
     r"|\bthe (?:a|be|how|many|of|the|what|when|without)\b"
 )

@@ -124,7 +124,8 @@ class TruthExtraction(_Extraction):
     def features_of(self, annotation: Entry) -> dict[str, NDArray[Any]]:
         """The features of a video by kind."""
         content = parse_json(annotation.read(), str(annotation))
-        check_annotation(content, len(content.get("motion_trajectory", ())), f"{annotation}: ")
+        frames = content.get("motion_trajectory") if isinstance(content, dict) else None
+        check_annotation(content, len(frames) if isinstance(frames, list) else 0, f"{annotation}: ")
         return truth_features(content, self.features)
 
 

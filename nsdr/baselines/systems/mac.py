@@ -129,7 +129,8 @@ def _of_videos(weights: Tensor, items: Tensor, video: Tensor) -> Tensor:
     found = weights.new_zeros(len(weights), items.shape[2])
     for row, of_video in enumerate(items):
         texts = (video == row).nonzero()[:, 0]
-        found = found.index_copy(0, texts, weights[texts] @ of_video.to(weights.dtype))
+        product = weights[texts] @ of_video.to(weights.dtype)  # of fewer bits under autocast
+        found = found.index_copy(0, texts, product.to(found.dtype))
     return found
 
 
