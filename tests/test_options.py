@@ -154,6 +154,9 @@ def test_a_parsed_configuration_names_what_is_wrong(tmp_path) -> None:
     (tmp_path / "a.yaml").write_text("tracker: {7: 5}\n")
     with pytest.raises(DataError, match=r"a\.yaml: tracker: 7 is no name of a setting"):
         parse_config(PipelineConfig, ["--config", str(tmp_path / "a.yaml")], "nsdr")
+    (tmp_path / "a.yaml").write_text("tracker: {depthx: {7: 5}}\n")
+    with pytest.raises(DataError, match=r"a\.yaml: tracker: depthx: no such setting; known are "):
+        parse_config(PipelineConfig, ["--config", str(tmp_path / "a.yaml")], "nsdr")
     with pytest.raises(DataError, match="no such file"):
         parse_config(PipelineConfig, [f"--config={tmp_path / 'b.yaml'}"], "nsdr")
 

@@ -92,9 +92,12 @@ def _files(arguments: Sequence[str]) -> dict[str, tuple[str, dict[str, Any]]]:
 
 def _check_sections(kind: Any, content: Mapping[str, Any], where: str) -> None:
     """Sections of nested settings must be sections in the file, too: jsonargparse's errors of others say nothing to a user."""
+    known = [field.name for field in fields(kind)]
     for name in content:
         if not isinstance(name, str):
             raise DataError(f"{where}: {name!r} is no name of a setting; expected a text")
+        if isinstance(content[name], Mapping) and name.partition(".")[0] not in known:
+            raise DataError(f"{where}: {name}: no such setting; known are {', '.join(known)}")
     for field in fields(kind):
         inner = next((t for t in (field.type, *get_args(field.type)) if is_dataclass(t)), None)
         value = content.get(field.name)
