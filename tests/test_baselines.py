@@ -226,18 +226,19 @@ def test_a_baseline_runs_where_its_weights_are(name: str, scenes, folder) -> Non
 @pytest.mark.parametrize("name", BASELINES.names())
 def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_path, capsys) -> None:
     write_questions(tmp_path / "questions.json", scenes)
-    lines = ["system: " + name, f"questions: {tmp_path / 'questions.json'}", f"model: {json.dumps(SMALL[name])}"]
+    lines = ["system: " + name, f"model: {json.dumps(SMALL[name])}"]
+    lines += [f"{of}: {tmp_path / 'questions.json'}" for of in ("questions", "validation")]
     if BASELINES[name].needs & set(KINDS):
         lines.append(f"features: {folder}")
     config = tmp_path / "training.yaml"
     config.write_text("\n".join(lines))
-    run = ["--run_dir", str(tmp_path / "run"), "--held_out", "5", "--loop.steps", "2", "--loop.batch_size", "8"]
+    run = ["--run_dir", str(tmp_path / "run"), "--loop.steps", "2", "--loop.batch_size", "8"]
     assert main(["train", "baseline", "--config", str(config), "--device", "cpu", *run]) == 0
     output = capsys.readouterr().out.strip()
     trained = TrainedBaseline.from_pretrained(output, device="cpu")
     details = json.loads((tmp_path / "run" / "checkpoint" / "baseline.json").read_text())
     assert details["parameters"] == sum(p.numel() for p in trained.network.parameters())
-    assert (details["videos"], details["held_out_videos"]) == (4, 2)  # 10 and 15 are held out
+    assert (details["videos"], details["validation_videos"]) == (6, 6)
     assert {"descriptive", "descriptive_count", "explanatory_per_option", "predictive_per_question"} <= set(
         details["metrics"]
     )
@@ -249,8 +250,8 @@ def test_an_experiment_trains_a_baseline_once_and_scores_it(scenes, folder, tmp_
     training = {
         "system": "cnn_mlp",
         "questions": str(tmp_path / "questions.json"),
+        "validation": str(tmp_path / "questions.json"),
         "features": str(folder),
-        "held_out": 5,
     }
     training |= {"run_dir": str(tmp_path / "run"), "model": SMALL["cnn_mlp"], "loop": {"steps": 2, "device": "cpu"}}
     (tmp_path / "training.yaml").write_text(json.dumps(training))
@@ -266,10 +267,10 @@ def test_an_experiment_trains_a_baseline_once_and_scores_it(scenes, folder, tmp_
     first = measured(row)
     assert first["table"]["descriptive"]["n"] == 2 * (len(scenes) - 1)
     assert first["failed_questions"] == 0
-    assert first["training"] | {"seed": 0, "videos": 4, "system": "cnn_mlp"} == first["training"]
+    assert first["training"] | {"seed": 0, "videos": 6, "system": "cnn_mlp"} == first["training"]
     table = (tmp_path / "results" / "table.md").read_text()
     assert re.search(r"- CNN\+MLP: `nsdr train baseline --config .*training\.yaml`, [\d,]+ parameters, seed 0", table)
-    assert ", 24 texts about 4 videos seen 0.7 times, " in table
+    assert ", 36 texts about 6 videos seen 0.4 times, " in table
     assert measured(row) == first  # kept
     checkpoint = {"name": "CNN+MLP", "trained": str(tmp_path / "run" / "checkpoint"), "features": str(folder)}
     assert measured({**checkpoint, "exclude": [11]})["table"] == first["table"]
@@ -292,7 +293,7 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
             run_dir=str(tmp_path / "run"),
             system="lstm",
             questions=str(tmp_path / "questions.json"),
-            held_out=5,
+            validation=str(tmp_path / "questions.json"),
             model=SMALL["lstm"],
             loop=LoopConfig(steps=1, device="cpu"),
         )
@@ -312,11 +313,11 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
         ({"model": {"hidden": 0}}, "model: hidden: expected a whole number from 2 to 65536, got 0"),
         ({"features": "somewhere"}, "would do nothing"),
         ({"system": "cnn_mlp"}, "needs pooled"),
-        ({"held_out": 1}, "held_out: expected a whole number from 2 on, got 1"),
+        ({"validation": ""}, "validation: "),
     ],
 )
 def test_trainings_without_effect_or_sense_are_refused(changes, message: str) -> None:
-    values = {"run_dir": "runs/none", "system": "lstm", "questions": "none.json"}
+    values = {"run_dir": "runs/none", "system": "lstm", "questions": "none.json", "validation": "none.json"}
     with pytest.raises(DataError, match=message):
         BaselineTraining(**{**values, **changes})
 
@@ -359,9 +360,23 @@ def test_a_damaged_description_is_named(scenes, folder, tmp_path) -> None:
             TrainedBaseline.from_checkpoint(tmp_path)
 
 
+def test_places_that_no_video_of_a_batch_uses_are_left_out(scenes, folder) -> None:
+    vocabulary = Vocabulary.from_questions(scenes)
+    examples = training_examples(scenes, vocabulary, {"objects"})
+    features = FeatureCache(folder, {"objects"})
+    batch = make_batch([of_video[0] for of_video in examples], features, {"objects"})
+    assert batch.has_object is not None
+    assert batch.objects is not None
+    assert batch.has_object[:, :, -1].any()
+    assert batch.objects.shape[:3] == batch.has_object.shape
+    kept = [features.get(of_video[0].scene_index, {"objects"})["has_object"] for of_video in examples]
+    assert batch.has_object.sum() == np.sum(kept)
+
+
 def test_every_text_of_a_batch_is_one_of_few_videos(scenes, tmp_path) -> None:
     write_questions(tmp_path / "questions.json", scenes)
-    config = BaselineTraining("run", "lstm", str(tmp_path / "questions.json"), held_out=5, texts_per_video=3)
+    path = str(tmp_path / "questions.json")
+    config = BaselineTraining("run", "lstm", path, path, texts_per_video=3)
     task = BaselineTask(config)
     drawn = task.draw(12, np.random.default_rng(0))
     assert len(drawn) == 12

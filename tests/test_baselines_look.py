@@ -64,8 +64,9 @@ def test_the_other_video_of_a_pair_gets_the_other_answer(name: str, folder, tmp_
     path, others = folder
     sees = bool(BASELINES[name].needs & set(KINDS))
     loop = LoopConfig(150, 20, learning_rate=3e-3, save_every=1000, device="cpu")
+    questions = str(path / "questions.json")
     config = BaselineTraining(
-        str(tmp_path / "run"), name, str(path / "questions.json"), features=str(path) if sees else "", texts_per_video=1,
+        str(tmp_path / "run"), name, questions, questions, features=str(path) if sees else "", texts_per_video=1,
         model=SMALL[name], loop=loop,
     )  # fmt: skip
     trained = TrainedBaseline.from_pretrained(train_baseline(config))

@@ -164,6 +164,10 @@ def make_batch(examples: Sequence[Example], features: FeatureCache | None, needs
         assert features is not None, f"needs {', '.join(sorted(needs))}"
         videos = [features.get(index, needs) for index in rows]
         arrays = {name: torch.from_numpy(np.stack([video[name] for video in videos])) for name in videos[0]}
+    if "has_object" in arrays:
+        places = arrays["has_object"].any((0, 1)).nonzero()
+        used = 1 + int(places.max()) if len(places) else 1
+        arrays |= {name: arrays[name][:, :, :used] for name in ("objects", "has_object")}
     return Batch(
         _padded([e.words for e in examples]),
         torch.tensor([rows[e.scene_index] for e in examples]),

@@ -3,11 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
-from msgspec import Meta
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -20,7 +19,7 @@ from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, resolved
 from nsdr.io.fingerprint import fingerprint
-from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
+from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training, training_time
 from nsdr.validation import PathName, PositiveCount, Settings, expect
 
@@ -35,9 +34,9 @@ class BaselineTraining(Settings):
         run_dir: folder of the run; an interrupted run is resumed.
         system: name of the baseline in `nsdr.baselines.base.BASELINES`.
         questions: question file in CLEVRER's format, with answers, and with programs where the system needs them.
+        validation: such a file about other videos, on which the network is evaluated.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
-        held_out: the videos whose index this number divides are left out of training and evaluated on.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.
         model: settings of the system, as of its `Config`; what is not given has its default.
@@ -47,9 +46,9 @@ class BaselineTraining(Settings):
     run_dir: PathName
     system: str
     questions: PathName
+    validation: PathName
     output: str = ""
     features: str = ""
-    held_out: Annotated[int, Meta(ge=2)] = 20
     texts_per_video: PositiveCount = 8
     model: dict[str, Any] = field(default_factory=dict)
     loop: LoopConfig = field(default_factory=LoopConfig)
@@ -78,7 +77,7 @@ class BaselineTraining(Settings):
     def data_fingerprint(self) -> str:
         """Of the questions, and of the settings that the features were made with; features of other videos may be added."""
         manifest = [Path(self.features) / MANIFEST] if self.features else []
-        return fingerprint(inputs=[Path(self.questions), *manifest])
+        return fingerprint(inputs=[Path(self.questions), Path(self.validation), *manifest])
 
 
 class TrainingBatch(NamedTuple):
@@ -96,15 +95,12 @@ class TrainingBatch(NamedTuple):
 
 
 class BaselineTask(Task):
-    """Cross-entropy of the answer among those that are possible; evaluated by the accuracies on the held-out videos."""
+    """Cross-entropy of the answer among those that are possible; evaluated by the accuracies on other videos."""
 
     def __init__(self, config: BaselineTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.config = config
-        scenes = [scene for scene in read_questions(config.questions) if scene.questions]
-        is_held_out = held_out(np.array([s.scene_index for s in scenes], int), config.held_out, config.questions)
-        training = [scene for scene, held in zip(scenes, is_held_out, strict=True) if not held]
-        self.held_out = [scene for scene, held in zip(scenes, is_held_out, strict=True) if held]
+        training, self.validation = read_questions(config.questions), read_questions(config.validation)
         kind = BASELINES[config.system]
         vocabulary = Vocabulary.from_questions(training)
         self.videos = training_examples(training, vocabulary, kind.needs)
@@ -142,9 +138,9 @@ class BaselineTask(Task):
         return {"answer": LossTerm(total, len(batch.answers))}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Accuracies on the held-out videos by question type, for options also per option; programs are the file's."""
+        """Accuracies on the validation videos by question type, for options also per option; programs are the file's."""
         baseline = TrainedBaseline(self.config.system, cast(Baseline, model), self.trained.vocabulary)
-        return accuracies(score_answers(baseline.answer_questions(self.held_out, self.features)))
+        return accuracies(score_answers(baseline.answer_questions(self.validation, self.features)))
 
 
 def accuracies(report: Mapping[str, Any]) -> dict[str, float]:
@@ -164,7 +160,7 @@ def train_baseline(config: BaselineTraining) -> str:
         DataError: unreadable questions or features, or the run was started with other ones.
     """
     task = BaselineTask(config)
-    counts = {"videos": len(task.videos), "texts": len(task.places), "held_out_videos": len(task.held_out)}
+    counts = {"videos": len(task.videos), "texts": len(task.places), "validation_videos": len(task.validation)}
     inputs = {"data": config.data_fingerprint()}
     return train_part("baseline", task, config, config.model_config(), {**task.trained.details(), **counts}, inputs)
 
