@@ -275,7 +275,7 @@ def test_an_experiment_trains_a_baseline_once_and_scores_it(scenes, folder, tmp_
     assert measured({**checkpoint, "exclude": [11]})["table"] == first["table"]
     capsys.readouterr()
     for extra, message in (
-        ({"stride": 2}, "stride would do nothing"),
+        ({"set": ["stride=2"]}, "set would do nothing"),
         ({"programs": "parsed"}, "programs would do nothing"),
         ({"features": ""}, "needs features"),
         ({"train": "a.yaml"}, "not both"),

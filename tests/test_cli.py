@@ -24,9 +24,9 @@ def test_answer_from_a_saved_scene(capsys) -> None:
 
 
 def test_answer_from_a_saved_npz(capsys, tmp_path) -> None:
-    save(load(Scene, TRUTH), tmp_path / "scene.npz")
-    assert run(capsys, "answer", tmp_path / "scene.npz", "-q", "How many collisions happen?")[:2] == (0, "4\n")
-    execute = ("execute", "--scene", tmp_path / "scene.npz", "--program", "objects count")
+    save(load(Scene, TRUTH), tmp_path / "scene.json")
+    assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[:2] == (0, "4\n")
+    execute = ("execute", "--scene", tmp_path / "scene.json", "--program", "objects count")
     assert run(capsys, *execute)[:2] == (0, "6\n")
 
 
@@ -232,7 +232,7 @@ def _truth(folder):
         (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
         (["execute", "--scene", QUESTIONS, "--program", "objects count"], "not a Scene"),
         (["execute", "--scene", TRUTH, "--program", "objects boggle"], "unknown module or word 'boggle'"),
-        (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json or .npz"),
+        (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
         (["train", "everything"], "expected one of frame-parser, dynamics, collisions, question-parser"),
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),

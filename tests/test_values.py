@@ -514,25 +514,3 @@ def test_bad_frame_records(changes, message, tmp_path) -> None:
     path.write_text(json.dumps(frame_line()) + "\n" + json.dumps(frame_line(**changes)) + "\n")
     with pytest.raises(DataError, match=rf"annotations_0\.jsonl, line 2.*{message}"):
         list(read_frame_records(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("segmentation", "message"),
-    [
-        ([[0, 0, 3]], "expected a list of x and y of 3 or more corners"),
-        ([[0, 0, 3, 0, 3, 1e9]], "expected numbers from -1 to 7"),
-        ([], "expected at least one polygon"),
-        ({"size": [4, 6], "counts": [3, -3, 24]}, "counts: expected runs of the image's 4x6"),
-        ({"size": [4, 6], "counts": [3, 4]}, "counts: expected runs of the image's 4x6"),
-        ({"size": [9, 9], "counts": [24]}, r"size: expected \[4, 6\]"),
-    ],
-)
-def test_bad_coco_masks(segmentation, message, tmp_path) -> None:
-    document = {
-        "categories": [{"id": 1, "name": "red metal cube"}],
-        "images": [{"id": 1, "file_name": "a.jpg", "height": 4, "width": 6}],
-        "annotations": [{"image_id": 1, "category_id": 1, "segmentation": segmentation}],
-    }
-    (tmp_path / "coco.json").write_text(json.dumps(document))
-    with pytest.raises(DataError, match=rf"coco\.json: annotations\[0\]\.segmentation.*{message}"):
-        list(read_frame_records(tmp_path))

@@ -92,9 +92,9 @@ def collate(items: Sequence[tuple[Tensor, Target]]) -> tuple[list[Tensor], list[
 class FrameDataset(Dataset[tuple[Tensor, Target]]):
     """Images with the masks and attributes of their objects.
 
-    The folder holds `images/` and one of two kinds of annotations. `annotations_*.jsonl` have one line per frame, with
-    `file_name`, `scene` and `objects: [{color, material, shape, segmentation (COCO RLE)}]`; `nsdr data frames` makes them from
-    videos with mask proposals. COCO `*.json` files have categories named like "red metal cube".
+    The folder holds `images/` and `annotations_*.jsonl`, which have one line per frame, with `file_name`, `scene` and
+    `objects: [{color, material, shape, segmentation (COCO RLE)}]`; `nsdr data frames` makes them from videos with mask
+    proposals.
 
     Items are an image (3, H, W) in 0-1 and its target (see `AttributeRoIHeads`). The augmentation of an item depends on `seed`,
     the epoch and the index only, so that `dataset[i]` is reproducible. The split is by scene: no scene is in both parts.
@@ -121,9 +121,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         records = read_frame_records(self.folder)
         self.records = [r for r in records if (r["scene"] % EVALUATION_EVERY == 0) in kept]
         if not self.records:
-            raise DataError(
-                f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl or COCO *.json, and images/"
-            )
+            raise DataError(f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl and images/")
 
     def __len__(self) -> int:
         return len(self.records)

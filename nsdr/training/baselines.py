@@ -18,10 +18,10 @@ from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
-from nsdr.io.configuration import config_of, resolved
+from nsdr.io.configuration import config_of
 from nsdr.io.fingerprint import fingerprint
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
-from nsdr.training.run_folder import parse_training, training_time
+from nsdr.training.run_folder import parse_training, resolved, training_time
 from nsdr.validation import PathName, PositiveCount, Settings, expect
 
 __all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
