@@ -104,8 +104,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--background": ("nowhere.png",), "--json": ("x.txt", "out.mp4")}),
     "serve": (SERVE, {"--port": ("0", "-1", "65536", "x"), "--max-seconds": ("0", "-1", "x", "nan", "inf"),
                       "--max-megabytes": ("0", "-1", "1.5"), "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
-    "mcp": (MCP, {"--transport": ("zebra",), "--port": ("0", "-1", "65536", "x"), "--host": ("0.0.0.0",),
-                  "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
+    "mcp": (MCP, {"--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
 }  # fmt: skip
 """Wrong values of options, with a command that is right without them."""
 COMMANDS_WRONG = {
