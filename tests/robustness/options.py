@@ -132,7 +132,7 @@ COMMANDS_WRONG = {
     "export without a format": ("export", "{good}/dataset", "-o", "out"),
     "export into the data set": ("export", "{good}/dataset", "--format", "grpo", "-o", "{good}/dataset"),
     "export a split twice": (*EXPORT, "--split", "validation", "validation"),
-    "export links in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--videos", "link", "-o", "out"),
+    "export no videos in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--videos", "none", "-o", "out"),
     "export scenes in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--scenes", "-o", "out"),
     "export questions of no split": (*EXPORT, "--questions", "{good}/questions/questions.json"),
     "simulate nothing": ("simulate", "{good}/video.mp4"), "simulate a scene": ("simulate", str(TRUTH), "--remove", "cube"),
