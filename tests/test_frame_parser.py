@@ -196,23 +196,14 @@ def test_dataset_splits_by_scene_and_augments(tiny_frames) -> None:
     assert changed[1]["boxes"][0, 0] == 480 - plain[1]["boxes"][0, 2]
 
 
-def test_dataset_items_depend_on_seed_epoch_and_index_only(tiny_frames) -> None:
-    dataset = FrameDataset(tiny_frames, "train", AugmentConfig(), seed=3)
-    image = dataset[1][0]
-    assert torch.equal(image, dataset[1][0])
-    assert torch.equal(image, dataset[-3][0])
-    assert torch.equal(image, FrameDataset(tiny_frames, "train", AugmentConfig(), seed=3)[1][0])
-    assert not torch.equal(image, FrameDataset(tiny_frames, "train", AugmentConfig())[1][0])
-    dataset.set_epoch(1)
-    assert not torch.equal(image, dataset[1][0])
-    dataset.set_epoch(0)
-    assert torch.equal(image, dataset[1][0])
+def test_augmentation_is_drawn_anew_or_from_a_given_generator(tiny_frames) -> None:
+    dataset = FrameDataset(tiny_frames, "train", AugmentConfig())
+    image = dataset.get(1, np.random.default_rng(3))[0]
+    assert torch.equal(image, dataset.get(1, np.random.default_rng(3))[0])
+    assert not torch.equal(image, dataset.get(1, np.random.default_rng(4))[0])
+    assert not torch.equal(dataset[1][0], dataset[1][0])
     with pytest.raises(IndexError):
         dataset[4]
-    with pytest.raises(DataError, match="seed: expected 0 or more, got -1"):
-        FrameDataset(tiny_frames, seed=-1)
-    with pytest.raises(DataError, match="epoch: expected 0 or more, got -1"):
-        dataset.set_epoch(-1)
 
 
 @pytest.mark.parametrize("workers", [0, 1])

@@ -12,7 +12,7 @@ import pytest
 
 import nsdr
 from nsdr import CheckpointError
-from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint, start_from
 from nsdr.question_parser.model import QuestionParserConfig
 
 
@@ -120,6 +120,19 @@ def test_weights_of_another_number_format_come_back_as_float32(stored, tmp_path)
 
     save_checkpoint(tmp_path, "question_parser", {"a": torch.ones(2, dtype=getattr(torch, stored))}, {}, {})
     assert load_checkpoint(tmp_path, "question_parser")[0]["a"].dtype == torch.float32
+
+
+def test_a_training_starts_from_weights_of_the_same_network_only(tmp_path) -> None:
+    import torch
+
+    save_checkpoint(tmp_path, "dynamics", {"weight": torch.ones(2, 3), "bias": torch.ones(2)}, {}, {}, half=True)
+    network = torch.nn.Linear(3, 2)
+    start_from(network, tmp_path, "dynamics")
+    assert torch.equal(network.weight, torch.ones(2, 3))
+    with pytest.raises(CheckpointError, match=r"its dynamics is of other settings \(.*size mismatch for weight"):
+        start_from(torch.nn.Linear(4, 2), tmp_path, "dynamics")
+    with pytest.raises(CheckpointError, match=r"weight: expected torch\.float16, got torch\.float32"):
+        start_from(torch.nn.Linear(3, 2).half(), tmp_path, "dynamics")
 
 
 def test_missing_and_corrupt_files_are_named(tmp_path) -> None:

@@ -25,6 +25,7 @@ __all__ = [
     "load_description",
     "load_network",
     "save_checkpoint",
+    "start_from",
 ]
 
 Config = TypeVar("Config")
@@ -164,9 +165,7 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
         # No memory is taken before the sizes are known to be those of the weights.
         with torch.device("meta"), _without_initial_values():
             empty = build(settings)
-        for name, value in empty.state_dict().items():
-            if name in state and state[name].dtype != value.dtype:
-                raise TypeError(f"{name}: expected {value.dtype}, got {state[name].dtype}")
+        _check_formats(empty, state)
         empty.load_state_dict(state, assign=True)
         network = build(settings)
         network.load_state_dict(state)
@@ -174,6 +173,27 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
         reason = " ".join(str(e).split())[:200]
         raise CheckpointError(f"{where}: not a network of {kind.__name__} ({reason}); restore the files") from e
     return network
+
+
+def start_from(network: "nn.Module", folder: str | Path, part: str) -> None:
+    """Give a network the weights of a checkpoint.
+
+    Raises:
+        CheckpointError: a file is missing or corrupt, or holds a network of other settings; names the folder.
+    """
+    state, _ = load_checkpoint(folder, part)
+    try:
+        _check_formats(network, state)
+        network.load_state_dict(state)
+    except (TypeError, RuntimeError) as e:
+        reason = " ".join(str(e).split())[:200]
+        raise CheckpointError(f"{folder}: its {part} is of other settings ({reason}); give one of the same") from e
+
+
+def _check_formats(network: "nn.Module", state: Mapping[str, Any]) -> None:
+    for name, value in network.state_dict().items():
+        if name in state and state[name].dtype != value.dtype:
+            raise TypeError(f"{name}: expected {value.dtype}, got {state[name].dtype}")
 
 
 def _without_initial_values() -> Any:
