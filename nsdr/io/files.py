@@ -37,10 +37,6 @@ LOCK = ".lock"
 """End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
 PROBE_BYTES = 4096
 """Bytes that are written for a test, and deleted."""
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
-NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM)
-NO_PLACE = (errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)
-"""System errors that are the target's."""
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 """System errors of file systems that cannot lock files."""
 log = logging.getLogger(__name__)
@@ -55,10 +51,10 @@ def writing(path: str | Path) -> Iterator[None]:
     """
     try:
         yield
-    except OSError as e:
-        if e.errno in (*NO_SPACE, *NOT_ALLOWED, *NO_PLACE):
-            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+    except (FileNotFoundError, ConnectionError):  # of what is read meanwhile
         raise
+    except OSError as e:
+        raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
 
 
 @contextmanager
