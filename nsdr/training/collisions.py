@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nsdr.dynamics.collisions import TrackCollisionDetector
+from nsdr.dynamics.collisions.network import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import (
     MotionArrays,
     NetworkInputs,
