@@ -8,13 +8,11 @@ import pytest
 import torch
 
 from nsdr import SceneObject, VideoTracks
-from nsdr.dynamics.collisions.network import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import MotionArrays, arrays_from_states, near_pairs, network_inputs
-from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig
+from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig, TrackCollisionDetector
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.registry import load_backend
 from nsdr.errors import CheckpointError, DataError
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.training import collisions as training
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
