@@ -23,7 +23,7 @@ def test_answer_from_a_saved_scene(capsys) -> None:
     assert "filter_collision(1, 2)" in out
 
 
-def test_answer_from_a_saved_npz(capsys, tmp_path) -> None:
+def test_answer_from_what_save_wrote(capsys, tmp_path) -> None:
     save(load(Scene, TRUTH), tmp_path / "scene.json")
     assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[:2] == (0, "4\n")
     execute = ("execute", "--scene", tmp_path / "scene.json", "--program", "objects count")
