@@ -1,6 +1,4 @@
 from .answers.answer_files import (
-    RESPONSE_KEYS as RESPONSE_KEYS,
-    GivenAnswer as GivenAnswer,
     read_answers as read_answers,
     read_given as read_given,
     read_submission as read_submission,
@@ -16,7 +14,6 @@ from .answers.prompts import (
     solution as solution,
 )
 from .answers.responses import (
-    READ_AS as READ_AS,
     Response as Response,
     read_response as read_response,
     read_response_to as read_response_to,

@@ -81,7 +81,7 @@ def experiment(options: Any) -> int:
 
 def score_options(parser: Any) -> None:
     add = parser.add_argument
-    add("predictions", help="JSON Lines, CSV, or an EvalAI submission")
+    add("predictions", help="JSON Lines, or an EvalAI submission")
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
     add("--questions", type=NotEmptyStr, required=True, help="question file with answers, in CLEVRER's format")
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")

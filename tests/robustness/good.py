@@ -36,7 +36,6 @@ __all__ = [
     "TAG",
     "TRAIN",
     "compact_arrays",
-    "csv_answers",
     "gray_video",
     "json_line_answers",
     "write_good",
@@ -185,11 +184,6 @@ def json_line_answers() -> list[dict[str, Any]]:
     ]
 
 
-def csv_answers() -> str:
-    """A CSV file of answers."""
-    return f"id,response\n{SCENE}-0,1\n{SCENE}-1,none\n"
-
-
 def scene() -> dict[str, Any]:
     """A scene saved by `nsdr parse-video`."""
     return dict(json.loads(TRUTH.read_text()))
@@ -209,7 +203,6 @@ def write_good(folder: Path) -> None:
         path.write_text(json.dumps(document()))
     _write_data_set(folder / "dataset")
     (folder / "answers.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in json_line_answers()))
-    (folder / "answers.csv").write_text(csv_answers())
     save(load(Scene, TRUTH), folder / "scene.npz")
     shutil.copy(VIDEO, folder / "video.mp4")
     compact_proposals(folder / "proposals.npz")
