@@ -1,6 +1,5 @@
 """Scores answers the way the paper does: descriptive accuracy; the other types per option and per question."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -14,7 +13,6 @@ from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestion
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.measures import accuracy_interval, by_halves, calibration, calibration_text, percent
 from nsdr.symbolic import Executor, Program
-from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Answer, ChoiceAnswer
 
@@ -255,8 +253,6 @@ def format_table(report: dict[str, Any]) -> str:
         lines.append(f"{unlabelled} questions have no answers in their file: they are answered, not scored")
     if report["errors"]:
         whole = sum("error" in r for r in results)
-        reasons = Counter(general(e)[:100] for r in results for e in _errors(r))
         partly = report["errors"] - whole
-        lines.append(f"{whole} questions failed and count as wrong; choices of {partly} failed and are judged wrong:")
-        lines += [f"  {count:>5}  {reason}" for reason, count in reasons.most_common(5)]
+        lines.append(f"{whole} questions failed and count as wrong; choices of {partly} failed and are judged wrong")
     return "\n".join(lines)
