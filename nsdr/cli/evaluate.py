@@ -70,10 +70,9 @@ def experiment(options: Any) -> int:
     """`nsdr experiment`: measure all rows of a table."""
     from nsdr.evaluation import run_experiment
     from nsdr.evaluation.experiments import failed_questions
-    from nsdr.training.baselines import BaselineTrainer
 
     check_output_folder(options.output)
-    table = run_experiment(options.file, options.output, options.device, BaselineTrainer())
+    table = run_experiment(options.file, options.output, options.device)
     print(table.read_text())
     failed, total, example = failed_questions(table)
     return failures_line(failed, total, "questions", example, options.keep_going)

@@ -12,7 +12,8 @@ __all__ = ["answer_controls", "answer_file_cases"]
 
 ROWS: dict[str, Any] = {
     "list": [1], "number": 5, "text": "x", "null": None, "empty": {},
-    "no response": {"id": "10000-1"}, "list as response": {"id": "10000-1", "response": ["1"]}, "no question": {"response": "1"}, "id of words": {"id": "zebra", "response": "1"},
+    "no response": {"id": "10000-1"}, "list as response": {"id": "10000-1", "response": ["1"]},
+    "no question": {"response": "1"}, "id of words": {"id": "zebra", "response": "1"},
     "id as number": {"id": 10000, "response": "1"}, "id as list": {"id": ["10000-1"], "response": "1"},
     "negative id": {"id": "10000--1", "response": "1"}, "id of 5,000 digits": {"id": f"{'9' * 5000}-0", "response": "1"},
     "id with a blank": {"id": "10000-1 ", "response": "1"}, "id of other digits": {"id": "10000-\u0661", "response": "1"},
