@@ -195,18 +195,22 @@ def _truth(folder):
     for f in range(179):  # 7/5 of the video
         frames.append(
             {
+                "frame_id": f,
                 "objects": [
                     {
+                        **{key: [0, 0, 0] for key in ("location", "orientation", "angular_velocity")},
                         "object_id": o.id,
                         "velocity": [float(scene.moving[o.id, min(f, 127)]), 0, 0],
                         "inside_camera_view": bool(scene.visible[o.id, min(f, 127)]),
                     }
                     for o in scene.objects
-                ]
+                ],
             }
         )
     objects = [{"object_id": o.id, "color": o.color, "material": o.material, "shape": o.shape} for o in scene.objects]
     truth = {
+        "scene_index": 500002,
+        "seed": 0,
         "objects": objects,
         "frames": frames,
         "collisions": rows(scene.events) + rows(scene.unseen),

@@ -23,7 +23,6 @@ from .dataset import (
     CLEVRER as CLEVRER,
     KINDS as KINDS,
     SPLITS as SPLITS,
-    Entry as Entry,
     Inventory as Inventory,
     Split as Split,
 )

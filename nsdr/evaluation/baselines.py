@@ -30,7 +30,7 @@ __all__ = ["USED", "baseline_fingerprint", "evaluate_baseline", "training_text"]
 
 PROGRAMS = ("programs", "parser", "parser_model", "checkpoint")
 """Settings of `EvaluationConfig` that only baselines use which read programs."""
-USED = ("questions", "root", "split", "types", "exclude", "every", "limit", "truth_source", "truth", *PROGRAMS)
+USED = ("questions", "root", "split", "types", "every", "limit", "truth_source", "truth", *PROGRAMS)
 """Settings of `EvaluationConfig` that trained baselines use. The true scenes serve to tag counterfactual options."""
 TRAINING = ("system", "parameters", "videos", "texts")
 """What a results file keeps of a checkpoint's description."""

@@ -76,7 +76,6 @@ class EvaluationConfig(Settings):
             networks; "" for none.
         parser_model: the server's model; "" if it has only one.
         types: question types to answer.
-        exclude: scene indices to leave out.
         every: answer every n-th scene of those with such questions.
         limit: answer the first n of these scenes; 0 for all.
         checkpoint: weights.
@@ -106,7 +105,6 @@ class EvaluationConfig(Settings):
     parser: str = ""
     parser_model: str = ""
     types: Sequence[str] = QUESTION_TYPES
-    exclude: Sequence[Count] = ()
     every: PositiveCount = 1
     limit: Count = 0
     checkpoint: str = "default"
@@ -310,7 +308,6 @@ def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], 
         listed, data = list(split.questions()), split
     else:
         listed, data = read_questions(config.questions), Path(config.data)
-    listed = [s for s in listed if s.scene_index not in set(config.exclude)]
     listed = [s for s in listed if any(q.type in config.types for q in s.questions)]
     listed = listed[:: config.every][: config.limit or None]
     files = config.program_files()
