@@ -66,7 +66,6 @@ from .files.questions import (
     Choice as Choice,
     Question as Question,
     SceneQuestions as SceneQuestions,
-    by_type as by_type,
     read_questions as read_questions,
     without_answers as without_answers,
     write_questions as write_questions,
