@@ -7,7 +7,6 @@ from typing import Any
 from msgspec.structs import replace
 
 from nsdr.baselines.features.files import FeatureCache
-from nsdr.baselines.recording import keep_recording
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
@@ -17,21 +16,18 @@ from nsdr.evaluation.runner import (
     parse_all,
     parser_of,
     selected_questions,
-    true_scene_of,
 )
 from nsdr.evaluation.score import Parse, score_answers
-from nsdr.evaluation.sources import SOURCES
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.fingerprint import fingerprint
-from nsdr.symbolic import Executor
 from nsdr.types import Answer
 
 __all__ = ["USED", "baseline_fingerprint", "evaluate_baseline", "training_text"]
 
 PROGRAMS = ("programs", "parser", "parser_model", "checkpoint")
 """Settings of `EvaluationConfig` that only baselines use which read programs."""
-USED = ("questions", "root", "split", "types", "every", "limit", "truth_source", "truth", *PROGRAMS)
-"""Settings of `EvaluationConfig` that trained baselines use. The true scenes serve to tag counterfactual options."""
+USED = ("questions", "root", "split", "types", "every", "limit", *PROGRAMS)
+"""Settings of `EvaluationConfig` that trained baselines use."""
 TRAINING = ("system", "parameters", "videos", "texts")
 """What a results file keeps of a checkpoint's description."""
 
@@ -72,11 +68,7 @@ def evaluate_baseline(
         for scene, (_, answers) in zip(scenes, baseline.answer_questions(parsed, known, config.types), strict=True):
             yield scene, answers | failed.get(scene.scene_index, {})
 
-    recordings = None
-    if config.truth_source:
-        source = SOURCES[config.truth_source](Path(config.truth), {s.scene_index for s in scenes})
-        recordings = {s.scene_index: Executor(keep_recording(true_scene_of(source, s))) for s in scenes}
-    report = score_answers(answered(), recordings)
+    report = score_answers(answered())
     return report | {"training": {**_training(folder), "checkpoint": trained}}
 
 
