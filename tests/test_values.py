@@ -17,7 +17,6 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.files.annotations import check_truth, check_truth_blocks
 from nsdr.clevrer.files.masks import numbers_of_runs, runs_of_mask
-from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.predictions import predictions_from_document
 from nsdr.clevrer.files.proposals import ground_truth_of, parse_proposals, read_compact_proposals
 from nsdr.clevrer.files.questions import read_questions
@@ -224,17 +223,8 @@ def test_question_files_end_after_their_list(tmp_path) -> None:
     assert read_questions(tmp_path / "q.json") == read_questions(QUESTIONS)
 
 
-def test_bad_parsed_programs_and_submissions(tmp_path) -> None:
+def test_bad_submissions(tmp_path) -> None:
     path = tmp_path / "x.json"
-    for content, message in (
-        ([], "expected an object, got"),
-        ({"zebra": 1}, "expected keys that are the index of a scene, got"),
-        ({"7": {"questions": []}}, "holds none of the 1 scenes, such as 500002"),
-        ({"500002": {"questions": [5]}}, r"500002\.questions\[0\]: expected an object, got 5"),
-    ):
-        path.write_text(json.dumps(content))
-        with pytest.raises(DataError, match=rf"x\.json.*{message}"):
-            with_parsed_programs(read_questions(QUESTIONS), [path])
     row = {"question_id": 0, "answer": "yes"}
     for content, message in (
         ([{"scene_index": 1, "questions": [row, row]}], r"questions\[1\]\.question_id: 0 is there twice"),

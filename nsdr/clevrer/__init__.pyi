@@ -41,7 +41,6 @@ from .files.annotations import (
     write_truth as write_truth,
 )
 from .files.masks import check_mask as check_mask
-from .files.parsed_programs import with_parsed_programs as with_parsed_programs
 from .files.predictions import (
     SAMPLE_FRAMES as SAMPLE_FRAMES,
     PredictionFile as PredictionFile,

@@ -39,7 +39,7 @@ def evaluate(options: Any) -> int:
 
     names = {f.name for f in fields(EvaluationConfig)}
     config = EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names})
-    inputs = [config.questions, config.data, config.videos, config.truth, *config.program_files()]
+    inputs = [config.questions, config.data, config.videos, config.truth]
     outputs = ((options.output, (".json",)), (options.submission, (".json",)))
     check_outputs([path for path in inputs if path], *outputs)
     check_output_folder(config.cache)
