@@ -21,7 +21,7 @@ from nsdr.errors import DataError
 from nsdr.io.reading import read_json, read_npz, read_yaml
 from tests.robustness.case import Change, text_writer
 from tests.robustness.documents import document_writer
-from tests.robustness.good import DOCUMENTS, questions
+from tests.robustness.good import DOCUMENTS
 
 
 def _blocks(path: Path) -> None:
