@@ -41,6 +41,7 @@ __all__ = [
     "parser_of",
     "run_evaluation",
     "selected_questions",
+    "true_scene_of",
 ]
 
 VERSION = 2
@@ -202,7 +203,7 @@ def _scenes(
     for s in tqdm(questions, desc="reading", unit="scene"):
         try:
             found = source(s)
-            true_scene = None if true_source is None else _true_scene_of(true_source, s)
+            true_scene = None if true_source is None else true_scene_of(true_source, s)
             if isinstance(found, Scene):
                 scenes[s.scene_index] = found
                 continue
@@ -317,7 +318,7 @@ def _perceive(
     storage.save(replace(perception.scene, physics=None), output)  # which CLEVRER's questions do not ask for
 
 
-def _true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
+def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
     """The scene of a source that gives scenes.
 
     Raises:
