@@ -195,7 +195,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
             rows, frames, collisions = (annotation[k] for k in ("object_property", "motion_trajectory", "collision"))
             camera = CLEVRER_CAMERA
         else:
-            file = read_truth_file(self._truth_file(video), motion=True)
+            file = read_truth_file(self._truth_file(video))
             if file["scene_index"] != video:
                 raise DataError(f"{self._truth_file(video)}: scene_index: expected {video}, got {file['scene_index']}")
             rows, frames, collisions = file["objects"], file["frames"], file["collisions"]

@@ -208,7 +208,7 @@ def test_augmentation_is_drawn_anew_or_from_a_given_generator(tiny_frames) -> No
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_dataset_works_with_a_data_loader(tiny_frames, workers: int) -> None:
-    dataset = FrameDataset(tiny_frames, "train", AugmentConfig())
+    dataset = FrameDataset(tiny_frames, "train")
     batches = list(DataLoader(dataset, batch_size=2, collate_fn=collate, num_workers=workers))
     assert len(batches) == 2
     loaded = [item for images, targets in batches for item in zip(images, targets, strict=True)]
