@@ -358,7 +358,6 @@ def uncertain(probability: object = 0.5, removed: object = None, frame: int = 30
         (lambda d: d["visible"].update(shape=[10**6, 10**6]), "visible: expected 1000000000000 values"),
         (lambda d: d["visible"].update(shape=[-1, 128]), r"visible\.shape\[0\]: expected a whole number from 0 on, got -1"),
         (lambda d: d["visible"].update(values="x" * 768), r"visible\.values: expected a text of 0 and 1"),
-        (lambda d: d.update(visible={"array": "array_0"}), "visible: expected the name of an array, got array_0"),
     ],
 )  # fmt: skip
 def test_bad_saved_scenes(change, message, tmp_path) -> None:
