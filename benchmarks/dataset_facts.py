@@ -84,7 +84,6 @@ CLEVRER as it was released, beside a generated data set.
 - Released questions were counted in the train split where nothing else is said. Released events and objects were counted in
   {RELEASED_VIDEOS:,} train and validation videos (`nsdr/generate/released_statistics.json`).
 - What was not counted in the release is shown for the generated data set alone.
-- Charts of the questions are in the [gallery](gallery.md).
 
 ## Properties
 

@@ -31,7 +31,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "predict-dynamics": ("perceive", "turn mask proposals into motion and collisions; resumable"),
     "visualize": ("perceive", "show what was seen, and why a question got its answer"),
     "simulate": ("simulate", "what would happen in a video with objects removed, changed or added"),
-    "figures": ("figures", "pictures of question sets and sample results, and training curves"),
     "evaluate": ("evaluate", "score answers to a question file; resumable"),
     "experiment": ("evaluate", "measure all rows of a table; resumable"),
     "score": ("evaluate", "score a file of answers, or compare two"),

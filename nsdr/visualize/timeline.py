@@ -69,7 +69,7 @@ def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video
     cards = []
     for number, event in enumerate([*scene.events, *(scene.unseen or ())]):
         later = event.frame >= scene.n_frames
-        text = html.escape(event_text(event, scene, dynamics) + _probability(event, scene))
+        text = html.escape(event_text(event, scene.objects) + _probability(event, scene))
         when = f"about frame {event.frame}, predicted" if later else f"frame {event.frame}"
         click = "" if later else _seek(event.frame, video)
         image = event_picture(event, perception, frames, simulated)
@@ -126,7 +126,7 @@ def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
         shape += "".join(f"<circle cx={x} cy={y} r=5 />" for y in lanes)
     else:  # an arrow into the lane or out of it
         shape = f"<path d='M{x - 5} {top - 6}L{x + 5} {top}L{x - 5} {top + 6}z' />"
-    words = event_text(event, scene, perception.dynamics) + _probability(event, scene)
+    words = event_text(event, scene.objects) + _probability(event, scene)
     title = html.escape(f"frame {event.frame}: {words}")
     point = "this.closest('.timeline').querySelector('[data-event=&quot;%d&quot;]').classList.%s('marked')"
     hover = f' onmouseover="{point % (number, "add")}" onmouseout="{point % (number, "remove")}"'

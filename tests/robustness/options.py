@@ -104,8 +104,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--background": ("nowhere.png",), "--json": ("x.txt", "out.mp4")}),
     "serve": (SERVE, {"--port": ("0", "-1", "65536", "x"), "--max-seconds": ("0", "-1", "x", "nan", "inf"),
                       "--max-megabytes": ("0", "-1", "1.5"), "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
-    "mcp": (MCP, {"--transport": ("zebra",), "--port": ("0", "-1", "65536", "x"), "--host": ("0.0.0.0",),
-                  "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
+    "mcp": (MCP, {"--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
 }  # fmt: skip
 """Wrong values of options, with a command that is right without them."""
 COMMANDS_WRONG = {
@@ -133,7 +132,7 @@ COMMANDS_WRONG = {
     "export without a format": ("export", "{good}/dataset", "-o", "out"),
     "export into the data set": ("export", "{good}/dataset", "--format", "grpo", "-o", "{good}/dataset"),
     "export a split twice": (*EXPORT, "--split", "validation", "validation"),
-    "export links in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--videos", "link", "-o", "out"),
+    "export no videos in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--videos", "none", "-o", "out"),
     "export scenes in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--scenes", "-o", "out"),
     "export questions of no split": (*EXPORT, "--questions", "{good}/questions/questions.json"),
     "simulate nothing": ("simulate", "{good}/video.mp4"), "simulate a scene": ("simulate", str(TRUTH), "--remove", "cube"),
