@@ -130,9 +130,8 @@ def _refusal(text: str, kind: str) -> str:
         programs = readings(" ".join(word for i, word in enumerate(words) if i not in unused), kind)
         if programs:
             said = " ".join(words[i].strip(",.;:?!") for i in unused)
-            why = (
-                f"the {'words' if len(unused) > 1 else 'word'} {said!r} {'were' if len(unused) > 1 else 'was'} not used"
-            )
+            noun, verb = ("words", "were") if len(unused) > 1 else ("word", "was")
+            why = f"the {noun} {said!r} {verb} not used"
             return f"{text!r} fits no program (understood: {_said(programs[0])}; {why}); {REMEDY}"
     return f"{text!r} fits no program; {REMEDY}"
 
