@@ -45,7 +45,6 @@ from .files.predictions import (
     SAMPLE_FRAMES as SAMPLE_FRAMES,
     PredictionFile as PredictionFile,
     predictions_document as predictions_document,
-    predictions_from_document as predictions_from_document,
     read_predictions as read_predictions,
     scene_from_predictions as scene_from_predictions,
 )
