@@ -1,4 +1,6 @@
 from .answers.answer_files import (
+    Given as Given,
+    QuestionKey as QuestionKey,
     read_answers as read_answers,
     read_given as read_given,
     read_submission as read_submission,
