@@ -180,7 +180,7 @@ def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) 
         for f in range(128)
     ]
     thing = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
-    named = {"scene_index": 1, "video_filename": "v.mp4"}
+    named = {"scene_index": 1, "seed": 0, "video_filename": "v.mp4"}
     annotation = {**named, "object_property": [thing], "motion_trajectory": frames, "collision": []}
     truth = {**named, "objects": [thing], "frames": frames, "collisions": [], "counterfactual": {}}
     for name, content in (("annotation", annotation), ("truth", truth), ("other", {"a": 1})):
