@@ -29,7 +29,6 @@ from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
 from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
-from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.scene_files import truth_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import atomic_path
@@ -157,7 +156,7 @@ KINDS: dict[str, Callable[[Draw], list[Any]]] = {
 
 def make_cases(seed: int, simulator: Simulator) -> dict[str, Any]:
     """A scene's truth, and for each kind an intervention with the collisions that Bullet finds after it."""
-    scene = simulate_scene(seed, SceneConfig(), simulator)
+    scene = simulate_scene(seed)
     rng = random.Random(f"interventions {seed}")
     hits = [c.frame for c in scene.motion.contacts]
     calm = [f for f in range(1, LAST_START + 1) if all(abs(f - hit) > CALM_FRAMES for hit in hits)]
