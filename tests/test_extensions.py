@@ -17,7 +17,7 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.questions import Choice, read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
-from nsdr.dynamics.physics import PhysicsPredictor
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.solver import log_mass_covariance
 from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories
 from nsdr.dynamics.scene import scene_from_prediction
