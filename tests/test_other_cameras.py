@@ -18,7 +18,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.storage import load, save
 from nsdr.pipeline import pipeline_settings
 from nsdr.tracking.localization import expected_size, ground_location, outline, size_ratio, size_warning
-from nsdr.tracking.tracker import track, tracks_from_motion
+from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -98,7 +98,7 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
         for distance in slide("cube", np.array(1.2), np.arange(40) * FRAME_SECONDS)[0]
     ]
     cube = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
-    seen = tracks_from_motion([cube], frames, OTHER)
+    seen = tracks_from_annotation({"object_property": [cube], "motion_trajectory": frames}, OTHER)
     save(seen, tmp_path / "tracks.json")
     assert load(VideoTracks, tmp_path / "tracks.json") == seen
     states = states_from_tracks(seen)
