@@ -202,7 +202,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
                 )
                 camera = CLEVRER_CAMERA
             else:
-                file = read_truth_file(self._truth_file(video), motion=True)
+                file = read_truth_file(self._truth_file(video))
                 if file["scene_index"] != video:
                     raise DataError(
                         f"{self._truth_file(video)}: scene_index: expected {video}, got {file['scene_index']}"

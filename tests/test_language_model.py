@@ -134,7 +134,6 @@ def test_the_examples_are_right() -> None:
         f"`filter_in` takes events, so it is `{PROGRAM}`.",
         f"<think>objects count\nNo, the red ones.</think>\n{PROGRAM}",
         json.dumps({"program": PROGRAM.split()}),
-        'Count(Filter_in(Events, Filter_shape(Filter_color(Objects, "red"), "cube")))',
         f"{PROGRAM}\nobjects count",
         f"{PROGRAM}\x00",
     ],
@@ -341,7 +340,7 @@ def test_a_server_that_fails_ends_an_evaluation(stub, capsys, tmp_path) -> None:
                  "--cache", str(tmp_path / "cache"), "--types", "predictive"]  # fmt: skip
     stub.reply = "NONE"
     assert main(arguments) == 1
-    assert "fits no program" in capsys.readouterr().out
+    assert "fits no program" in capsys.readouterr().err
     stub.status = 500
     assert main(arguments) == 2
     error = capsys.readouterr().err.splitlines()[-1]

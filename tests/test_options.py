@@ -110,7 +110,6 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir"
         ([*EVALUATE, "--limit", "-1"], "limit"),
         ([*EVALUATE, "--every", "0"], "every"),
         ([*EVALUATE, "--workers", "-1"], "workers"),
-        ([*EVALUATE, "--exclude", "abc"], "exclude"),
         ([*EVALUATE, "--engine", "zebra"], "engine"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--stride", "0"], "stride"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),

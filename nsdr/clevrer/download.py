@@ -30,6 +30,8 @@ def download(
 ) -> list[Path]:
     """Download the files of a split into the official layout. Complete files are skipped, incomplete ones continued.
 
+    Zip files are unpacked into a folder of their name and deleted.
+
     The SHA-256 of every file is written to `checksums.json` when it is first seen, and compared ever after. Over plain HTTP,
     which anyone on the way can change, a file without a known checksum is refused.
 
@@ -40,7 +42,7 @@ def download(
         base_url: where the official layout is served.
 
     Returns:
-        Paths of the files.
+        Paths of the question file, and of the folders of videos and annotations.
 
     Raises:
         DataError: an unknown split or kind, a file that the server does not have, a connection that keeps breaking, or a file
@@ -62,13 +64,36 @@ def download(
                 continue
             name = WHAT[kind].format(split=split)
             target, url = Path(root) / name, f"{base_url.rstrip('/')}/{name}"
-            if not target.exists():
+            is_zip = target.suffix == ".zip"
+            complete = target.with_suffix("") if is_zip else target
+            if not (complete.exists() or target.exists()):
                 if not (url.startswith("https://") or name in known):
                     raise DataError(f"{url}: plain HTTP, and {ledger} has no checksum of it; use HTTPS")
                 known = {**known, name: _fetch(url, target, known.get(name))}
                 write_json(ledger, known, indent=1)
-            paths.append(target)
+            if is_zip and not complete.exists():
+                _unpack(target, complete)
+            paths.append(complete)
     return paths
+
+
+def _unpack(archive: Path, folder: Path) -> None:
+    """Unpack a zip into a folder, which is there as soon as all of it is, and delete the zip."""
+    import shutil
+    import zipfile
+
+    from nsdr.io.files import writing
+    from nsdr.io.reading import UNZIP_ERRORS
+
+    partial = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        with writing(folder), zipfile.ZipFile(archive) as opened:
+            opened.extractall(partial)
+    except UNZIP_ERRORS as e:
+        raise DataError(f"{archive}: not a readable zip ({e}); delete it, and run the command again") from e
+    partial.rename(folder)
+    archive.unlink()
 
 
 def _fetch(url: str, target: Path, sha256: str | None) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from nsdr.baselines.q_type import ANSWERS, q_type_answers
-from nsdr.clevrer.answers.answer_files import GivenAnswer, read_given
+from nsdr.clevrer.answers.answer_files import Given, QuestionKey, read_given
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError
@@ -27,13 +27,13 @@ LISTED = 5
 
 
 def score_responses(
-    scenes: Sequence[SceneQuestions], given: Sequence[GivenAnswer], allow_missing: bool = False
+    scenes: Sequence[SceneQuestions], given: Mapping[QuestionKey, Given], allow_missing: bool = False
 ) -> dict[str, Any]:
     """Read and score a system's answers.
 
     Args:
         scenes: questions with their answers.
-        given: the system's answers, each question at most once.
+        given: the system's answers, as of `read_answers`.
         allow_missing: score the answered questions only; else those without an answer count as wrong.
 
     Returns:
@@ -41,39 +41,37 @@ def score_responses(
         `references`: systems that see nothing on the same questions, as of `reference_rows`;
         `responses`: numbers of `questions`, `answered` ones and `scored` ones; ids of the `missing` and of the `unknown`
         questions; `read_as`, how often answers were found in which form; `unread_by_type`; and `unread`, each with its id,
-        place in the file, type, problem and first characters.
+        type, problem and first characters.
 
     Raises:
         DataError: no answer is about one of the questions, or these have no answers in their file.
     """
-    by_id = {(g.scene_index, g.question_id): g for g in given}
     asked = {(s.scene_index, q.id) for s in scenes for q in s.questions}
-    if not asked & set(by_id):
+    if not asked & given.keys():
         raise DataError(
-            f"none of the {len(by_id)} answers is about one of the {len(asked)} questions; is it another split?"
+            f"none of the {len(given)} answers is about one of the {len(asked)} questions; is it another split?"
         )
     unread: list[dict[str, Any]] = []
     read_as: Counter[str] = Counter()
 
-    def read(question: Question, key: tuple[int, int]) -> Answer | NsdrError:
-        if key not in by_id:
+    def read(question: Question, key: QuestionKey) -> Answer | NsdrError:
+        if key not in given:
             return DataError(MISSING)
-        response = read_given(question, by_id[key].given)
+        response = read_given(question, given[key])
         if response.answer is not None:
             read_as[response.how] += 1
             return answer_of(question, response.answer)
         unread.append(
             {
                 "id": _id(key),
-                "where": by_id[key].where,
                 "question_type": question.type,
                 "problem": response.problem,
-                "response": str(by_id[key].given)[:SHOWN_CHARACTERS],
+                "response": str(given[key])[:SHOWN_CHARACTERS],
             }
         )
         return DataError(f"{UNREAD}: {response.problem.split(':')[0]}")
 
-    kept = asked & set(by_id) if allow_missing else asked
+    kept = asked & given.keys() if allow_missing else asked
     scored = [replace(s, questions=tuple(q for q in s.questions if (s.scene_index, q.id) in kept)) for s in scenes]
     report = score_answers((s, {q.id: read(q, (s.scene_index, q.id)) for q in s.questions}) for s in scored)
     if report["unlabelled"]:
@@ -82,10 +80,10 @@ def score_responses(
         "references": reference_rows(scored),
         "responses": {
             "questions": len(asked),
-            "answered": len(asked & set(by_id)),
+            "answered": len(asked & given.keys()),
             "scored": len(kept),
-            "missing": [_id(key) for key in sorted(asked - set(by_id))],
-            "unknown": [_id(key) for key in sorted(set(by_id) - asked)],
+            "missing": [_id(key) for key in sorted(asked - given.keys())],
+            "unknown": [_id(key) for key in sorted(given.keys() - asked)],
             "read_as": dict(sorted(read_as.items())),
             "unread_by_type": {kind: sum(u["question_type"] == kind for u in unread) for kind in QUESTION_TYPES},
             "unread": unread,
@@ -131,11 +129,11 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
     if unread := responses["unread"]:
         counts = ", ".join(f"{kind} {n}" for kind, n in responses["unread_by_type"].items() if n)
         lines.append(f"{len(unread)} responses cannot be read and count as wrong: {counts}")
-        lines += [f"  {u['where']} ({u['id']}): {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
+        lines += [f"  {u['id']}: {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
     return "\n".join(lines)
 
 
-def _id(key: tuple[int, int]) -> str:
+def _id(key: QuestionKey) -> str:
     return f"{key[0]}-{key[1]}"
 
 

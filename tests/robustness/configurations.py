@@ -119,7 +119,7 @@ EXPERIMENT_ROWS: dict[str, dict[str, Any]] = {
     "source": {"source": "zebra"}, "source as number": {"source": 5}, "unknown key": {"zebra": 1},
     "name as number": {"name": 5}, "no name": {"name": None}, "questions as number": {"questions": 5},
     "missing questions": {"questions": "nowhere.json"}, "missing data": {"data": "nowhere"},
-    "exclude as text": {"exclude": "x"}, "exclude of words": {"exclude": ["x"]}, "baseline": {"baseline": "zebra"},
+    "baseline": {"baseline": "zebra"},
     "published as text": {"published": "x"}, "published too short": {"published": [1, 2]},
     "published of words": {"published": ["x"] * 7}, "published above 100": {"published": [200.0] * 7},
     "published NaN": {"published": [float("nan")] * 7}, "semantics": {"semantics": "zebra"},

@@ -13,7 +13,7 @@ from msgspec import Meta
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import option_letters
-from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
+from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
@@ -129,7 +129,7 @@ class Export:
             raise DataError(f"{config.root}: has no questions/train.json and no questions/validation.json")
         self.is_generated = self._root.manifest is not None
         self._seed = _first_seed(self._root)
-        self._videos: dict[str, dict[int, Entry]] = {}
+        self._videos: dict[str, dict[int, Path]] = {}
         self._bytes: dict[str, int] = {}
         self.splits = {name: self._summary(name) for name in self._sources}
 
@@ -181,7 +181,7 @@ class Export:
                 if index not in entries:
                     missing = f"has no video_{index:05d}.mp4 ({split})"
                     raise DataError(f"{self.config.root}: {missing}; fetch it, or give --videos none")
-                self._bytes[f"video {index}"] = entries[index].path.stat().st_size
+                self._bytes[f"video {index}"] = entries[index].stat().st_size
             for question in scene.questions:
                 try:
                     option_letters(len(question.choices))
@@ -205,9 +205,9 @@ class Export:
         """Where the official layout has a video; without copied videos, where the data set has it."""
         root = self._root.root
         if self.config.videos == "none":
-            entry = self._videos[split].get(index)
-            if entry is not None and entry.member is None:
-                return entry.path.relative_to(root).as_posix()
+            video = self._videos[split].get(index)
+            if video is not None:
+                return video.relative_to(root).as_posix()
         return Files(root, split, index).video.relative_to(root).as_posix()
 
     def _scene_name(self, split: str, index: int) -> str:
@@ -215,13 +215,13 @@ class Export:
         truth = Files(self._root.root, split, index).truth
         if truth.is_file():
             return truth.relative_to(self._root.root).as_posix()
-        entry = self._sources[split].entries("annotations").get(index)
-        if entry is None or entry.member is not None:
+        annotation = self._sources[split].entries("annotations").get(index)
+        if annotation is None:
             where = f"{truth}, and no annotation_{index:05d}.json beside it"
             raise DataError(
                 f"{where}: no such file; export without --reasoning and --scenes, or fetch and unzip annotations"
             )
-        return entry.path.relative_to(self._root.root).as_posix()
+        return annotation.relative_to(self._root.root).as_posix()
 
     def _tell(self, split: str, index: int) -> Callable[[Question], str | None]:
         path = self._root.root / self._scene_name(split, index)
