@@ -19,6 +19,7 @@ from nsdr.io.storage import load, save
 from nsdr.pipeline import pipeline_settings
 from nsdr.tracking.localization import expected_size, ground_location, outline, size_ratio, size_warning
 from nsdr.tracking.tracker import track, tracks_from_annotation
+from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -78,7 +79,7 @@ def test_positions_follow_from_masks_by_any_camera(shape: str) -> None:
     centroid = np.array([((x + np.roll(x, -1)) * cross).sum(), ((y + np.roll(y, -1)) * cross).sum()]) / (
         3 * cross.sum()
     )
-    (found,) = ground_location(shape, centroid, box, camera=OTHER)
+    (found,) = ground_location(shape, centroid, box, hidden_sides(box), OTHER)
     np.testing.assert_allclose(found, [0.4, -0.6], atol=0.03)
 
 
