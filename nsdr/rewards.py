@@ -127,8 +127,8 @@ def trace_score(verification: Verification) -> float:
     Args:
         verification: of the text.
     """
-    right = {_fact(c): c for c in verification if c.holds and not _uninformative(c)}
-    wrong = {(_fact(c), c.frame) for c in verification if c.holds is False}
+    right = {_fact(c): c for c in verification.claims if c.holds and not _uninformative(c)}
+    wrong = {(_fact(c), c.frame) for c in verification.claims if c.holds is False}
     asserted = _capped(c for c in right.values() if not c.negated)
     denials = [c for c in right.values() if c.negated]
     denied = min(_capped(denials), max(any(c.kind not in PAST_KINDS.values() for c in denials), asserted))

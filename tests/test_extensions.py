@@ -28,7 +28,8 @@ from nsdr.generate.questions.selection import QuestionConfig, find_candidates, g
 from nsdr.generate.scene_files import annotation_document, truth_document
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.language.texts import clevrer, described
+from nsdr.language.slots import Slot, with_filters
+from nsdr.language.texts import clevrer
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.grammar import extension_readings
@@ -277,7 +278,7 @@ def test_rules_read_every_template(name: str) -> None:
     for seed in range(3):
         for text, program in clevrer().every(name.upper(), _Any(), random.Random(seed)):
             assert extension_readings(text, kind) == [program], text
-    assert described(["red"])[0] == "red object"
+    assert Slot("N", ("red",)).text == "red object"
 
 
 @pytest.fixture(scope="module")
@@ -404,7 +405,7 @@ def test_the_physics_backend_measures_velocities_and_masses(truths) -> None:
 
 
 def _described(name: str) -> str:
-    return " ".join(["objects", *described(name.split())[1], "unique"])
+    return " ".join(["objects", *(with_filters([Slot("N", tuple(name.split()))]) or ()), "unique"])
 
 
 def test_annotations_tell_velocities_only(simulated) -> None:

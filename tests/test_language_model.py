@@ -16,7 +16,6 @@ from nsdr.evaluation import EvaluationConfig
 from nsdr.question_parser import AutoParser, LanguageModelParser
 from nsdr.question_parser.grammar import readings
 from nsdr.question_parser.language_model import KEY_VARIABLE, NO_PROGRAM, examples
-from nsdr.symbolic.program import Program
 
 TEXT = "How many red cubes enter the scene?"
 PROGRAM = "events objects red filter_color cube filter_shape filter_in count"
@@ -111,11 +110,6 @@ def test_the_request_has_the_table_examples_and_the_text(stub, parser) -> None:
     assert "| `filter_in` | events, objects or object | events |" in body["messages"][0]["content"]
     assert body["messages"][-1] == {"role": "user", "content": f"descriptive: {TEXT}"}
     assert {"role": "assistant", "content": NO_PROGRAM} in body["messages"]
-
-
-def test_programs_are_kept(stub, parser) -> None:
-    assert parser.parse_batch([TEXT, f" {TEXT}\n", TEXT]) == [Program.parse(PROGRAM)] * 3
-    assert len(stub.asked) == 1
 
 
 def test_the_examples_are_right() -> None:

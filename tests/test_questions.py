@@ -28,7 +28,8 @@ from nsdr.generate.questions.candidates import (
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
 from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
-from nsdr.language.texts import clevrer, described
+from nsdr.language.slots import Slot, with_filters
+from nsdr.language.texts import clevrer
 from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
@@ -400,7 +401,6 @@ def test_the_grammar_enumerates_every_meaning_once() -> None:
     assert texts == ["the presence of the red object", "the presence of the blue cube"]
     programs = [tuple(p) for _, p in clevrer().every("COUNTERFACTUAL", TwoWords(), random.Random(0))]
     assert len(programs) == len(set(programs)) == 4
-    assert described(("metal", "sphere"), plural=True) == (
-        "metal spheres",
-        ["metal", "filter_material", "sphere", "filter_shape"],
-    )
+    spheres = Slot("NS", ("metal", "sphere"))
+    assert spheres.text == "metal spheres"
+    assert with_filters([spheres]) == ["metal", "filter_material", "sphere", "filter_shape"]

@@ -156,8 +156,8 @@ def test_facts_of_a_kind_are_limited(small_scene: Scene) -> None:
     )
     text = ".\n".join(f"{a} before {b}" for i, a in enumerate(events) for b in events[i + 1 :])
     text += ".\n" + ".\n".join(f"{b} after {a}" for i, a in enumerate(events) for b in events[i + 1 :])
-    assert all(c.holds for c in verify(text, small_scene))
-    assert len(verify(text, small_scene)) == 12
+    assert all(c.holds for c in verify(text, small_scene).claims)
+    assert len(verify(text, small_scene).claims) == 12
     assert score(text + ".\n" + WRONG, small_scene) == pytest.approx(MAX_OF_A_KIND / (MAX_OF_A_KIND + 1))
 
 
@@ -213,7 +213,7 @@ def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) 
 )
 def test_what_is_true_by_its_words_earns_nothing(text: str, small_scene: Scene) -> None:
     claims = verify(text, small_scene)
-    assert [c.holds for c in claims] == [True]
+    assert [c.holds for c in claims.claims] == [True]
     assert trace_score(claims) == 0
 
 

@@ -120,6 +120,7 @@ class Normal:
         return tuple(w if isinstance(w, str) else w.form for w in self.words)
 
 
+@lru_cache(maxsize=1 << 12)
 def normal_form(text: str, keep_unknown: bool = False) -> Normal:
     """The normal form of a text.
 
@@ -127,11 +128,6 @@ def normal_form(text: str, keep_unknown: bool = False) -> Normal:
         text: English text.
         keep_unknown: leave unknown words as they are; they are corrected or left out otherwise.
     """
-    return _normal(text, keep_unknown)
-
-
-@lru_cache(maxsize=1 << 12)
-def _normal(text: str, keep_unknown: bool) -> Normal:
     words, corrections, left_out = _known_words(text, keep_unknown)
     parts = _in_order(_with_noun_phrases(words))
     slots = iter([part for part in parts if isinstance(part, Slot)])

@@ -20,7 +20,7 @@ from nsdr.question_parser.grammar import GrammarParser, NoReadingError
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
 
-__all__ = ["AutoParser", "Checked", "says_the_same"]
+__all__ = ["AutoParser", "says_the_same"]
 
 TIMES = ("before", "after", "when")
 EVENTS = ("enter", "exit", "collision", "moving", "stationary", "cause", "not", "without", "next")
@@ -93,29 +93,6 @@ def _indefinite(words: Sequence[str | Slot]) -> set[tuple[str, Slot]]:
     return found
 
 
-class Checked(Parser):
-    """Takes the programs of another parser only if they say the same as the text (`says_the_same`), with a warning in words.
-
-    Args:
-        parser: the other parser.
-    """
-
-    def __init__(self, parser: Parser) -> None:
-        self.parser = parser
-
-    def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`."""
-        found: list[Program | NsdrError] = []
-        for text, program in zip(texts, self.parser.parse_batch(texts, kind), strict=True):
-            if isinstance(program, NsdrError):
-                found.append(program)
-            elif not normal_form(text).left_out and says_the_same(text, program):
-                found.append(_understood(text, program))
-            else:
-                found.append(NoReadingError(f"{text!r} fits no program"))
-        return found
-
-
 class AutoParser(Parser):
     """Parses by rules; a text that they cannot read, by what it mentions (`content_readings`).
 
@@ -172,21 +149,21 @@ class AutoParser(Parser):
         for i, text in enumerate(texts):
             if not isinstance(found[i], NoReadingError) or normal_form(text).left_out:
                 continue
-            programs = content_readings(text, kind)
-            if len(programs) == 1:
-                found[i] = _understood(text, Program.parse(programs[0]))
+            readings = content_readings(text, kind)
+            if len(readings) == 1:
+                found[i] = _understood(text, Program.parse(readings[0]))
             else:
                 unread.append(i)
         if unread:
-            checked = Checked(self.second).parse_batch([texts[i] for i in unread], kind)
-            for i, program in zip(unread, checked, strict=True):
-                if isinstance(program, Program):
-                    found[i] = program
+            programs = self.second.parse_batch([texts[i] for i in unread], kind)
+            for i, program in zip(unread, programs, strict=True):
+                if isinstance(program, Program) and says_the_same(texts[i], program):
+                    found[i] = _understood(texts[i], program)
         return found
 
 
 def _understood(text: str, program: Program) -> Program:
-    warnings.warn(f"{text!r}: understood as {in_words(program)!r}", stacklevel=5)
+    warnings.warn(f"{text!r}: understood as {in_words(program)!r}", stacklevel=4)
     return program
 
 
