@@ -63,12 +63,11 @@ def test_messages_name_what_is_asked_and_say_what_the_scene_has(executor: Execut
     assert str(caught.value) == message
 
 
-def test_errors_carry_data(executor: Executor) -> None:
+def test_errors_name_the_step(executor: Executor) -> None:
     with pytest.raises(ExecutionError) as caught:
         executor.run(f"{RED} query_shape")
     error = pickle.loads(pickle.dumps(caught.value))
-    assert (error.step, error.module, error.description) == (4, "unique", "the red object")
-    assert (error.expected, error.found) == ("exactly one", ("the red metal cube", "the red rubber sphere"))
+    assert (error.step, error.module) == (4, "unique")
 
 
 def test_one_bad_choice_does_not_lose_the_others(executor: Executor, small_scene: Scene) -> None:

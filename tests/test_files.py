@@ -1,6 +1,5 @@
 """The official files: layout, download, large lists, questions, annotations, submissions."""
 
-import hashlib
 import http.server
 import io
 import json
@@ -175,12 +174,7 @@ def server() -> Iterator[str]:
 
 
 def fetch(server: str, folder: Path) -> Path:
-    """The training questions from the server, whose checksum is known."""
-    if not (folder / "checksums.json").exists():
-        content = _Server.files["/questions/train.json"]
-        (folder / "checksums.json").write_text(
-            json.dumps({"questions/train.json": hashlib.sha256(content).hexdigest()})
-        )
+    """The training questions from the server."""
     (path,) = download(folder, "train", ["questions"], base_url=server)
     return path
 
@@ -190,21 +184,6 @@ def impatient(monkeypatch) -> None:
     """Connections that broke are tried again at once, and small files come in pieces, too."""
     monkeypatch.setattr("huggingface_hub.constants.DOWNLOAD_CHUNK_SIZE", 500)
     monkeypatch.setattr("huggingface_hub.file_download.time.sleep", lambda _: None)
-
-
-def test_plain_http_needs_a_checksum(server, tmp_path) -> None:
-    with pytest.raises(
-        DataError, match=r"train\.json: plain HTTP, and .*checksums\.json has no checksum of it; use HTTPS"
-    ):
-        download(tmp_path, "train", ["questions"], base_url=server)
-    assert not list(tmp_path.iterdir())
-    path = fetch(server, tmp_path)
-    path.unlink()
-    _Server.files["/questions/train.json"] = bytes(3000)
-    with pytest.raises(DataError, match=r"has SHA-256 [0-9a-f]{64}, expected [0-9a-f]{64}; it was changed"):
-        fetch(server, tmp_path)
-    assert not path.exists()
-    assert not list(path.parent.glob("*.part"))
 
 
 def test_download_resumes_after_broken_connections(server, tmp_path, impatient) -> None:
@@ -243,8 +222,6 @@ def test_downloaded_zips_are_unpacked(server, tmp_path) -> None:
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("annotation_00000-01000/annotation_00004.json", json.dumps(annotation(4)))
     _Server.files["/annotations/train/annotation_train.zip"] = content.getvalue()
-    known = {"annotations/train/annotation_train.zip": hashlib.sha256(content.getvalue()).hexdigest()}
-    (tmp_path / "checksums.json").write_text(json.dumps(known))
     (folder,) = download(tmp_path, "train", ["annotations"], base_url=server)
     assert CLEVRER(tmp_path).split("train").annotation(4)["scene_index"] == 4
     assert [p.name for p in folder.parent.iterdir()] == ["annotation_train"]
@@ -258,7 +235,6 @@ def test_downloaded_zips_are_unpacked(server, tmp_path) -> None:
 
 
 def test_download_errors(server, tmp_path) -> None:
-    (tmp_path / "checksums.json").write_text(json.dumps({"videos/train/video_train.zip": "0"}))
     with pytest.raises(DataError, match=r"video_train\.zip: cannot be fetched .*404"):
         download(tmp_path, "train", ["videos"], base_url=server)
     with pytest.raises(DataError, match="split is 'dev'"):

@@ -20,14 +20,15 @@ from nsdr import (
 )
 from nsdr.clevrer.example import TRUTH
 from nsdr.clevrer.files.predictions import (
+    PredictionFile,
     predictions_document,
-    predictions_from_document,
     read_predictions,
     scene_from_predictions,
 )
 from nsdr.clevrer.velocity_rule import sampled_velocity, velocity_collisions
 from nsdr.cli.main import main
 from nsdr.io.files import write_json
+from nsdr.validation import convert
 
 from .test_dynamics import SMALL, _Script, tracks
 
@@ -67,7 +68,7 @@ def document() -> dict[str, Any]:
 
 
 def executor_of(document: dict[str, Any], collisions: str = "predicted") -> Executor:
-    return Executor(predictions_from_document(document), "official", collisions)
+    return Executor(convert(document, PredictionFile), "official", collisions)
 
 
 RED, BLUE, GREEN = (f"objects {c} filter_color unique" for c in ("red", "blue", "green"))
@@ -192,7 +193,7 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
     with pytest.raises(ExecutionError, match="the official semantics runs on a PredictionFile, got a Scene"):
         Executor(small_scene, "official")
     with pytest.raises(ExecutionError, match="the paper semantics runs on a Scene, got a PredictionFile"):
-        Executor(predictions_from_document(document), "paper")
+        Executor(convert(document, PredictionFile), "paper")
     with pytest.raises(ExecutionError, match="collisions 'velocity' need the official semantics"):
         Executor(small_scene, collisions="velocity")
     with pytest.raises(DataError, match="missing key 'predictions'"):
@@ -234,7 +235,7 @@ def test_ne_replaces_the_predicted_collisions(document: dict[str, Any]) -> None:
 
 
 def test_paper_semantics_of_the_same_file(document: dict[str, Any]) -> None:
-    scene = scene_from_predictions(predictions_from_document(document))
+    scene = scene_from_predictions(convert(document, PredictionFile))
     executor = Executor(scene)
     assert executor.run("events objects filter_collision count") == 1
     assert executor.run("end get_frame") == 127
@@ -248,7 +249,7 @@ def test_our_predictions_are_written_as_a_prediction_file(tmp_path) -> None:
 
     prediction = StatePredictor(_Script(SMALL)).predict(tracks(128))
     written = predictions_document(prediction)
-    predictions_from_document(written)
+    convert(written, PredictionFile)
     write_json(tmp_path / "sim_00000.json", written)
     back = read_predictions(tmp_path / "sim_00000.json")
     assert [p.what_if for p in back.predictions] == [-1, 0, 1, 2]

@@ -17,12 +17,13 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.files.annotations import check_truth, check_truth_blocks
 from nsdr.clevrer.files.masks import numbers_of_runs, runs_of_mask
-from nsdr.clevrer.files.predictions import predictions_from_document
+from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.clevrer.files.proposals import ground_truth_of, parse_proposals, read_compact_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import VARIABLE
 from nsdr.io.video import read_video, write_video
+from nsdr.validation import convert
 
 RED, BLUE = (
     {"color": "red", "material": "metal", "shape": "cube"},
@@ -75,7 +76,7 @@ def test_the_good_documents_are_accepted() -> None:
     assert parse_proposals(json.dumps(proposals()).encode(), "p").n_frames == 3
     assert ground_truth_of(proposals(), "p")["collisions"] == []
     check_truth(truth())
-    predictions_from_document(predictions())
+    convert(predictions(), PredictionFile)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +178,7 @@ def test_bad_predictions(change, message) -> None:
     document = predictions()
     change(document)
     with pytest.raises(DataError, match=message):
-        predictions_from_document(document)
+        convert(document, PredictionFile)
 
 
 def first(kind: str, d: Any) -> Any:
@@ -301,7 +302,7 @@ def test_changed_values_never_crash_a_reader(data, tmp_path) -> None:
         "questions": (question_file, lambda d, p: (p.write_text(json.dumps(d)), read_questions(p))),
         "proposals": (proposals, lambda d, _: (parse_proposals(json.dumps(d).encode(), "p"), ground_truth_of(d, "p"))),
         "truth": (truth, lambda d, _: check_truth(d)),
-        "predictions": (predictions, lambda d, _: predictions_from_document(d)),
+        "predictions": (predictions, lambda d, _: convert(d, PredictionFile)),
         "scene": (
             lambda: json.loads(TRUTH.read_text()),
             lambda d, p: (p.write_text(json.dumps(d)), load(Scene, p)),

@@ -1,4 +1,6 @@
 from .answers.answer_files import (
+    Given as Given,
+    QuestionKey as QuestionKey,
     read_answers as read_answers,
     read_given as read_given,
     read_submission as read_submission,
@@ -45,7 +47,6 @@ from .files.predictions import (
     SAMPLE_FRAMES as SAMPLE_FRAMES,
     PredictionFile as PredictionFile,
     predictions_document as predictions_document,
-    predictions_from_document as predictions_from_document,
     read_predictions as read_predictions,
     scene_from_predictions as scene_from_predictions,
 )

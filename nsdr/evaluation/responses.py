@@ -7,7 +7,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from nsdr.baselines.q_type import ANSWERS, q_type_answers
+from nsdr.baselines.q_type import q_type_answers
 from nsdr.clevrer.answers.answer_files import Given, QuestionKey, read_given
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
@@ -143,8 +143,6 @@ def _listed(ids: Sequence[str]) -> str:
 
 CONSTANT = {"always-yes": ("yes", "correct"), "always-no": ("no", "wrong")}
 """The answer to every open question and to every option."""
-HALF = 0.5
-"""Chance of a random judgement of an option."""
 COLUMN = 15
 """Width of a column of the printed table (characters)."""
 
@@ -152,9 +150,9 @@ COLUMN = 15
 def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]]:
     """By system that sees nothing its accuracies (0-1) by question type.
 
-    The systems are "always-yes" and "always-no"; "frequent", which gives the most frequent answer of these same questions to
-    each type (and so is an upper bound of what the types alone tell); and "random", whose expectation is given. The latter
-    two are left out where open questions have no CLEVRER subtypes.
+    The systems are "always-yes" and "always-no"; and "frequent", which gives the most frequent answer of these same questions
+    to each type (and so is an upper bound of what the types alone tell), left out where open questions have no CLEVRER
+    subtypes.
 
     Args:
         scenes: questions with answers.
@@ -165,10 +163,7 @@ def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]
     }
     with suppress(DataError):
         reports["frequent"] = score_answers(q_type_answers(scenes, "frequent"))
-    rows: dict[str, dict[str, Any]] = {
-        name: {kind: report[kind] for kind in QUESTION_TYPES} for name, report in reports.items()
-    }
-    return {**rows, "random": _random(scenes)} if "frequent" in rows else rows
+    return {name: {kind: report[kind] for kind in QUESTION_TYPES} for name, report in reports.items()}
 
 
 def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -190,21 +185,3 @@ def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def _constant(question: Question, word: str, judgement: str) -> Answer:
     judged = tuple(ChoiceAnswer(c.text, judgement, (), ()) for c in question.choices)
     return Answer(question.text, (), None if judged else word, choices=judged)
-
-
-def _random(scenes: Sequence[SceneQuestions]) -> dict[str, Any]:
-    """Expected accuracies of uniform answers: to the subtype of an open question, and of right or wrong for each option."""
-    questions = [q for scene in scenes for q in scene.questions]
-    opens = [1 / len(ANSWERS[q.subtype]) for q in questions if q.subtype in ANSWERS and not q.choices]
-    row: dict[str, Any] = {"descriptive": {"accuracy": _mean(opens)}}
-    for kind in QUESTION_TYPES[1:]:
-        sizes = [len(q.choices) for q in questions if q.type == kind]
-        row[kind] = {"per_option": HALF if sizes else None, "per_question": _mean([HALF**n for n in sizes])}
-    tags = {c.tag for q in questions for c in q.choices if c.tag is not None}
-    if tags:
-        row["counterfactual"]["tags"] = {tag: {"per_option": HALF if tag in tags else None} for tag in OPTION_TAGS}
-    return row
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return sum(values) / len(values) if values else None

@@ -32,19 +32,19 @@ def failure(
     Returns:
         An error whose message names what the program asks for, and says what the scene has instead.
     """
-    step, asked, prefix = steps[index], noun_phrase(steps, index), f"{where}: " if where else ""
+    step, prefix = steps[index], f"{where}: " if where else ""
     if step.token not in ("unique", "filter_order"):
-        return ExecutionError(f"{prefix}{error}", index + 1, step.token, asked)
+        return ExecutionError(f"{prefix}{error}", index + 1, step.token)
     source = step.inputs[0]
     is_objects = steps[source].kind == Kind.OBJECTS
     found = _objects(world, values[source]) if is_objects else world.sentences(values[source])
-    expected = "exactly one" if step.token == "unique" else f"a {steps[step.inputs[1]].token} one"
     if step.token == "unique" and found:
         place, kind = f" in {where}" if where else "", "objects" if is_objects else "events"
-        message = f"'{asked}'{place} fits {_number(len(found))} {kind}: {_listed(found, is_objects)}"
+        fitting = f"{_number(len(found))} {kind}: {_listed(found, is_objects)}"
+        message = f"'{noun_phrase(steps, index)}'{place} fits {fitting}"
     else:
         message = prefix + _nothing(steps, index, found, world)
-    return ExecutionError(message, index + 1, step.token, asked, expected, found)
+    return ExecutionError(message, index + 1, step.token)
 
 
 def _nothing(steps: Sequence[Step], index: int, found: Sequence[str], world: World) -> str:
