@@ -178,7 +178,7 @@ class Pipeline:
         device: str = "auto",
         extensions: bool = False,
     ) -> "Pipeline":
-        """Load the three parts from a checkpoint folder, its name, or a hub address (see `nsdr.io.checkpoint`).
+        """Load the three parts from a checkpoint folder or its name (see `nsdr.io.checkpoint`).
 
         Args:
             path_or_id: where the checkpoint is.

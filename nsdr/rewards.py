@@ -145,7 +145,7 @@ def read_scene(path: str) -> Scene:
     Raises:
         DataError: the file is none of these; names it and what was expected.
     """
-    content = {"type": "Scene"} if path.endswith(".npz") else read_json(path)
+    content = read_json(path)
     if isinstance(content, dict) and content.get("type") == "Scene":
         return load(Scene, path)
     scenes = [scene for _, _, scene in iterate_scenes(path)]

@@ -273,7 +273,7 @@ def test_an_experiment_scores_a_trained_baseline(scenes, folder, tmp_path, capsy
     assert measured({**row, "limit": len(scenes) - 1}) == first  # kept
     capsys.readouterr()
     for extra, message in (
-        ({"stride": 2}, "stride would do nothing"),
+        ({"set": ["stride=2"]}, "set would do nothing"),
         ({"programs": "parsed"}, "programs would do nothing"),
         ({"features": ""}, "needs features"),
         ({"trained": ""}, "give trained"),

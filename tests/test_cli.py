@@ -23,10 +23,10 @@ def test_answer_from_a_saved_scene(capsys) -> None:
     assert "filter_collision(1, 2)" in out
 
 
-def test_answer_from_a_saved_npz(capsys, tmp_path) -> None:
-    save(load(Scene, TRUTH), tmp_path / "scene.npz")
-    assert run(capsys, "answer", tmp_path / "scene.npz", "-q", "How many collisions happen?")[:2] == (0, "4\n")
-    execute = ("execute", "--scene", tmp_path / "scene.npz", "--program", "objects count")
+def test_answer_from_what_save_wrote(capsys, tmp_path) -> None:
+    save(load(Scene, TRUTH), tmp_path / "scene.json")
+    assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[:2] == (0, "4\n")
+    execute = ("execute", "--scene", tmp_path / "scene.json", "--program", "objects count")
     assert run(capsys, *execute)[:2] == (0, "6\n")
 
 
@@ -234,7 +234,7 @@ def _truth(folder):
         (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
         (["execute", "--scene", QUESTIONS, "--program", "objects count"], "not a Scene"),
         (["execute", "--scene", TRUTH, "--program", "objects boggle"], "unknown module or word 'boggle'"),
-        (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json or .npz"),
+        (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
         (["train", "everything"], "expected one of frame-parser, dynamics, collisions, question-parser"),
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),

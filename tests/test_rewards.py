@@ -162,7 +162,7 @@ def test_facts_of_a_kind_are_limited(small_scene: Scene) -> None:
 
 
 def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) -> None:
-    save(example_scene, tmp_path / "scene.npz")
+    save(example_scene, tmp_path / "scene.json")
     frames = [
         {
             "frame_id": f,
@@ -186,7 +186,7 @@ def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) 
     for name, content in (("annotation", annotation), ("truth", truth), ("other", {"a": 1})):
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
     text = "Frame 3: the cube enters."
-    paths = [tmp_path / "annotation.json", tmp_path / "truth.json", tmp_path / "scene.npz"]
+    paths = [tmp_path / "annotation.json", tmp_path / "truth.json", tmp_path / "scene.json"]
     assert trace_verified([text] * 3, paths) == [1, 1, 0]
     assert read_scene(str(tmp_path / "annotation.json")).unseen is None
     assert len(read_scene(str(TRUTH)).objects) == len(example_scene.objects)

@@ -87,10 +87,6 @@ def test_every_form_of_file_is_read_alike(tmp_path: Path) -> None:
         ("id,response\n10000-0,red\n", "not JSON Lines; expected a row such as"),
         ('{"id": "10000-\u0661", "response": "red"}', "line 1: id: expected SCENE_INDEX-QUESTION_ID"),
         (
-            '{"id": "10000-0", "response": "a"}\n{"id": "10000-1", "response": "a", "response": "b"}',
-            "line 2: not a readable JSON file (the key 'response' is there twice)",
-        ),
-        (
             '[{"scene_index": 1, "questions": [{"question_id": 0}]}]',
             "questions[0]: expected 'answer' or, for a question with options, 'choices', got neither",
         ),

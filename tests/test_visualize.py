@@ -184,7 +184,7 @@ def test_several_pictures_of_one_perception(short_video, tmp_path, capsys, monke
 
 def test_pictures_of_a_saved_scene(perceived, tmp_path, capsys) -> None:
     _, p = perceived
-    scene, bare, plan, page = (tmp_path / name for name in ("scene.json", "bare.npz", "plan.png", "report.html"))
+    scene, bare, plan, page = (tmp_path / name for name in ("scene.json", "bare.json", "plan.png", "report.html"))
     save(replace(p.scene, dynamics=p.dynamics), scene)
     save(p.scene, bare)
     assert main(["visualize", str(scene), "--image", "all", "-o", str(plan), "-o", str(page)]) == 0

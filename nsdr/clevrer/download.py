@@ -73,14 +73,15 @@ def _unpack(archive: Path, folder: Path) -> None:
     import zipfile
 
     from nsdr.io.files import writing
-    from nsdr.io.reading import UNZIP_ERRORS
 
     partial = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     try:
         with writing(folder), zipfile.ZipFile(archive) as opened:
             opened.extractall(partial)
-    except UNZIP_ERRORS as e:
+    except DataError:  # a full disk
+        raise
+    except Exception as e:  # damaged ones raise many kinds
         raise DataError(f"{archive}: not a readable zip ({e}); delete it, and run the command again") from e
     partial.rename(folder)
     archive.unlink()

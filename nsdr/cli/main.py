@@ -16,7 +16,6 @@ from typing import Any
 import jsonargparse
 
 from nsdr.errors import DataError, NsdrError
-from nsdr.io.configuration import check_arguments
 from nsdr.io.limits import limits
 
 __all__ = ["COMMANDS", "Terminated", "interruptible", "main", "outcome_of"]
@@ -84,7 +83,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    check_arguments(arguments)
     limits()
     name = next((n for n in (" ".join(arguments[:2]), *arguments[:1]) if n in COMMANDS), "")
     rest = arguments[len(name.split()) :]

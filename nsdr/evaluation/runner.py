@@ -51,7 +51,7 @@ SceneJob = Job[tuple[PerceptionInput, Scene | None]]
 """Makes a scene of the pipeline's input, in which the observed collisions of a true scene may replace the detected ones."""
 COUNTED_OTHERWISE = {
     *("questions", "data", "videos", "truth", "root", "cache", "engine", "workers", "device"),
-    *("checkpoint", "config", "set", "dynamics", "stride"),
+    *("checkpoint", "config", "set", "dynamics"),
 }
 """Settings that count for a fingerprint by what they name, or change no result."""
 
@@ -78,7 +78,6 @@ class EvaluationConfig(Settings):
         dynamics: a backend's name, or its YAML file; "" for that of `config` (physics).
         config: YAML file of a `nsdr.PipelineConfig`; "" for the defaults.
         set: single settings, "key=value" each, such as "tracker.score=0.8".
-        stride: the frame parser processes every n-th frame; for videos only.
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
         counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
@@ -107,7 +106,6 @@ class EvaluationConfig(Settings):
     dynamics: str = ""
     config: str = ""
     set: Sequence[str] = ()
-    stride: PositiveCount = 1
     semantics: Literal["paper", "official"] = "paper"
     collisions: Literal["predicted", "velocity"] = "predicted"
     counterfactuals: Annotated[str, one_of(COUNTERFACTUALS)] = "simulated"
@@ -141,8 +139,6 @@ class EvaluationConfig(Settings):
             raise DataError("counterfactuals: recording needs --semantics paper")
         if self.semantics == "paper" and self.collisions != "predicted":
             raise DataError("collisions: velocity needs --semantics official; for NE of a backend use its YAML file")
-        if self.stride != 1 and self.source != "videos":
-            raise DataError(f"stride is of the frame parser and needs --source videos, not {self.source}")
         if self.videos and (self.source != "proposals" or self.root):
             raise DataError("videos goes with --source proposals and --data; leave it out")
         if bool(self.truth_source) != bool(self.truth):
@@ -154,8 +150,7 @@ class EvaluationConfig(Settings):
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of perception."""
-        stride = [f"stride={self.stride}"] if self.stride != 1 else []
-        return pipeline_settings(self.config, self.dynamics, [*stride, *self.set])
+        return pipeline_settings(self.config, self.dynamics, self.set)
 
 
 def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +22,7 @@ from nsdr.io.files import atomic_path, check_output_folder, remove_partial_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
 
-__all__ = ["RunFolder", "TrainingState", "parse_training"]
+__all__ = ["RunFolder", "TrainingState", "described", "parse_training", "resolved"]
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -43,6 +43,18 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
     for folder in (config.run_dir, config.output or config.run_dir):
         check_output_folder(folder)
     return config
+
+
+def resolved(config: Any) -> dict[str, Any]:
+    """What a training is told, as plain values: not where it writes (which may move), nor on which device it runs."""
+    values = {name: value for name, value in asdict(config).items() if name not in ("run_dir", "output")}
+    values["loop"].pop("device")
+    return values
+
+
+def described(config: Any) -> dict[str, Any]:
+    """The configuration for readers of a checkpoint: of every path only the last part, which says nothing of the machine."""
+    return {k: Path(v).name if isinstance(v, str) and "/" in v else v for k, v in resolved(config).items()}
 
 
 @dataclass(frozen=True)

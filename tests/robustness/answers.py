@@ -20,7 +20,6 @@ ROWS: dict[str, Any] = {
     "second answer": {"id": "10000-0", "response": "1"},
     "NaN": {"id": "10000-1", "response": raw("NaN")}, "lone surrogate": {"id": "10000-1", "response": "\ud800"},
     "number of 5,000 digits": {"id": "10000-1", "response": raw("9" * 5000)},
-    "response twice": raw('{"id": "10000-1", "response": "1", "response": "2"}'),
     "two objects on a line": raw('{"id": "10000-1", "response": "1"} {"id": "10000-2", "response": "1"}'),
 }  # fmt: skip
 """Bad rows in place of the second one."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from tests.robustness.case import Case, text_writer
 from tests.robustness.files import Damage, flipped, from_good
-from tests.robustness.good import COMMANDS, COUNT, compact_arrays
+from tests.robustness.good import COMMANDS, compact_arrays
 
 __all__ = ["archive_cases"]
 
@@ -91,37 +91,8 @@ def archive_cases() -> Iterator[Case]:
         yield Case("compact, value", name, argv, text_writer(file, data), file)
     many = {k: np.concatenate([v[:1]] * 240 + [v]) for k, v in good.items()}
     yield Case("compact, value", "240 objects in a frame", argv, text_writer(file, _npz_bytes(many)), file)
-    for kind, file, argv in (
-        ("compact", "proposals.npz", COMMANDS["compact"]),
-        ("scene npz", "scene.npz", ("execute", "--scene", "scene.npz", *COUNT)),
-    ):
-        for name, damage in NPZ_DAMAGES.items():
-            yield Case(f"{kind}, file", name, argv, from_good(file, damage), file)
-    for name, change in SCENE_NPZ_CHANGES.items():
-        yield Case("scene npz, array", name, argv, from_good(file, lambda d, c=change: _changed_npz(d, c)), file)
-
-
-def _changed_npz(data: bytes, change: Callable[[dict[str, Any]], object]) -> bytes:
-    with np.load(io.BytesIO(data)) as stored:
-        arrays = {name: stored[name] for name in stored.files}
-    change(arrays)
-    return _npz_bytes(arrays)
-
-
-SCENE_NPZ_CHANGES: dict[str, Callable[[dict[str, Any]], object]] = {
-    "tree missing": lambda a: a.pop("tree"),
-    "tree is no JSON": lambda a: a.update(tree=np.array("zebra")),
-    "tree is a list": lambda a: a.update(tree=np.array("[]")),
-    "tree of numbers": lambda a: a.update(tree=np.arange(5)),
-    "tree of 100,000 brackets": lambda a: a.update(tree=np.array("[" * 100_000)),
-    "tree of objects": lambda a: a.update(tree=np.array({"a": 1}, object)),
-    "array missing": lambda a: a.pop("array_0"),
-    "array of text": lambda a: a.update(array_0=a["array_0"].astype(str)),
-    "array of numbers": lambda a: a.update(array_0=a["array_0"].astype(float) * np.nan),
-    "array of another shape": lambda a: a.update(array_0=a["array_0"][:-1]),
-    "array of one axis": lambda a: a.update(array_0=a["array_0"].ravel()),
-    "header of 10^11 numbers": lambda a: a.update(array_0=_npy_header("(100000000000,)", "|b1")),
-}
+    for name, damage in NPZ_DAMAGES.items():
+        yield Case("compact, file", name, argv, from_good(file, damage), file)
 
 
 def _with_field(data: bytes, local: int, central: int, value: int) -> bytes:

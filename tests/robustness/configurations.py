@@ -115,7 +115,7 @@ YAML_DAMAGES: dict[str, bytes] = {
 EXPERIMENT_ROWS: dict[str, dict[str, Any]] = {
     "programs": {"programs": "zebra"}, "types": {"types": ["zebra"]}, "types as text": {"types": "descriptive"},
     "no types": {"types": []}, "every": {"every": -1}, "every of 0": {"every": 0}, "limit": {"limit": -1},
-    "limit as text": {"limit": "x"}, "limit as fraction": {"limit": 1.5}, "stride": {"stride": 0},
+    "limit as text": {"limit": "x"}, "limit as fraction": {"limit": 1.5},
     "source": {"source": "zebra"}, "source as number": {"source": 5}, "unknown key": {"zebra": 1},
     "name as number": {"name": 5}, "no name": {"name": None}, "questions as number": {"questions": 5},
     "missing questions": {"questions": "nowhere.json"}, "missing data": {"data": "nowhere"},

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from pycocotools import mask as rle
 
-from nsdr import Scene, load, save
 from nsdr.clevrer.example import TRUTH, VIDEO
 
 __all__ = [
@@ -195,7 +194,6 @@ def write_good(folder: Path) -> None:
         path.write_text(json.dumps(document()))
     _write_data_set(folder / "dataset")
     (folder / "answers.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in json_line_answers()))
-    save(load(Scene, TRUTH), folder / "scene.npz")
     shutil.copy(VIDEO, folder / "video.mp4")
     compact_proposals(folder / "proposals.npz")
     gray_video(folder / "gray.mp4")

@@ -31,12 +31,12 @@ from tests.robustness.good import (
 __all__ = ["option_cases"]
 
 OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
-    "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", "hf://a/b", "hf://../x@main", "hf://a/b@main", ""),
+    "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", ""),
                         "--device": ("zebra", "cuda:99", "cuda:x", ""), "--zebra": ("1",), "--set": ("tracker.score",),
                         "--dynamics": ("zebra",), "--extensions": ("zebra",)}),
     "evaluate": (EVALUATE_TRUTH, {
         "--types": ("zebra", ""), "--limit": ("-1", "x", "1.5", ""), "--every": ("0", "-1", "x"),
-        "--stride": ("0", "-1", "x", "2"), "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
+        "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
         "--source": ("zebra", ""), "--split": ("zebra", "train"),
         "--semantics": ("zebra", "official"), "--collisions": ("zebra", "velocity"), "--engine": ("zebra",),
         "--device": ("zebra",), "--checkpoint": ("nowhere",), "--data": ("nowhere",), "--questions": ("nowhere.json",),
@@ -48,7 +48,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
             "tracker.score=nan", "stride=0", "stride=-1", "batch_size=0", "batch_size=x", "dynamics.backend=zebra",
             "dynamics.collisions=zebra", "dynamics.horizon_frame=-1", "dynamics.horizon_frame=1000000",
             "dynamics.physics.runs=0", "dynamics.physics.runs=1000000000", "=", "")}),
-    "parse-videos": (PARSE, {"--stride": ("0", "-1", "x"), "--workers": ("-1", "x"), "--engine": ("zebra",),
+    "parse-videos": (PARSE, {"--workers": ("-1", "x"), "--engine": ("zebra",),
                              "--device": ("zebra",), "--checkpoint": ("nowhere",)}),
     "execute": (("execute", "--scene", str(TRUTH), *COUNT), {"--semantics": ("zebra",), "--collisions": ("zebra", "velocity"),
                                                              "--scene": ("nowhere.json", "/dev/null", ".", "")}),

@@ -44,7 +44,6 @@ OTHERS: dict[str, Callable[[Path], object]] = {
     "x.npz": read_npz,
     "x.yaml": read_yaml,
     "submission.json": read_submission,
-    "scene.npz": lambda path: load(Scene, path),
     "proposals.npz": lambda path: list(read_compact_proposals(path)),
 }
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
