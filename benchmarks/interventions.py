@@ -32,7 +32,7 @@ from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.scene_files import truth_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import atomic_path
-from nsdr.tracking.tracker import tracks_from_motion
+from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD, VIDEO_FRAMES, horizon_frame
@@ -282,7 +282,8 @@ def known_state(document: dict[str, Any], case: Case) -> list[Event]:
 def fitted_video(document: dict[str, Any], backend: Any) -> Iterator[tuple[list[Event], bool]]:
     """For each case, collisions by the backend from the video's true tracks, and whether it refused the intervention."""
     truth = document["truth"]
-    tracks = tracks_from_motion(truth["objects"], truth["frames"][: truth["n_frames"]])
+    annotation = {"object_property": truth["objects"], "motion_trajectory": truth["frames"][: truth["n_frames"]]}
+    tracks = tracks_from_annotation(annotation)
     for case in document["cases"]:
         try:
             simulation = backend.simulate(tracks, changes_of(case), case["frame"])
