@@ -35,7 +35,7 @@ from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.grammar import extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import format_trace
-from nsdr.tracking.tracker import tracks_from_motion
+from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import LOG_MASS_STD
@@ -383,7 +383,8 @@ def test_the_fit_knows_how_well_it_knows_masses() -> None:
 def test_the_physics_backend_measures_velocities_and_masses(truths) -> None:
     truth = truths[0]
     true = scene_from_truth(truth)
-    tracks = tracks_from_motion(truth["objects"], truth["frames"][: truth["n_frames"]])
+    annotation = {"object_property": truth["objects"], "motion_trajectory": truth["frames"][: truth["n_frames"]]}
+    tracks = tracks_from_annotation(annotation)
     ids = {t.object.name: t.object.id for t in tracks.tracks}
     seen = [e for e in true.events if e.kind == "collision"]
     names = [[true.objects[i].name for i in e.objects] for e in seen]

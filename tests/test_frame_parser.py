@@ -313,7 +313,7 @@ def test_outline_centroid_gives_the_position(shape: str, x: float, y: float) -> 
     rows, columns = np.nonzero(mask)
     centroid = np.array([[columns.mean() + 0.5, rows.mean() + 0.5]])
     box = np.array([[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]])
-    np.testing.assert_allclose(ground_location(shape, centroid, box)[0], [x, y], atol=0.03)
+    np.testing.assert_allclose(ground_location(shape, centroid, box, hidden_sides(box))[0], [x, y], atol=0.03)
 
 
 def test_the_visible_sides_give_the_position_of_an_outline_cut_by_the_border() -> None:
@@ -321,7 +321,7 @@ def test_the_visible_sides_give_the_position_of_an_outline_cut_by_the_border() -
     polygon = outline("sphere", *expected)
     centroid = np.array([[470.0, 160.0]])  # of the visible part, too far left
     box = np.array([[polygon[:, 0].min(), polygon[:, 1].min(), 480, polygon[:, 1].max()]]).round().astype(int)
-    assert abs(ground_location("sphere", centroid, box)[0] - expected).max() < 0.05
+    assert abs(ground_location("sphere", centroid, box, hidden_sides(box))[0] - expected).max() < 0.05
 
 
 def moving(frames, attribute: int, x0: float, speed: float, score: float = 0.99):

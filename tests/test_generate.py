@@ -47,8 +47,7 @@ def cube(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> Body:
 
 @pytest.fixture(scope="module")
 def scenes() -> list[SimulatedScene]:
-    with Simulator() as simulator:
-        return [simulate_scene(seed, None, simulator) for seed in range(500100, 500106)]
+    return [simulate_scene(seed) for seed in range(500100, 500106)]
 
 
 @pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])

@@ -15,9 +15,7 @@ from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, read_questions, without_answers
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
-from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import simulate_scene
-from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.candidates import (
     descriptive_questions,
     family,
@@ -36,8 +34,7 @@ from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 @pytest.fixture(scope="module")
 def truths() -> list[dict]:
-    with Simulator() as simulator:
-        scenes = [simulate_scene(seed, SceneConfig(), simulator) for seed in range(500500, 500509)]
+    scenes = [simulate_scene(seed) for seed in range(500500, 500509)]
     return [truth_document(scene, number, Camera()) for number, scene in enumerate(scenes)]
 
 

@@ -227,4 +227,3 @@ def test_events_are_marked_in_the_timeline(small_scene: Scene) -> None:
     assert page.count("v.currentTime=0.82") == 2  # the mark and the card of frame 20, in its middle
     assert "currentTime=6" not in page  # nothing to show after the video
     assert "<b>about frame 150, predicted</b>" in page
-    assert "onclick" not in timeline_html(Perception(None, None, None, unsure), None)

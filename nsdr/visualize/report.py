@@ -69,7 +69,7 @@ def write_report(
         caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
         body.append(figure_html(jpeg(strobe), caption))
     if dynamics is not None:
-        caption = "From above: observed trajectories solid, predicted ones dashed."
+        caption = "From above: trajectories in the video solid, predicted ones dashed."
         body.append(figure_html(figure_png(plan_figure(dynamics, camera=perception.camera)), caption))
     body += [figure_html(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
     if dynamics is not None:
