@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.annotations import read_truth_file
-from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, by_type, read_questions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError
 from nsdr.generate.statistics import (
@@ -84,7 +84,6 @@ CLEVRER as it was released, beside a generated data set.
 - Released questions were counted in the train split where nothing else is said. Released events and objects were counted in
   {RELEASED_VIDEOS:,} train and validation videos (`nsdr/generate/released_statistics.json`).
 - What was not counted in the release is shown for the generated data set alone.
-- Charts of the questions are in the [gallery](gallery.md).
 
 ## Properties
 
@@ -143,6 +142,12 @@ def _split_row(folder: Path, split: str, questions: Sequence[SceneQuestions]) ->
         f"| {split} | {indices.start}-{indices.stop - 1} | {len(indices):,} | {made:,} | {released} | "
         f"{_total(questions):,} |"
     )
+
+
+def by_type(counts: Mapping[str, float]) -> dict[str, float]:
+    """Numbers of questions of each type, from those of each descriptive sub-type and each other type."""
+    others = {name: counts.get(name, 0) for name in QUESTION_TYPES[1:]}
+    return {QUESTION_TYPES[0]: sum(counts.values()) - sum(others.values()), **others}
 
 
 def _types(generated: Mapping[str, float]) -> list[str]:

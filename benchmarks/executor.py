@@ -17,13 +17,13 @@ import msgspec
 
 from nsdr.clevrer.files.predictions import (
     PredictionFile,
-    predictions_from_document,
     read_predictions,
     scene_from_predictions,
 )
 from nsdr.errors import ExecutionError
 from nsdr.language.texts import sample
 from nsdr.symbolic import Executor, Program
+from nsdr.validation import convert
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 OBJECTS = 5
@@ -53,7 +53,7 @@ def prediction_file(rng: random.Random) -> PredictionFile:
         return {"what_if": what_if, "trajectory": trajectory, "collisions": collisions}
 
     listed = [{"id": i, **o} for i, o in enumerate(objects)]
-    return predictions_from_document({"objects": listed, "predictions": [rollout(k) for k in range(-1, OBJECTS)]})
+    return convert({"objects": listed, "predictions": [rollout(k) for k in range(-1, OBJECTS)]}, PredictionFile)
 
 
 def programs_for(document: PredictionFile, rng: random.Random, count: int = 28) -> list[list[str]]:

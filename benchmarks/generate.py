@@ -10,7 +10,6 @@ import time
 from functools import partial
 
 from nsdr.clevrer.files.scenes import scene_from_truth
-from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
@@ -41,8 +40,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="", help="folder for the statistics")
     options = parser.parse_args()
     start = time.process_time()
-    with Simulator() as simulator:
-        scenes = [simulate_scene(seed, None, simulator) for seed in range(FIRST_SEED, FIRST_SEED + options.scenes)]
+    scenes = [simulate_scene(seed) for seed in range(FIRST_SEED, FIRST_SEED + options.scenes)]
     print(f"{(time.process_time() - start) / len(scenes):.2f} s per scene, with all removals")
     for tasks in (range(WARMUP_TASKS), range(WARMUP_TASKS, WARMUP_TASKS + TIMED_TASKS)):
         start = time.perf_counter()

@@ -29,11 +29,10 @@ from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
 from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
-from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.scene_files import truth_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import atomic_path
-from nsdr.tracking.tracker import tracks_from_motion
+from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD, VIDEO_FRAMES, horizon_frame
@@ -157,7 +156,7 @@ KINDS: dict[str, Callable[[Draw], list[Any]]] = {
 
 def make_cases(seed: int, simulator: Simulator) -> dict[str, Any]:
     """A scene's truth, and for each kind an intervention with the collisions that Bullet finds after it."""
-    scene = simulate_scene(seed, SceneConfig(), simulator)
+    scene = simulate_scene(seed)
     rng = random.Random(f"interventions {seed}")
     hits = [c.frame for c in scene.motion.contacts]
     calm = [f for f in range(1, LAST_START + 1) if all(abs(f - hit) > CALM_FRAMES for hit in hits)]
@@ -283,7 +282,8 @@ def known_state(document: dict[str, Any], case: Case) -> list[Event]:
 def fitted_video(document: dict[str, Any], backend: Any) -> Iterator[tuple[list[Event], bool]]:
     """For each case, collisions by the backend from the video's true tracks, and whether it refused the intervention."""
     truth = document["truth"]
-    tracks = tracks_from_motion(truth["objects"], truth["frames"][: truth["n_frames"]])
+    annotation = {"object_property": truth["objects"], "motion_trajectory": truth["frames"][: truth["n_frames"]]}
+    tracks = tracks_from_annotation(annotation)
     for case in document["cases"]:
         try:
             simulation = backend.simulate(tracks, changes_of(case), case["frame"])

@@ -3,10 +3,9 @@
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
 refused; `also` lists other programs that are right. A question file in CLEVRER's format counts, too: its texts and programs.
 Prints, for each file and parser, the shares that are right, refused, and accepted and wrong, by kind of text, and those of
-the texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), the
-networks with the check of their programs' words ("network-checked"), and the default ("auto"), which joins them. The sets
-that ship were used to tune the rules, but for `questions_blind4.json`; the blind ones are by people who had not seen the
-parser, and were measured before they were opened.
+the texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), and
+the default ("auto"), which joins them. The sets that ship were used to tune the rules, but for
+`questions_blind4.json`; the blind ones are by people who had not seen the parser, and were measured before they were opened.
 """
 
 import argparse
@@ -19,13 +18,13 @@ from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.reading import read_json
 from nsdr.language.texts import TEXT_KINDS
-from nsdr.question_parser.auto import AutoParser, Checked
+from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.network import QuestionParser
 
 RIGHT, REFUSED, WRONG = "right", "refused", "accepted and wrong"
-PARSERS = ("grammar", "network", "network-checked", "auto")
+PARSERS = ("grammar", "network", "auto")
 
 
 def make_parser(name: str, checkpoint: str) -> Parser:
@@ -34,8 +33,7 @@ def make_parser(name: str, checkpoint: str) -> Parser:
         return GrammarParser()
     if name == "auto":
         return AutoParser.from_pretrained(checkpoint)
-    network = QuestionParser.from_pretrained(checkpoint)
-    return network if name == "network" else Checked(network)
+    return QuestionParser.from_pretrained(checkpoint)
 
 
 def read_rows(path: str) -> list[dict[str, Any]]:

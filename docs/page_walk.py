@@ -60,16 +60,6 @@ def walk(page: Any, folder: Path) -> None:
     page.locator("#answer").scroll_into_view_if_needed()
     picture(page, folder / "page_answer.png", "#answer")
 
-    page.get_by_text("Build a question from menus").click()
-    choose(page, "#menu-kind", "Are there any …")
-    page.get_by_text("Are there any objects that enter the scene?").wait_for()
-    choose(page, "#menu-about", "cubes")
-    page.get_by_text("Are there any cubes that enter the scene?").wait_for()
-    choose(page, "#menu-time", "after the brown metal sphere enters")
-    page.get_by_text("Are there any cubes that enter the scene after").wait_for()
-    picture(page, folder / "page_menus.png", "#menus")
-    page.get_by_text("Build a question from menus").click()
-
     page.get_by_role("button", name="What will happen without").click()
     page.wait_for_selector("#answer .correct")
     picture(page, folder / "page_choices.png", "#answer")

@@ -1,8 +1,6 @@
 from .claims import (
     Claim as Claim,
-    MinimalPair as MinimalPair,
     Verification as Verification,
-    minimal_pairs as minimal_pairs,
     narrate as narrate,
     verify as verify,
 )

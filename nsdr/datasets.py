@@ -1,6 +1,5 @@
 """Videos with the truth about them as a PyTorch data set, for models that learn how the world moves."""
 
-from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -37,8 +36,6 @@ units/s), angular velocity (rad/s). Seconds are of simulated time, of which a fr
 VECTORS = ("location", "orientation", "velocity", "angular_velocity")
 NEAREST = cv2.INTER_NEAREST_EXACT
 """Takes the value at a pixel's centre."""
-KEPT_SCENES = 64
-"""Scenes whose truth a process keeps."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +152,6 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
             raise DataError(f"length: {length} frames with step {step} span {span}; the videos have {n_frames}")
         starts = range(0, n_frames - span + 1, hop or span)
         self.clips = [(video, start) for video in self._videos() for start in starts]
-        self._kept: OrderedDict[int, _Truth] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self.clips)
@@ -194,27 +190,19 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         return self._root / "truth" / self._split.name / f"truth_{video:05d}.json"
 
     def _truth(self, video: int) -> _Truth:
-        if video not in self._kept:
-            if self._render is None:
-                annotation = self._split.annotation(video)
-                rows, frames, collisions = (
-                    annotation[k] for k in ("object_property", "motion_trajectory", "collision")
-                )
-                camera = CLEVRER_CAMERA
-            else:
-                file = read_truth_file(self._truth_file(video), motion=True)
-                if file["scene_index"] != video:
-                    raise DataError(
-                        f"{self._truth_file(video)}: scene_index: expected {video}, got {file['scene_index']}"
-                    )
-                rows, frames, collisions = file["objects"], file["frames"], file["collisions"]
-                camera = view_of(self._render, file["seed"]).camera
-            if len(rows) > self.max_objects:
-                raise DataError(f"video {video} has {len(rows)} objects; max_objects is {self.max_objects}")
-            self._kept[video] = _truth_of(rows, frames, collisions, camera)
-            if len(self._kept) > KEPT_SCENES:
-                self._kept.popitem(last=False)
-        return self._kept[video]
+        if self._render is None:
+            annotation = self._split.annotation(video)
+            rows, frames, collisions = (annotation[k] for k in ("object_property", "motion_trajectory", "collision"))
+            camera = CLEVRER_CAMERA
+        else:
+            file = read_truth_file(self._truth_file(video))
+            if file["scene_index"] != video:
+                raise DataError(f"{self._truth_file(video)}: scene_index: expected {video}, got {file['scene_index']}")
+            rows, frames, collisions = file["objects"], file["frames"], file["collisions"]
+            camera = view_of(self._render, file["seed"]).camera
+        if len(rows) > self.max_objects:
+            raise DataError(f"video {video} has {len(rows)} objects; max_objects is {self.max_objects}")
+        return _truth_of(rows, frames, collisions, camera)
 
     def _objects(self, truth: _Truth, frames: NDArray[np.int64]) -> dict[str, Any]:
         n, most = len(truth.mass), self.max_objects

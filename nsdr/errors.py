@@ -49,20 +49,8 @@ class ExecutionError(NsdrError, ValueError):
         message: what is wrong, in words.
         step: number of the failed step, from 1; 0 where no step ran.
         module: its token.
-        description: what the program asked for, such as "the brown sphere".
-        expected: what the module expected, such as "exactly one".
-        found: what it got instead, in words: objects or events.
     """
 
-    def __init__(
-        self,
-        message: str,
-        step: int = 0,
-        module: str = "",
-        description: str = "",
-        expected: str = "",
-        found: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, message: str, step: int = 0, module: str = "") -> None:
         super().__init__(message)
-        self.step, self.module, self.description = step, module, description
-        self.expected, self.found = expected, found
+        self.step, self.module = step, module

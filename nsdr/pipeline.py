@@ -177,9 +177,8 @@ class Pipeline:
         config: PipelineConfig | str | Path | None = None,
         device: str = "auto",
         extensions: bool = False,
-        **options: Any,
     ) -> "Pipeline":
-        """Load the three parts from a checkpoint folder, its name, or a hub address (see `nsdr.io.checkpoint`).
+        """Load the three parts from a checkpoint folder or its name (see `nsdr.io.checkpoint`).
 
         Args:
             path_or_id: where the checkpoint is.
@@ -188,7 +187,6 @@ class Pipeline:
             config: settings of all stages, or their YAML file.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
             extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.AutoParser`).
-            options: further arguments of the constructor.
 
         Raises:
             CheckpointError: missing or corrupt; says what and how to get it.
@@ -203,17 +201,11 @@ class Pipeline:
 
         with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
-        options.setdefault("tracker", config.tracker)
-        options.setdefault("video", config.video)
-        options.setdefault("camera", config.camera)
-        pipeline = cls(
-            FrameParser.from_checkpoint(
-                folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
-            ),
-            load_backend(folder, config.dynamics),
-            AutoParser.from_checkpoint(folder, extensions),
-            **options,
+        frame_parser = FrameParser.from_checkpoint(
+            folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
         )
+        backend, parser = load_backend(folder, config.dynamics), AutoParser.from_checkpoint(folder, extensions)
+        pipeline = cls(frame_parser, backend, parser, config.tracker, config.video, config.camera)
         return pipeline.to(device)
 
     def save_pretrained(self, folder: str | Path) -> None:

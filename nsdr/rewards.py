@@ -3,8 +3,8 @@
     >>> trainer = GRPOTrainer(model, reward_funcs=[exact, per_option, answer_format, trace_verified], ...)
 
 A reward gets the completions of a batch (texts, or lists of messages) and the columns of the data set as lists. The columns are
-`solution` (`nsdr.clevrer.solution`), `options` (the texts of the question's options, or their number; empty or 0 for an open
-question) and, for `trace_verified`, `scene` (path of a file with the video's scene). See `docs/rewards.md`.
+`solution` (`nsdr.clevrer.solution`), `options` (the texts of the question's options; empty for an open question) and, for
+`trace_verified`, `scene` (path of a file with the video's scene). See `docs/rewards.md`.
 """
 
 import re
@@ -27,15 +27,15 @@ __all__ = ["MAX_OF_A_KIND", "answer_format", "exact", "per_option", "read_scene"
 
 Completion = str | Sequence[Mapping[str, Any]]
 """A text, or messages with `role` and `content`, as conversational data sets have them; the last message counts."""
-Options = int | Sequence[str]
-"""Texts of a question's options or their number; none for an open question."""
+Options = Sequence[str]
+"""Texts of a question's options; none for an open question."""
 MAX_OF_A_KIND = 6
 """How many facts of one kind `trace_score` counts: the largest number of collisions in a CLEVRER video."""
 UNINFORMATIVE = ("attribute", "presence")
 """Kinds of claims that any look at the video yields; they cannot raise `trace_score`."""
 EXPECTED = {
     "solution": "right answers, so leave out questions without one, as of the test split",
-    "options": "texts of options or their number",
+    "options": "texts of options",
     "scene": "paths of scenes, which `nsdr export --scenes` writes",
 }
 """What each column holds."""
@@ -83,7 +83,7 @@ def answer_format(completions: Sequence[Completion], options: Sequence[Options],
     rewards = []
     for completion, choices in _rows(completions, options=options):
         text = _text(completion)
-        readable = read_response(text, _option_texts(choices)).answer is not None
+        readable = read_response(text, _checked(choices)).answer is not None
         rewards.append(float(readable and len(TAG.findall(text)) == 2 and _ENDS_WITH_TAGS.search(text) is not None))
     return rewards
 
@@ -127,8 +127,8 @@ def trace_score(verification: Verification) -> float:
     Args:
         verification: of the text.
     """
-    right = {_fact(c): c for c in verification if c.holds and not _uninformative(c)}
-    wrong = {(_fact(c), c.frame) for c in verification if c.holds is False}
+    right = {_fact(c): c for c in verification.claims if c.holds and not _uninformative(c)}
+    wrong = {(_fact(c), c.frame) for c in verification.claims if c.holds is False}
     asserted = _capped(c for c in right.values() if not c.negated)
     denials = [c for c in right.values() if c.negated]
     denied = min(_capped(denials), max(any(c.kind not in PAST_KINDS.values() for c in denials), asserted))
@@ -145,7 +145,7 @@ def read_scene(path: str) -> Scene:
     Raises:
         DataError: the file is none of these; names it and what was expected.
     """
-    content = {"type": "Scene"} if path.endswith(".npz") else read_json(path)
+    content = read_json(path)
     if isinstance(content, dict) and content.get("type") == "Scene":
         return load(Scene, path)
     scenes = [scene for _, _, scene in iterate_scenes(path)]
@@ -195,7 +195,7 @@ def _read(
     """Of each sample what was read, the right answer and the number of options."""
     read = []
     for completion, right, choices in _rows(completions, solution=solution, options=options):
-        texts = _option_texts(choices)
+        texts = _checked(choices)
         if not isinstance(right, str):
             raise DataError(f"column solution: expected texts, got {right!r:.60}")
         expected = read_response(right, texts)
@@ -216,13 +216,10 @@ def _rows(completions: Sequence[Completion], **columns: Sequence[Any]) -> Iterat
     return zip(completions, *columns.values(), strict=True)
 
 
-def _option_texts(options: Options) -> Sequence[str]:
-    """The texts of options; numbered ones, which no completion quotes, where only their number is known."""
-    if isinstance(options, int) and options >= 0:
-        return [f"option text {i} of {options}" for i in range(options)]
-    if isinstance(options, Sequence) and not isinstance(options, str) and all(isinstance(o, str) for o in options):
-        return options
-    raise DataError(f"column options: expected lists of texts, or their numbers, got {options!r:.60}")
+def _checked(options: Options) -> Options:
+    if isinstance(options, str) or not isinstance(options, Sequence) or not all(isinstance(o, str) for o in options):
+        raise DataError(f"column options: expected lists of texts, got {options!r:.60}")
+    return options
 
 
 def _text(completion: Completion) -> str:

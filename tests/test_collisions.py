@@ -8,13 +8,11 @@ import pytest
 import torch
 
 from nsdr import SceneObject, VideoTracks
-from nsdr.dynamics.collisions import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import MotionArrays, arrays_from_states, near_pairs, network_inputs
-from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig
+from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig, TrackCollisionDetector
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.registry import load_backend
 from nsdr.errors import CheckpointError, DataError
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.training import collisions as training
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
@@ -152,13 +150,6 @@ def test_held_out_scenes_are_needed(tiny_motion: tuple[Path, Path], tmp_path: Pa
         training.CollisionTask(training.CollisionTraining(proposals, truth, str(tmp_path), limit=1))
 
 
-def test_a_checkpoint_without_a_collision_network_uses_the_state_backend_s(tmp_path: Path) -> None:
-    backend = load_backend(find_checkpoint("default"), "physics")
-    assert isinstance(backend.detector, TrackCollisionDetector)  # type: ignore[attr-defined]
-    for name in ("dynamics.json", "dynamics.safetensors"):
-        (tmp_path / name).write_bytes((find_checkpoint("default") / name).read_bytes())
-    older = load_backend(tmp_path, "physics")
-    assert type(older.detector).__name__ == "StatePredictor"  # type: ignore[attr-defined]
-    (tmp_path / "collisions.json").write_text("{}")
-    with pytest.raises(CheckpointError, match=r"collisions\.json"):
+def test_the_physics_backend_needs_a_collision_network(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match=r"collisions\.json: no such file"):
         load_backend(tmp_path, "physics")

@@ -3,7 +3,6 @@
 import gzip
 import json
 import shutil
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -116,10 +115,7 @@ def test_official_proposals_with_annotations_train_the_dynamics(tmp_path) -> Non
     root = tmp_path / "clevrer"
     for index in (0, 1):
         proposal_file(root / "derender_proposals" / f"proposal_{index:05d}.json", index, False)
-    annotation_file(tmp_path / "annotation_00000.json", 0)
-    annotation_file(root / "annotations/train/annotation_00000-01000/annotation_00001.json", 1)
-    with zipfile.ZipFile(root / "annotations/train/annotation_train.zip", "w") as archive:
-        archive.write(tmp_path / "annotation_00000.json", "annotation_00000-01000/annotation_00000.json")
+        annotation_file(root / f"annotations/train/annotation_00000-01000/annotation_{index:05d}.json", index)
     files = convert_and_train(root, tmp_path / "motion")
     blocks = read_truth(files[1])
     assert [[c["frame"] for c in blocks[i]["collisions"]] for i in (0, 1)] == [[COLLISION_FRAME]] * 2

@@ -17,7 +17,7 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.questions import Choice, read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
-from nsdr.dynamics.physics import PhysicsPredictor
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.solver import log_mass_covariance
 from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories
 from nsdr.dynamics.scene import scene_from_prediction
@@ -28,13 +28,14 @@ from nsdr.generate.questions.selection import QuestionConfig, find_candidates, g
 from nsdr.generate.scene_files import annotation_document, truth_document
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.language.texts import clevrer, described
+from nsdr.language.slots import Slot, with_filters
+from nsdr.language.texts import clevrer
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.grammar import extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import format_trace
-from nsdr.tracking.tracker import tracks_from_motion
+from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.types import ObjectPhysics
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import LOG_MASS_STD
@@ -277,7 +278,7 @@ def test_rules_read_every_template(name: str) -> None:
     for seed in range(3):
         for text, program in clevrer().every(name.upper(), _Any(), random.Random(seed)):
             assert extension_readings(text, kind) == [program], text
-    assert described(["red"])[0] == "red object"
+    assert Slot("N", ("red",)).text == "red object"
 
 
 @pytest.fixture(scope="module")
@@ -382,7 +383,8 @@ def test_the_fit_knows_how_well_it_knows_masses() -> None:
 def test_the_physics_backend_measures_velocities_and_masses(truths) -> None:
     truth = truths[0]
     true = scene_from_truth(truth)
-    tracks = tracks_from_motion(truth["objects"], truth["frames"][: truth["n_frames"]])
+    annotation = {"object_property": truth["objects"], "motion_trajectory": truth["frames"][: truth["n_frames"]]}
+    tracks = tracks_from_annotation(annotation)
     ids = {t.object.name: t.object.id for t in tracks.tracks}
     seen = [e for e in true.events if e.kind == "collision"]
     names = [[true.objects[i].name for i in e.objects] for e in seen]
@@ -403,7 +405,7 @@ def test_the_physics_backend_measures_velocities_and_masses(truths) -> None:
 
 
 def _described(name: str) -> str:
-    return " ".join(["objects", *described(name.split())[1], "unique"])
+    return " ".join(["objects", *(with_filters([Slot("N", tuple(name.split()))]) or ()), "unique"])
 
 
 def test_annotations_tell_velocities_only(simulated) -> None:

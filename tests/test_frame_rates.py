@@ -76,7 +76,7 @@ def test_wrong_words_are_outvoted_at_any_stride() -> None:
 
 
 def test_frames_far_apart_are_warned_of() -> None:
-    with pytest.warns(UserWarning, match="one frame in 12 .* lower --stride"):
+    with pytest.warns(UserWarning, match="one frame in 12 .* lower the stride"):
         track(proposals(detections(every(12), RED, 0.0, 0.0), every(12)))
 
 

@@ -160,7 +160,6 @@ def _video(path: Path, _) -> None:
 
 WRITERS = {
     "scene.json": lambda path, scene: save(scene, path),
-    "scene.npz": lambda path, scene: save(scene, path),
     "figure.png": _figure,
     "video.mp4": _video,
     "part.safetensors": lambda path, _: save_checkpoint(path.parent, "part", {"a": torch.arange(9000.0)}, Config(), {}),

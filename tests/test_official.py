@@ -20,14 +20,15 @@ from nsdr import (
 )
 from nsdr.clevrer.example import TRUTH
 from nsdr.clevrer.files.predictions import (
+    PredictionFile,
     predictions_document,
-    predictions_from_document,
     read_predictions,
     scene_from_predictions,
 )
 from nsdr.clevrer.velocity_rule import sampled_velocity, velocity_collisions
 from nsdr.cli.main import main
 from nsdr.io.files import write_json
+from nsdr.validation import convert
 
 from .test_dynamics import SMALL, _Script, tracks
 
@@ -67,7 +68,7 @@ def document() -> dict[str, Any]:
 
 
 def executor_of(document: dict[str, Any], collisions: str = "predicted") -> Executor:
-    return Executor(predictions_from_document(document), "official", collisions)
+    return Executor(convert(document, PredictionFile), "official", collisions)
 
 
 RED, BLUE, GREEN = (f"objects {c} filter_color unique" for c in ("red", "blue", "green"))
@@ -143,16 +144,15 @@ def test_failures_are_the_answer_error(document: dict[str, Any]) -> None:
     executor = executor_of(document)
     assert executor.run("objects unique") == "error"
     assert executor.run("count") == "error"
-    assert executor.run("Count(Objects") == "error"
     programs = ["objects count", "", "objects objects unique", "objects exist"]
     assert [executor.run(program) for program in programs] == [3, "error", "error", True]
-    assert executor.answer("Count(Objects").answer == "error"
+    assert executor.answer("count").answer == "error"
     question = "<START> unseen_events belong_to <END>"
-    choices = [("text", choice) for choice in ("Count(", "", "objects boggle", f"<START> {GREEN} <NULL>", RED)]
+    choices = [("text", choice) for choice in ("count", "", "objects boggle", f"<START> {GREEN} <NULL>", RED)]
     judged = executor.judge(question, choices)
     assert [c.answer for c in judged.choices] == ["error", "error", "error", "correct", "correct"]
     assert judged.choices[3].program == ("objects", "green", "filter_color", "unique", "unseen_events", "belong_to")
-    assert [c.answer for c in executor.judge("Belong_to(", choices).choices] == ["error"] * 5
+    assert [c.answer for c in executor.judge("belong_to count", choices).choices] == ["error"] * 5
 
 
 def test_objects_that_enter_at_one_sample_keep_the_order_of_the_file() -> None:
@@ -193,7 +193,7 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
     with pytest.raises(ExecutionError, match="the official semantics runs on a PredictionFile, got a Scene"):
         Executor(small_scene, "official")
     with pytest.raises(ExecutionError, match="the paper semantics runs on a Scene, got a PredictionFile"):
-        Executor(predictions_from_document(document), "paper")
+        Executor(convert(document, PredictionFile), "paper")
     with pytest.raises(ExecutionError, match="collisions 'velocity' need the official semantics"):
         Executor(small_scene, collisions="velocity")
     with pytest.raises(DataError, match="missing key 'predictions'"):
@@ -235,7 +235,7 @@ def test_ne_replaces_the_predicted_collisions(document: dict[str, Any]) -> None:
 
 
 def test_paper_semantics_of_the_same_file(document: dict[str, Any]) -> None:
-    scene = scene_from_predictions(predictions_from_document(document))
+    scene = scene_from_predictions(convert(document, PredictionFile))
     executor = Executor(scene)
     assert executor.run("events objects filter_collision count") == 1
     assert executor.run("end get_frame") == 127
@@ -249,7 +249,7 @@ def test_our_predictions_are_written_as_a_prediction_file(tmp_path) -> None:
 
     prediction = StatePredictor(_Script(SMALL)).predict(tracks(128))
     written = predictions_document(prediction)
-    predictions_from_document(written)
+    convert(written, PredictionFile)
     write_json(tmp_path / "sim_00000.json", written)
     back = read_predictions(tmp_path / "sim_00000.json")
     assert [p.what_if for p in back.predictions] == [-1, 0, 1, 2]
@@ -295,41 +295,29 @@ def test_execute_with_the_official_semantics(document: dict[str, Any], tmp_path,
     assert "need the official semantics" in capsys.readouterr().err
 
 
-def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], tmp_path, capsys) -> None:
+def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], tmp_path) -> None:
     write_json(tmp_path / "sim_00007.json", document)
-    descriptive = [("How many objects are there?", "3"), ("How many collisions happen?", "3")]
+    programs = (["<START>", "objects", "count", "<END>"], ["boggle", "count"])
+    descriptive = {"question_type": "descriptive", "question_subtype": "count", "answer": "3"}
     questions: list[dict[str, Any]] = [
-        {
-            "question_id": i,
-            "question": text,
-            "question_type": "descriptive",
-            "question_subtype": "count",
-            "answer": answer,
-        }
-        for i, (text, answer) in enumerate(descriptive)
+        {"question_id": i, "question": "How many are there?", "program": program, **descriptive}
+        for i, program in enumerate(programs)
     ]
-    choices = [{"choice_id": i, "choice": "text", "answer": "correct"} for i in range(2)]
+    choices = [
+        {"choice_id": i, "choice": "text", "answer": "correct", "program": program.split()}
+        for i, program in enumerate((GREEN, "objects objects unique"))
+    ]
     row = {"question_id": 2, "question": "What will happen next?", "question_type": "predictive", "choices": choices}
+    row["program"] = ["unseen_events", "belong_to", "<NULL>"]
     scene = {"scene_index": 7, "video_filename": "video_00007.mp4", "questions": [*questions, row]}
     write_json(tmp_path / "questions.json", [scene])
-    programs = (["<START>", "objects", "count", "<END>"], ["boggle", "count"])
-    write_json(tmp_path / "oe.json", {"7": {"questions": [{"program": p} for p in programs]}})
-    judged = [{"program": p.split()} for p in (GREEN, "objects objects unique")]
-    write_json(tmp_path / "mc.json", {"7": {"questions": [
-        {"question_program": ["unseen_events", "belong_to", "<NULL>"], "choices": judged}]}})  # fmt: skip
     command = ["evaluate", "--questions", str(tmp_path / "questions.json"), "--source", "predictions", "--data"]
-    command += [str(tmp_path), "--semantics", "official", "-o", str(tmp_path / "out.json"), "--programs"]
-    assert main([*command, f"{tmp_path}/oe.json,{tmp_path}/mc.json"]) == 0
+    command += [str(tmp_path), "--semantics", "official", "-o", str(tmp_path / "out.json"), "--programs", "gold"]
+    assert main(command) == 0
     results = json.loads((tmp_path / "out.json").read_text())["results"]
     assert [r.get("answer") for r in results] == ["3", "error", None]
     assert [r["correct"] for r in results] == [True, False, False]
     assert [c["answer"] for c in results[2]["choices"]] == ["correct", "error"]
-    capsys.readouterr()
-    write_json(tmp_path / "oe.json", {"7": {"questions": [{"program": programs[0]}]}})
-    assert main([*command, f"{tmp_path}/oe.json"]) == 2
-    assert "oe.json: 7.questions: 1 rows for the scene's 2 descriptive questions" in capsys.readouterr().err
-    assert main([*command, "golden"]) == 2
-    assert "programs is 'golden'; expected parsed, network, gold, or JSON files" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,8 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.storage import load, save
 from nsdr.pipeline import pipeline_settings
 from nsdr.tracking.localization import expected_size, ground_location, outline, size_ratio, size_warning
-from nsdr.tracking.tracker import track, tracks_from_motion
+from nsdr.tracking.tracker import track, tracks_from_annotation
+from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -78,7 +79,7 @@ def test_positions_follow_from_masks_by_any_camera(shape: str) -> None:
     centroid = np.array([((x + np.roll(x, -1)) * cross).sum(), ((y + np.roll(y, -1)) * cross).sum()]) / (
         3 * cross.sum()
     )
-    (found,) = ground_location(shape, centroid, box, camera=OTHER)
+    (found,) = ground_location(shape, centroid[None], box, hidden_sides(box), OTHER)
     np.testing.assert_allclose(found, [0.4, -0.6], atol=0.03)
 
 
@@ -98,7 +99,7 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
         for distance in slide("cube", np.array(1.2), np.arange(40) * FRAME_SECONDS)[0]
     ]
     cube = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
-    seen = tracks_from_motion([cube], frames, OTHER)
+    seen = tracks_from_annotation({"object_property": [cube], "motion_trajectory": frames}, OTHER)
     save(seen, tmp_path / "tracks.json")
     assert load(VideoTracks, tmp_path / "tracks.json") == seen
     states = states_from_tracks(seen)

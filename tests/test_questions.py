@@ -15,9 +15,7 @@ from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, read_questions, without_answers
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
-from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.scene import simulate_scene
-from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.candidates import (
     descriptive_questions,
     family,
@@ -28,15 +26,15 @@ from nsdr.generate.questions.candidates import (
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
 from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
-from nsdr.language.texts import clevrer, described
+from nsdr.language.slots import Slot, with_filters
+from nsdr.language.texts import clevrer
 from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 
 @pytest.fixture(scope="module")
 def truths() -> list[dict]:
-    with Simulator() as simulator:
-        scenes = [simulate_scene(seed, SceneConfig(), simulator) for seed in range(500500, 500509)]
+    scenes = [simulate_scene(seed) for seed in range(500500, 500509)]
     return [truth_document(scene, number, Camera()) for number, scene in enumerate(scenes)]
 
 
@@ -400,7 +398,6 @@ def test_the_grammar_enumerates_every_meaning_once() -> None:
     assert texts == ["the presence of the red object", "the presence of the blue cube"]
     programs = [tuple(p) for _, p in clevrer().every("COUNTERFACTUAL", TwoWords(), random.Random(0))]
     assert len(programs) == len(set(programs)) == 4
-    assert described(("metal", "sphere"), plural=True) == (
-        "metal spheres",
-        ["metal", "filter_material", "sphere", "filter_shape"],
-    )
+    spheres = Slot("NS", ("metal", "sphere"))
+    assert spheres.text == "metal spheres"
+    assert with_filters([spheres]) == ["metal", "filter_material", "sphere", "filter_shape"]

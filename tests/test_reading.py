@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from nsdr.errors import CheckpointError, DataError
+from nsdr.errors import DataError
 from nsdr.io.limits import VARIABLE, Limits, check_limit, limits
 from nsdr.io.reading import parse_json, parse_json_lines, read_bytes, read_json, read_npz, read_text, read_yaml
 
@@ -55,8 +55,6 @@ def test_bad_json_is_refused_by_name(content, reason, tmp_path) -> None:
     path.write_bytes(content)
     with pytest.raises(DataError, match=rf"bad\.json: not a readable JSON file \(.*{re.escape(reason)}"):
         read_json(path)
-    with pytest.raises(CheckpointError, match=r"bad\.json"):
-        read_json(path, error=CheckpointError)
 
 
 def test_json_may_be_gzipped_and_have_a_byte_order_mark() -> None:

@@ -12,7 +12,7 @@ from nsdr.evaluation import accuracy_interval, evaluate, format_table, wilson_in
 from nsdr.evaluation.experiments import markdown_table
 from nsdr.evaluation.runner import EvaluationConfig
 from nsdr.evaluation.score import score_answers
-from nsdr.symbolic import Executor, Program
+from nsdr.symbolic import Executor
 from nsdr.types import Answer, ChoiceAnswer
 
 OBJECTS = tuple(SceneObject(i, color, "rubber", "cube") for i, color in enumerate(["red", "green", "blue"]))
@@ -44,8 +44,9 @@ def test_the_recording_keeps_what_the_removed_object_has_no_part_in() -> None:
     ("answer", "tag", "right"), [("correct", "observational", False), ("wrong", "inferential", True)]
 )
 def test_options_are_tagged_by_what_the_recording_answers(answer: str, tag: str, right: bool) -> None:
+    tagged = tag_options(asked(answer), scene(None))
     executor = Executor(scene({0: (), 1: (), 2: ()}))  # without the red cube, the others do not meet
-    report = evaluate([(asked(answer), executor)])
+    report = evaluate([(tagged, executor)])
     assert report["results"][0]["choices"][0]["tag"] == tag
     tags = report["counterfactual"]["tags"]
     assert (tags[tag]["n_options"], tags[tag]["per_option"]) == (1, float(right))
@@ -82,30 +83,11 @@ def test_what_cannot_be_tagged_is_an_error(questions: SceneQuestions, message: s
         tag_options(questions, scene(None))
 
 
-def test_tags_of_the_file_win_over_those_of_the_evaluated_scene() -> None:
-    executor = Executor(scene({0: (), 1: (), 2: ()}))  # by this scene, the option is inferential
-    tagged = with_choice(asked("wrong"), tag="observational")
-    assert evaluate([(tagged, executor)])["results"][0]["choices"][0]["tag"] == "observational"
-
-
 def test_questions_that_fail_count_in_their_half() -> None:
     tagged = with_choice(asked("wrong"), tag="inferential", blind=True)
     report = evaluate([(tagged, ExecutionError("no video"))])
     assert report["counterfactual"]["tags"]["inferential"]["n_options"] == 1
     assert report["counterfactual"]["blind"]["text alone right"]["n_options"] == 1
-
-
-def test_options_of_questions_without_programs_are_tagged_by_parsed_ones() -> None:
-    (question,) = asked("wrong").questions
-    bare = replace(with_choice(asked("wrong"), program=None), questions=())
-    choices = tuple(replace(c, program=None) for c in question.choices)
-    bare = replace(bare, questions=(replace(question, program=None, choices=choices),))
-
-    def parse(text: str, kind: str) -> Program:
-        return Program.parse((QUESTION if kind == "multiple_choice" else CHOICE).split())
-
-    report = evaluate([(bare, Executor(scene({0: (), 1: (), 2: ()})))], parse)
-    assert report["results"][0]["choices"][0]["tag"] == "inferential"
 
 
 def test_reports_have_the_halves_that_texts_alone_predict() -> None:

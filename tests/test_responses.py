@@ -35,7 +35,6 @@ OPTIONS = (
         ('["A", "D"]', "AD", "json"),
         ('```json\n{"answer": ["b"]}\n```', "B", "json"),
         ('Here it is:\n```json\n{"reason": "…", "answer": "B and C"}\n```', "BC", "json"),
-        ('{"A": true, "B": false, "C": "yes", "D": "wrong"}', "AC", "json"),
         ("[]", "", "json"),
         ("Answer: B", "B", "label"),
         ("**Answer:** (A) and (C)", "AC", "label"),
@@ -99,7 +98,9 @@ def test_letters(text: str, letters: str, how: str) -> None:
         ("Answer: A\nB is right too, I would say.", "B, after an answer without it"),
         ("The right ones are:\nB\nA", "more than letters"),
         ('{"result": 3}', "a JSON object without"),
-        ("[1, 2]", "a JSON list"),
+        ("[1, 2]", "a JSON value that is neither"),
+        ('{"answer": null}', "a JSON value that is neither"),
+        ('{"A": true, "B": false}', "a JSON object without"),
         ("<answer>yes</answer>", "more than letters"),
         ("\\boxed{A", "not closed"),
     ],
@@ -163,8 +164,8 @@ def test_words(text: str, word: str, how: str) -> None:
         ("true", "no answer word"),
         ("Yes, there are three.", "several"),
         ("I look at the video. A cube moves.", "more than one sentence"),
-        ('{"answer": true}', "neither a text nor"),
-        ('["red", "blue"]', "JSON list"),
+        ('{"answer": true}', "neither a text"),
+        ('["red", "blue"]', "several"),
     ],
 )
 def test_words_that_are_not_read(text: str, problem: str) -> None:
@@ -268,18 +269,6 @@ def test_long_texts_are_read_in_time(text: str) -> None:
 )
 def test_a_word_that_is_taken_back_is_not_read(text: str) -> None:
     assert read_response(text).answer is None
-
-
-def test_judgements_of_some_options_are_not_read() -> None:
-    assert read_response('{"A": true}', ["one", "two", "three"]).problem == "judgements of 1 of 3 options"
-    assert read_response('{"A": true, "B": false}', ["one", "two"]).answer == frozenset("A")
-
-
-@pytest.mark.parametrize("nested", ['{"answer":', "["])
-def test_nested_json_is_read_at_any_depth(nested: str) -> None:
-    close = "}" if nested.startswith("{") else "]"
-    for depth in range(900, 1000):
-        assert read_response(nested * depth + '"red"' + close * depth).answer == "red"
 
 
 @pytest.mark.parametrize("text", ["<" + " " * 50_000, "```" + "\n" * 50_000, "<answer" * 5_000])

@@ -43,7 +43,7 @@ def test_three_steps_with_all_rewards(tmp_path: Path, conversational: bool) -> N
     from datasets import Dataset
     from trl import GRPOConfig, GRPOTrainer
 
-    save(load(Scene, TRUTH), tmp_path / "scene.npz")
+    save(load(Scene, TRUTH), tmp_path / "scene.json")
     (scene,) = read_questions(QUESTIONS)
     rows = []
     for q in scene.questions:
@@ -51,7 +51,7 @@ def test_three_steps_with_all_rewards(tmp_path: Path, conversational: bool) -> N
         asked = [{"role": "user", "content": text}] if conversational else text
         options = [c.text for c in q.choices]
         rows.append(
-            {"prompt": asked, "solution": solution(q), "options": options, "scene": str(tmp_path / "scene.npz")}
+            {"prompt": asked, "solution": solution(q), "options": options, "scene": str(tmp_path / "scene.json")}
         )
     model, tokenizer = tiny_model_and_tokenizer()
     if conversational:

@@ -177,8 +177,10 @@ def test_ablation_trains_once_per_size_and_writes_a_table(tmp_path) -> None:
     question = Question(0, "How many collisions happen?", "descriptive", "count", program, "0", ())
     write_questions(tmp_path / "questions.json", [SceneQuestions(7, "video_00007.mp4", (question,))])
     objects = [{"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}]
-    frames = [{"objects": [{"object_id": 0, "velocity": [0, 0, 0], "inside_camera_view": True}]}] * VIDEO_FRAMES
-    truth = {"objects": objects, "frames": frames, "collisions": [], "counterfactual": {}}
+    still = {key: [0, 0, 0] for key in ("location", "orientation", "velocity", "angular_velocity")}
+    rows = [{"object_id": 0, "inside_camera_view": True, **still}]
+    frames = [{"frame_id": f, "objects": rows} for f in range(VIDEO_FRAMES)]
+    truth = {"scene_index": 7, "seed": 0, "objects": objects, "frames": frames, "collisions": [], "counterfactual": {}}
     (tmp_path / "truth_00007.json").write_text(json.dumps(truth))
     data = ["--evaluation_questions", str(tmp_path / "questions.json"), "--evaluation_scenes", str(tmp_path)]
     small = question_arguments(tmp_path / "run", "--loop.steps", "2", "--ablation", "2,all")

@@ -1,6 +1,5 @@
 """Is a video one of CLEVRER's scenes? Classes, layouts, cuts, and the messages about files that are no videos."""
 
-import sys
 import warnings
 import wave
 
@@ -283,9 +282,9 @@ def write_kind(path, kind: str) -> None:
         ("folder", "is a folder; expected a video"),
         ("empty", r"is empty \(0 bytes\)"),
         ("text", "is a text file"),
-        ("image", "is a PNG image"),
-        ("sound", r"holds sound \(pcm_s16le\) but no video"),
-        ("zip", "is not a video, or is damaged or cut off"),
+        ("image", "is an image"),
+        ("sound", "not a video that OpenCV can read"),
+        ("zip", "not a video that OpenCV can read, or damaged or cut off"),
     ],
 )
 def test_what_is_no_video_is_named(tmp_path, kind: str, message: str) -> None:
@@ -295,38 +294,16 @@ def test_what_is_no_video_is_named(tmp_path, kind: str, message: str) -> None:
             function(tmp_path / "v.mp4")
 
 
-def test_a_saved_scene_in_place_of_a_video_is_told_how_to_be_read(tmp_path) -> None:
-    (tmp_path / "scene.json").write_text("{}")
-    with pytest.raises(VideoError, match=r"scene\.json: is a text file; expected a video; nsdr\.load"):
-        read_video(tmp_path / "scene.json")
-
-
-def encoded(path, codec: str, sound: bool = False) -> None:
+def test_a_codec_that_opencv_lacks_is_told_how_to_be_converted(tmp_path) -> None:
     import av
 
-    with av.open(str(path), "w", format="mp4") as container:
-        stream = container.add_stream(codec, rate=8000 if sound else 25)
-        if sound:
-            frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
-            frame.sample_rate = 8000
-        else:
-            stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
-            frame = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
+    with av.open(str(tmp_path / "v.mp4"), "w", format="mp4") as container:
+        stream = container.add_stream("libsvtav1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        frame = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
         for packet in (*stream.encode(frame), *stream.encode(None)):
             container.mux(packet)
-
-
-def test_codecs_are_named(tmp_path, monkeypatch) -> None:
-    encoded(tmp_path / "sound.mp4", "aac", sound=True)
-    with pytest.raises(VideoError, match=r"sound\.mp4: holds sound \(aac\) but no video"):
-        read_video(tmp_path / "sound.mp4")
-    encoded(tmp_path / "v.mp4", "libsvtav1")
-    with pytest.raises(
-        VideoError, match=r"v\.mp4: \w*av1\w* video, which OpenCV cannot decode here; convert it to H\.264"
-    ):
-        read_video(tmp_path / "v.mp4")
-    monkeypatch.setitem(sys.modules, "av", None)  # without PyAV
-    with pytest.raises(VideoError, match=r"v\.mp4: not a video that OpenCV can read; convert it to H\.264"):
+    with pytest.raises(VideoError, match=r"v\.mp4: not a video that OpenCV can read, .* convert it to H\.264: ffmpeg"):
         read_video(tmp_path / "v.mp4")
 
 

@@ -16,6 +16,8 @@ from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.grammar import readings
 from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS
 
+MAX_VALUES = 5
+"""Values on the stack of the programs that are drawn at random."""
 BY_HAND = Path(__file__).parent.parent / "benchmarks" / "questions_by_hand.json"
 
 
@@ -98,7 +100,10 @@ def test_any_well_typed_program_is_put_in_words_or_refused(kind: str) -> None:
     for _ in range(200):
         stack, tokens = first_stack(kind), []
         while len(tokens) < 30:
-            options = [i for i, ok in enumerate(allowed(stack, kind, False)) if ok]
+            permitted = [i for i, ok in enumerate(allowed(stack, kind, False)) if ok]
+            options = [i for i in permitted if i == END or len(following(stack, i) or ()) <= MAX_VALUES]
+            if not options:
+                break
             token = rng.choice(options)
             if token == END:
                 break

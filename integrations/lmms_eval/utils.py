@@ -96,7 +96,7 @@ def share_right(items: Sequence[Mapping[str, Any]]) -> float:
 def count_unread(items: Sequence[Mapping[str, Any]]) -> int:
     """The number of responses that cannot be read; writes all of them to the file NSDR_PREDICTIONS."""
     if path := os.environ.get("NSDR_PREDICTIONS"):
-        write_responses(path, ((i["scene_index"], i["question_id"], i["response"]) for i in items))
+        write_responses(path, (((i["scene_index"], i["question_id"]), i["response"]) for i in items))
     return sum(bool(item["problem"]) for item in items)
 
 

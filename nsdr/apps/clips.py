@@ -2,7 +2,6 @@
 
 import threading
 import warnings
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from nsdr.world.physics_constants import FPS
 __all__ = ["Clip", "Clips", "Progress"]
 
 KEPT_CLIPS = 16
-"""Perceptions that are kept, as by a pipeline."""
+"""Clips that are kept, as by a pipeline."""
 Progress = Callable[[float, str], Any]
 """Called with the share that is done (0-1) and what is being done."""
 
@@ -53,7 +52,7 @@ class Clip:
 
 
 class Clips:
-    """One pipeline for several threads, with the perceptions of the last clips.
+    """One pipeline for several threads, with the clips that were perceived last.
 
     One thread at a time perceives or simulates, and one answers; looking up what is known waits for nobody.
 
@@ -64,8 +63,8 @@ class Clips:
 
     def __init__(self, pipeline: Pipeline, max_seconds: float) -> None:
         self.pipeline, self.max_seconds = pipeline, max_seconds
-        self._working, self._asking, self._table = threading.Lock(), threading.Lock(), threading.Lock()
-        self._kept: OrderedDict[str, Clip] = OrderedDict()
+        self._working, self._asking = threading.Lock(), threading.Lock()
+        self._kept: dict[str, Clip] = {}
 
     def watch(self, path: str | Path, progress: Progress | None = None) -> Clip:
         """What is in a video file; at once if the same content was asked for before.
@@ -76,7 +75,7 @@ class Clips:
         path = Path(path)
         check_is_video(path)
         key = fingerprint(inputs=[path])
-        if (known := self._known(key)) is not None:
+        if (known := self._kept.get(key)) is not None:
             return known
         seconds = video_seconds(path)
         if seconds > self.max_seconds:
@@ -84,14 +83,12 @@ class Clips:
                 f"{path}: lasts {seconds:.0f} s; clips of up to {self.max_seconds:g} s are taken, so cut it"
             )
         with self._working:
-            if (known := self._known(key)) is not None:  # another visitor's, meanwhile
-                return known
-            clip = self._perceived(path, seconds, progress or (lambda share, text: None))
-        with self._table:
-            self._kept[key] = clip
-            while len(self._kept) > KEPT_CLIPS:
-                self._kept.popitem(last=False)
-        return clip
+            if key not in self._kept:  # nor is it another visitor's, meanwhile
+                clip = self._perceived(path, seconds, progress or (lambda share, text: None))
+                if len(self._kept) == KEPT_CLIPS:
+                    del self._kept[next(iter(self._kept))]
+                self._kept[key] = clip
+            return self._kept[key]
 
     def answer(self, clip: Clip, question: str, choices: Sequence[str] = ()) -> Answer:
         """`Pipeline.answer` about a clip, with its errors."""
@@ -104,12 +101,6 @@ class Clips:
         assert clip.perception.tracks is not None
         with self._working:
             return self.pipeline.simulate(clip.perception.tracks, interventions, from_frame)
-
-    def _known(self, key: str) -> Clip | None:
-        with self._table:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-            return self._kept.get(key)
 
     def _perceived(self, path: Path, seconds: float, progress: Progress) -> Clip:
         jpegs: list[bytes] = []

@@ -4,16 +4,11 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, asdict, dataclass, fields, replace
+from dataclasses import MISSING, asdict, dataclass, fields
 from functools import wraps
-from itertools import islice
 from pathlib import Path
 from threading import Lock
 from typing import Any, Literal
-
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 import nsdr
 from nsdr.claims.narration import reasons
@@ -24,25 +19,12 @@ from nsdr.symbolic import format_tree
 from nsdr.types import Add, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
 
-__all__ = [
-    "AgentTools",
-    "AnswerView",
-    "Change",
-    "ChoiceView",
-    "DifferenceView",
-    "EventView",
-    "SceneView",
-    "SimulationView",
-    "check_folder",
-    "make_server",
-    "serve",
-]
+__all__ = ["AgentTools", "Change", "make_server"]
 
-TRANSPORTS = {"stdio": "stdio", "http": "streamable-http"}
-"""Names of the transports on the command line, and in the SDK."""
 INSTRUCTIONS = """Tools that look at short videos of colliding objects (CLEVRER), answer questions about them, predict what
 comes next, and simulate what would happen if something were different. Videos are named by their path in one folder.
-Frames count from 0, 25 a second. Perceiving a video takes a few seconds the first time."""
+Frames count from 0, 25 a second. Perceiving a video takes a few seconds the first time. Events are "in", "out" and "collision";
+the probability of a collision is null where it is not known."""
 KINDS = {"remove": Remove, "set_mass": SetMass, "set_velocity": SetVelocity, "move": Move, "freeze": Freeze, "add": Add}
 VIDEOS_NAMED = 20
 """Videos that a message names."""
@@ -95,70 +77,6 @@ class Change:
         return made(**given)
 
 
-@dataclass(frozen=True)
-class EventView:
-    """An event: "in", "out" or "collision", its frame (25 a second), the objects' names, and how probable a collision is; None
-    where that is not known."""
-
-    kind: str
-    frame: int
-    objects: list[str]
-    probability: float | None = None
-
-
-@dataclass(frozen=True)
-class SceneView:
-    """What was seen in a video: objects, events of the video, and collisions predicted after its last frame."""
-
-    video: str
-    n_frames: int
-    objects: list[str]
-    events: list[EventView]
-    after_video: list[EventView]
-    possible: list[EventView]
-
-
-@dataclass(frozen=True)
-class ChoiceView:
-    """The judgement of a choice: "correct" or "wrong", how probable it is to be correct, why; or why there is none."""
-
-    choice: str
-    answer: str | None
-    probability: float | None
-    explanation: str
-    error: str = ""
-
-
-@dataclass(frozen=True)
-class AnswerView:
-    """An answer, how probable it is right, why, and the executed program. Multiple choice has `choices` and no `answer`."""
-
-    answer: str | None
-    probability: float | None
-    explanation: str
-    program: str
-    choices: list[ChoiceView]
-
-
-@dataclass(frozen=True)
-class DifferenceView:
-    """How an event differs: "no longer", "new" or "other frame" (then `before` is its frame in the video)."""
-
-    difference: str
-    event: EventView
-    before: int | None
-
-
-@dataclass(frozen=True)
-class SimulationView:
-    """What changes in a video, and after it, with the interventions."""
-
-    interventions: list[str]
-    from_frame: int
-    differences: list[DifferenceView]
-    events: list[EventView]
-
-
 class AgentTools:
     """The tools on the videos of a folder; their docstrings are what agents read.
 
@@ -167,78 +85,62 @@ class AgentTools:
     Args:
         pipeline: answers.
         folder: videos in it and below it can be named, and no others.
-
-    Raises:
-        DataError: there is no such folder.
     """
 
     def __init__(self, pipeline: Pipeline, folder: str | Path) -> None:
         self._pipeline, self._folder, self._lock = pipeline, Path(folder).resolve(), Lock()
-        check_folder(folder)
 
     def videos(self) -> list[str]:
         """Names of the folder's videos, as the tools take them."""
         return sorted(str(p.relative_to(self._folder)) for p in find_files(self._folder, "*.mp4"))
 
-    def perceive(self, video: str) -> SceneView:
-        """Look at a video: its objects, events (entrances, exits, collisions), and collisions predicted after its end."""
+    def perceive(self, video: str) -> dict[str, Any]:
+        """Look at a video: its objects, its events (entrances, exits, collisions), the collisions predicted after its end, and
+        those that are only possible."""
         with self._working():
             scene = self._pipeline.perceive(self._path(video)).scene
         uncertain = [d for d in scene.uncertain or () if d.removed is None]
         known = None if scene.uncertain is None else {d.event: d.probability for d in uncertain}
         unseen = scene.unseen or ()
         possible = [d.event for d in uncertain if d.event not in {*scene.events, *unseen}]
-        events = [[_event(e, scene.objects, known) for e in listed] for listed in (scene.events, unseen, possible)]
-        return SceneView(video, scene.n_frames, [o.name for o in scene.objects], *events)
+        listed = {"events": scene.events, "after_video": unseen, "possible": possible}
+        return {
+            "video": video,
+            "n_frames": scene.n_frames,
+            "objects": [o.name for o in scene.objects],
+            **{name: [_event(e, scene.objects, known) for e in events] for name, events in listed.items()},
+        }
 
-    def ask(self, video: str, question: str, choices: list[str] | None = None) -> AnswerView:
+    def ask(self, video: str, question: str, choices: list[str] | None = None) -> dict[str, Any]:
         """Ask in CLEVRER's English, such as "What color is the object that enters the scene?"; with choices, such as "What will
         happen if the red cube is removed?" with "The sphere and the cylinder collide". What is not understood is refused."""
         return self._answered(video, question=question, choices=choices or None)
 
-    def run_program(self, video: str, program: str, choice_programs: list[str] | None = None) -> AnswerView:
+    def run_program(self, video: str, program: str, choice_programs: list[str] | None = None) -> dict[str, Any]:
         """Run a CLEVRER program in postfix, such as "events objects filter_collision count"; the programs of a multiple-choice
         question end in belong_to and take choice programs."""
         return self._answered(video, program=program, choice_programs=choice_programs or None)
 
-    def simulate(self, video: str, changes: list[Change], from_frame: int = 0) -> SimulationView:
+    def simulate(self, video: str, changes: list[Change], from_frame: int = 0) -> dict[str, Any]:
         """Simulate the video with changes at a frame, such as {"kind": "remove", "object": "red cube"} or {"kind": "set_mass",
-        "object": "blue sphere", "factor": 2}, and say what happens differently, with probabilities."""
+        "object": "blue sphere", "factor": 2}, and say what happens differently ("no longer", "new", or "other frame" than the
+        one `before`), with probabilities."""
         with self._working():
             s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
-        known = s.probabilities
         differences = [
-            DifferenceView(d.kind, replace(_event(d.event, s.objects, None), probability=d.probability), d.before)
+            {
+                "difference": d.kind,
+                "event": {**_event(d.event, s.objects, None), "probability": d.probability},
+                "before": d.before,
+            }
             for d in s.differences()
         ]
-        done = [intervention_text(change) for change in s.interventions]
-        return SimulationView(done, s.from_frame, differences, [_event(e, s.objects, known) for e in s.events])
-
-    def frame(
-        self, video: str, frame: int, changes: Sequence[Change] | None = None, from_frame: int = 0
-    ) -> NDArray[np.uint8]:
-        """A frame: annotated; after the video, or with changes, as the simulator renders it. (H, W, 3) uint8 RGB."""
-        from nsdr.generate.render.preview import render_motion
-        from nsdr.generate.render.view import View
-        from nsdr.visualize import annotated_image
-
-        path = self._path(video)
-        with self._working():
-            perception = self._pipeline.perceive(path)
-            n_frames = perception.scene.n_frames
-            if 0 <= frame < n_frames and not changes:
-                assert perception.tracks is not None
-                image = next(islice(self._pipeline.frames(path), frame, None))
-                return annotated_image(image, frame, perception.proposals, perception.tracks, perception.scene)
-            # of the video as it is, the simulator knows what follows
-            made = [c.intervention() for c in changes] if changes else [SetMass(0, 1.0)]
-            s = self._pipeline.simulate(path, made, from_frame if changes else 0)
-            last = s.changed.location_world.shape[1] - 1
-            if not 0 <= frame <= last:
-                raise DataError(f"frame {frame}: expected 0 to {last}; the video ends at {n_frames - 1}")
-            shown = slice(frame, frame + 1)
-            motion = s.changed.location_world[:, shown], s.changed_yaw[:, shown]
-            return next(render_motion(s.objects, *motion, View(perception.camera)))
+        return {
+            "interventions": [intervention_text(change) for change in s.interventions],
+            "from_frame": s.from_frame,
+            "differences": differences,
+            "events": [_event(e, s.objects, s.probabilities) for e in s.events],
+        }
 
     @contextmanager
     def _working(self) -> Iterator[None]:
@@ -246,17 +148,29 @@ class AgentTools:
             warnings.simplefilter("ignore")
             yield
 
-    def _answered(self, video: str, **asked: Any) -> AnswerView:
+    def _answered(self, video: str, **asked: Any) -> dict[str, Any]:
+        """The answer or the judged choices, how probable and why, and the executed program."""
         path = self._path(video)
         with self._working():
             scene = self._pipeline.perceive(path).scene
             found = self._pipeline.answer(path, **asked)
         choices = [
-            ChoiceView(c.choice, c.answer, c.probability, " ".join(reasons(c, scene)), c.error) for c in found.choices
+            {
+                "choice": c.choice,
+                "answer": c.answer,
+                "probability": c.probability,
+                "explanation": " ".join(reasons(c, scene)),
+                "error": c.error,
+            }
+            for c in found.choices
         ]
-        why = "" if choices else " ".join(reasons(found, scene))
-        trace = format_tree(found.trace) if found.trace else " ".join(found.program)
-        return AnswerView(found.answer, found.probability, why, trace, choices)
+        return {
+            "answer": found.answer,
+            "probability": found.probability,
+            "explanation": "" if choices else " ".join(reasons(found, scene)),
+            "program": format_tree(found.trace) if found.trace else " ".join(found.program),
+            "choices": choices,
+        }
 
     def _path(self, video: str) -> Path:
         """The file of a video of the folder, by its name there; links that lie in the folder are followed."""
@@ -268,41 +182,31 @@ class AgentTools:
         raise DataError(f"{video!r} is no video of the folder; it has {listed}{more}")
 
 
-def check_folder(folder: str | Path) -> None:
-    """Raise a `DataError` unless the folder is there."""
-    if not Path(folder).is_dir():
-        raise DataError(f"{folder}: no such folder")
-
-
-def _event(event: Event, objects: Sequence[SceneObject], known: Mapping[Event, float] | None) -> EventView:
+def _event(event: Event, objects: Sequence[SceneObject], known: Mapping[Event, float] | None) -> dict[str, Any]:
     """An event with its probability: 1 for collisions that are certain, None where no probability is known."""
     probability = known.get(event, 1.0) if event.kind == "collision" and known is not None else None
-    return EventView(event.kind, event.frame, [objects[i].name for i in event.objects], probability)
+    names = [objects[i].name for i in event.objects]
+    return {"kind": event.kind, "frame": event.frame, "objects": names, "probability": probability}
 
 
 def make_server(pipeline: Pipeline, folder: str | Path) -> Any:
-    """The server with the tools `perceive`, `ask`, `run_program`, `simulate` and `render_frame`, an `MCPServer` of the SDK.
+    """The server with the tools `perceive`, `ask`, `run_program` and `simulate`, an `MCPServer` of the SDK.
 
     Args:
         pipeline: what looks and answers.
         folder: videos in it can be named, and no other files.
 
     Raises:
-        DataError: the extra `mcp` is not installed, or there is no such folder.
+        DataError: the extra `mcp` is not installed.
     """
     try:
-        from mcp.server.mcpserver import Image, MCPServer
+        from mcp.server.mcpserver import MCPServer
         from mcp.server.mcpserver.exceptions import ToolError
     except ImportError as e:
         raise DataError("agents need the official SDK: pip install 'nsdr[mcp]'") from e
     tools = AgentTools(pipeline, folder)
     named = f"{INSTRUCTIONS}\nVideos: {', '.join(tools.videos()[:VIDEOS_NAMED]) or 'none'}"
     server = MCPServer("nsdr", instructions=named, version=nsdr.__version__, log_level="WARNING")
-
-    def render_frame(video: str, frame: int, changes: list[Change] | None = None, from_frame: int = 0) -> Image:
-        """A picture of a frame of the video, with names; after its end, or with changes as of simulate, a rendered one."""
-        image = tools.frame(video, frame, changes, from_frame)
-        return Image(data=cv2.imencode(".png", image[..., ::-1])[1].tobytes(), format="png")
 
     def with_messages(tool: Callable[..., Any]) -> Callable[..., Any]:
         """The tool, whose errors are messages for the agent."""
@@ -316,28 +220,6 @@ def make_server(pipeline: Pipeline, folder: str | Path) -> Any:
 
         return run
 
-    for tool in (tools.perceive, tools.ask, tools.run_program, tools.simulate, render_frame):
+    for tool in (tools.perceive, tools.ask, tools.run_program, tools.simulate):
         server.tool()(with_messages(tool))
     return server
-
-
-def serve(
-    pipeline: Pipeline, folder: str | Path, transport: str = "stdio", host: str = "127.0.0.1", port: int = 8000
-) -> None:
-    """Run the server until it is ended.
-
-    Args:
-        pipeline, folder: as of `make_server`.
-        transport: "stdio", for a program that starts this one, or "http" (streamable HTTP at `/mcp`).
-        host, port: of HTTP.
-
-    Raises:
-        DataError: an unknown transport, or as of `make_server`.
-    """
-    if transport not in TRANSPORTS:
-        raise DataError(f"transport is {transport!r}; expected one of {', '.join(TRANSPORTS)}")
-    server = make_server(pipeline, folder)
-    if transport == "stdio":
-        server.run()
-    else:
-        server.run(TRANSPORTS[transport], host=host, port=port)

@@ -42,7 +42,7 @@ def answer_panel(answer: Answer, clip: Clip) -> str:
     """Answer and probability or the judged choices, the frames it rests on, and why: explanation, steps and program tree."""
     frames = clip.frames()
     shown = _frames(answer, clip, frames)
-    why = answer_html(answer, clip.perception, frames, show_tree=True)
+    why = answer_html(answer, clip.perception, frames)
     return f"<div class=panel>{summary_html(answer, named=True)}{shown}{why}</div>"
 
 

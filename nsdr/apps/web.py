@@ -37,7 +37,7 @@ KEPT_VIDEOS = 30
 """Videos that are kept on the disk, besides those of clips."""
 ERROR_SECONDS = 20
 """How long an error is shown, unless the visitor closes it (seconds)."""
-EXAMPLES = 4
+EXAMPLES = 5
 """Buttons with questions about the clip."""
 PRESET = "veryfast"
 """Of the videos, as of `nsdr.io.video.write_video`: visitors wait for them."""
@@ -164,14 +164,6 @@ class _Page:
             )
         self.ask = gr.Button("Ask", variant="primary", elem_id="ask")
         self.buttons = [gr.Button(visible=False, size="sm", elem_id=f"example-{i}") for i in range(EXAMPLES)]
-        with gr.Accordion("Build a question from menus", open=False, elem_id="menus"):
-            with gr.Row():
-                self.kind = gr.Dropdown(list(menus.KINDS), label="Question", elem_id="menu-kind")
-                self.about = gr.Dropdown([], label="about", visible=False, elem_id="menu-about")
-                self.verb = gr.Dropdown([], label="that", visible=False, elem_id="menu-verb")
-                self.time = gr.Dropdown([], label="when", visible=False, elem_id="menu-time")
-            self.built = gr.Markdown(elem_id="built")
-            self.ask_built = gr.Button("Ask this", elem_id="ask-built")
         self.answer = gr.HTML(elem_id="answer")
 
     def _what_if_tab(self) -> None:
@@ -210,11 +202,9 @@ class _Page:
         work = {**private, "concurrency_id": "work", "concurrency_limit": 1}
         quick = {**private, "concurrency_id": "quick", "concurrency_limit": 4}
         silent = {**quick, "show_progress": "hidden"}
-        menu = [self.kind, self.about, self.verb, self.time]
-        menu_parts = [self.about, self.verb, self.time, self.built]
         change_parts = [self.object, *self.sliders]
         found = [self.clip, self.video, self.notes, self.timeline, self.answer, self.compared, self.difference]
-        found += [*self.buttons, self.from_frame, self.kind, *menu_parts, self.change, *change_parts]
+        found += [*self.buttons, self.from_frame, self.change, *change_parts]
         self.pick.input(told(picked), self.pick, found, show_progress_on=self.video, **work)
         self.upload.upload(told(uploaded), self.upload, found, show_progress_on=self.video, **work)
         asked = [self.clip, self.question, self.choices]
@@ -225,9 +215,6 @@ class _Page:
                 told(partial(self._example, index)), self.clip, [self.question, self.choices], **silent
             )
             filled.success(told(self._ask), asked, self.answer, **quick)
-        for part in menu:
-            part.input(told(self._menus), [self.clip, *menu], menu_parts, **silent)
-        self.ask_built.click(told(self._ask_built), [self.clip, *menu], self.answer, **quick)
         self.change.input(told(self._change), [self.clip, self.change], change_parts, **silent)
         given = [self.clip, self.change, self.object, self.from_frame, *self.sliders]
         outputs = [self.difference, self.compared]
@@ -268,10 +255,10 @@ class _Page:
             self.shown[clip] = (video, timeline_html(p, frames, "#tracks video"))
         video, timeline = self.shown[clip]
         scene = clip.perception.scene
-        texts = [built.question for built in menus.examples(scene)[:EXAMPLES]]
+        texts = [example.question for example in menus.examples(scene)]
         buttons = [update(value=text, visible=True) for text in texts]
         buttons += [update(visible=False)] * (EXAMPLES - len(texts))
-        kind, change = menus.KINDS[0], next(iter(menus.CHANGES))
+        change = next(iter(menus.CHANGES))
         return {
             **dict.fromkeys([self.answer, self.difference], ""),
             self.clip: str(path),
@@ -280,8 +267,6 @@ class _Page:
             self.timeline: timeline,
             self.compared: None,
             **dict(zip(self.buttons, buttons, strict=True)),
-            self.kind: kind,
-            **self._menus(str(path), kind, "", "", ""),
             self.change: change,
             **self._change(str(path), change),
             self.from_frame: update(maximum=scene.n_frames - 1, value=0),
@@ -294,30 +279,8 @@ class _Page:
 
     def _example(self, index: int, path: str) -> tuple[str, str]:
         """Question and choices of an example's button."""
-        built = menus.examples(self._clip(path).perception.scene)[index]
-        return built.question, "\n".join(built.choices)
-
-    def _menus(self, path: str, kind: str, about: str, verb: str, time: str) -> dict[Any, Any]:
-        """The menus that fit the chosen entries, and the question that these make."""
-        scene = self._clip(path).perception.scene
-        options = [menus.objects_menu(kind, scene), menus.verb_menu(kind)]
-        about, verb = (menus.entry(chosen, menu) for chosen, menu in zip((about, verb), options, strict=True))
-        options.append(menus.time_menu(kind, verb, scene))
-        time = menus.entry(time, options[-1])
-        parts = zip((self.about, self.verb, self.time), options, (about, verb, time), strict=True)
-        updates = {
-            part: self.gr.update(choices=menu, value=chosen or None, visible=bool(menu)) for part, menu, chosen in parts
-        }
-        built = menus.build(kind, about, verb, time, scene)
-        return {
-            **updates,
-            self.built: "\n".join([f"**{built.question}**", "", *(f"- {text}" for text in built.choices)]),
-        }
-
-    def _ask_built(self, path: str, kind: str, about: str, verb: str, time: str) -> str:
-        clip = self._clip(path)
-        built = menus.build(kind, about, verb, time, clip.perception.scene)
-        return answer_panel(self.clips.answer(clip, built.question, built.choices), clip)
+        example = menus.examples(self._clip(path).perception.scene)[index]
+        return example.question, "\n".join(example.choices)
 
     def _change(self, path: str, kind: str) -> dict[Any, Any]:
         """The objects and sliders of a kind of change."""

@@ -69,8 +69,7 @@ class Vocabulary:
             words = self._tokenizer.encode(question.text)
             return words if choice is None else [*words, len(self.words) + 1, *self._tokenizer.encode(choice.text)]
         except QuestionError as e:
-            reason = str(e).partition(";")[0]
-            raise QuestionError(f"{reason}; the baseline knows the {len(self.words)} words of its training") from e
+            raise QuestionError(f"{e}; the baseline knows the {len(self.words)} words of its training") from e
 
     def possible_answers(self) -> Tensor:
         """(2, answers) bool: the answers to descriptive questions, and those to options."""

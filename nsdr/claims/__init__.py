@@ -1,4 +1,4 @@
-"""What a text says about a video, and whether it is true: narrated answers, claims and minimal pairs. Runs without PyTorch."""
+"""What a text says about a video, and whether it is true: narrated answers and claims. Runs without PyTorch."""
 
 import lazy_loader
 

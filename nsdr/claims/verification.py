@@ -1,9 +1,8 @@
 """Finds the claims of a text about a video, and whether they hold in its scene."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import overload
 
 from nsdr.claims.judge import ClaimJudge, Verdict
 from nsdr.claims.reading import read_sentence
@@ -78,36 +77,16 @@ class Claim(Verdict):
 
 
 @dataclass(frozen=True)
-class Verification(Sequence[Claim]):
-    """The claims of a text, in its order; a sequence of them.
+class Verification:
+    """The claims of a text.
 
     Attributes:
-        claims: what was read.
+        claims: what was read, in the order of the text.
         skipped: (start, end) of the sentences that make no claim or are not read.
     """
 
     claims: tuple[Claim, ...]
     skipped: tuple[tuple[int, int], ...]
-
-    @property
-    def failing(self) -> tuple[Claim, ...]:
-        """Claims that do not hold."""
-        return tuple(c for c in self.claims if c.holds is False)
-
-    @property
-    def unchecked(self) -> tuple[Claim, ...]:
-        """Claims that can't be checked."""
-        return tuple(c for c in self.claims if c.holds is None)
-
-    @overload
-    def __getitem__(self, index: int) -> Claim: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Claim, ...]: ...
-    def __getitem__(self, index: int | slice) -> Claim | tuple[Claim, ...]:
-        return self.claims[index]
-
-    def __len__(self) -> int:
-        return len(self.claims)
 
 
 def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) -> Verification:

@@ -1,6 +1,6 @@
 from .answers.answer_files import (
-    RESPONSE_KEYS as RESPONSE_KEYS,
-    GivenAnswer as GivenAnswer,
+    Given as Given,
+    QuestionKey as QuestionKey,
     read_answers as read_answers,
     read_given as read_given,
     read_submission as read_submission,
@@ -16,7 +16,6 @@ from .answers.prompts import (
     solution as solution,
 )
 from .answers.responses import (
-    READ_AS as READ_AS,
     Response as Response,
     read_response as read_response,
     read_response_to as read_response_to,
@@ -26,7 +25,6 @@ from .dataset import (
     CLEVRER as CLEVRER,
     KINDS as KINDS,
     SPLITS as SPLITS,
-    Entry as Entry,
     Inventory as Inventory,
     Split as Split,
 )
@@ -45,12 +43,10 @@ from .files.annotations import (
     write_truth as write_truth,
 )
 from .files.masks import check_mask as check_mask
-from .files.parsed_programs import with_parsed_programs as with_parsed_programs
 from .files.predictions import (
     SAMPLE_FRAMES as SAMPLE_FRAMES,
     PredictionFile as PredictionFile,
     predictions_document as predictions_document,
-    predictions_from_document as predictions_from_document,
     read_predictions as read_predictions,
     scene_from_predictions as scene_from_predictions,
 )
@@ -70,7 +66,6 @@ from .files.questions import (
     Choice as Choice,
     Question as Question,
     SceneQuestions as SceneQuestions,
-    by_type as by_type,
     read_questions as read_questions,
     without_answers as without_answers,
     write_questions as write_questions,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from nsdr.clevrer.dataset import CLEVRER, Entry
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.annotations import check_annotation, check_truth, truth_block, write_truth
 from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, parse_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
@@ -17,7 +17,7 @@ from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, locked
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
-from nsdr.io.reading import parse_json, read_npz
+from nsdr.io.reading import parse_json, read_bytes, read_json, read_npz
 
 __all__ = ["write_compact_files"]
 
@@ -59,15 +59,13 @@ def write_compact_files(
     if not proposals:
         raise DataError(f"{root}: has no mask proposals (proposal_N.json or sim_N.json) of {split}")
     jobs = []
-    for index, entry in tqdm(proposals.items(), unit="file", desc="files read"):
+    for index, path in tqdm(proposals.items(), unit="file", desc="files read"):
         truth = annotations.get(index)
         generated = Path(root) / "truth" / split / f"truth_{index:05d}.json"
         if truth is None and generated.is_file():
-            truth = Entry(generated)
-        value = fingerprint(
-            inputs=[e.read() for e in (entry, truth) if e is not None], config=[VERSION, files.n_frames]
-        )
-        jobs.append(Job(f"video {index}", (index, entry, truth), folder / "videos" / f"{index:05d}.npz", value))
+            truth = generated
+        value = fingerprint(inputs=[p for p in (path, truth) if p is not None], config=[VERSION, files.n_frames])
+        jobs.append(Job(f"video {index}", (index, path, truth), folder / "videos" / f"{index:05d}.npz", value))
     with locked(folder):
         summary = run_jobs(partial(_write_video, files.n_frames), jobs, folder, engine, workers)
         jobs = summary.succeeded(jobs, output, keep_going)
@@ -75,11 +73,11 @@ def write_compact_files(
     return len(jobs)
 
 
-def _write_video(n_frames: int, video: tuple[int, Entry, Entry | None], output: Path) -> None:
+def _write_video(n_frames: int, video: tuple[int, Path, Path | None], output: Path) -> None:
     """Write the rows of one video, and its ground-truth block as JSON text."""
-    index, entry, truth = video
-    name = str(entry)
-    data = entry.read()
+    index, path, truth = video
+    name = str(path)
+    data = read_bytes(path)
     content, proposals = parse_json(data, name), parse_proposals(data, name)
     if "ground_truth" in content:
         block = ground_truth_of(content, name)
@@ -93,13 +91,13 @@ def _write_video(n_frames: int, video: tuple[int, Entry, Entry | None], output: 
         np.savez(temporary, **arrays, truth=np.array(json.dumps(block)))
 
 
-def _block(entry: Entry, n_frames: int) -> dict[str, Any]:
+def _block(path: Path, n_frames: int) -> dict[str, Any]:
     """The ground-truth block of an annotation, or of a generated video's truth file."""
-    content = parse_json(entry.read(), str(entry))
+    content = read_json(path)
     if isinstance(content, dict) and "motion_trajectory" not in content:
-        check_truth(content, where=f"{entry}: ")
+        check_truth(content, f"{path}: ")
         return truth_block(scene_from_truth(content))
-    check_annotation(content, n_frames, f"{entry}: ")
+    check_annotation(content, n_frames, f"{path}: ")
     return truth_block(scene_from_annotation(content))
 
 

@@ -1,27 +1,24 @@
 """Access to a folder with CLEVRER's files by split and video index, and a list of what is missing."""
 
 import os
-import stat
-import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 from nsdr.clevrer.files.annotations import check_annotation
-from nsdr.clevrer.files.proposals import parse_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions, read_questions
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, is_hidden
+from nsdr.io.files import is_hidden
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import UNZIP_ERRORS, parse_json, read_bytes, read_json
+from nsdr.io.reading import read_json
 from nsdr.types import VideoProposals
-from nsdr.validation import PositiveCount, convert, expect, shown
+from nsdr.validation import PositiveCount, convert, expect
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
-__all__ = ["CLEVRER", "KINDS", "SPLITS", "Entry", "Inventory", "Split"]
+__all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"]
 
 SPLITS = {"train": range(0, 10000), "validation": range(10000, 15000), "test": range(15000, 20000)}
 """Video indices of each split."""
@@ -69,9 +66,9 @@ class Inventory:
 class CLEVRER:
     """A folder with CLEVRER's files, all or some of them.
 
-    Below `root`, videos and annotations are in `videos/{split}/` and `annotations/{split}/` (directly, in the official
-    sub-folders of 1,000 files, or in the official zips), questions in `questions/{split}.json` or `{split}.json`, and proposals
-    in `derender_proposals/` or `processed_proposals/`. The `manifest.json` of a generated data set lists its videos.
+    Below `root`, videos and annotations are in `videos/{split}/` and `annotations/{split}/` (directly or in folders, such
+    as the official ones of 1,000 files), questions in `questions/{split}.json` or `{split}.json`, and proposals in
+    `derender_proposals/` or `processed_proposals/`. The `manifest.json` of a generated data set lists its videos.
 
     Args:
         root: the folder.
@@ -149,8 +146,8 @@ class Split:
         self.kinds, self.n_frames = kinds, n_frames
 
     @cached_property
-    def _files(self) -> dict[str, dict[str, "Entry"]]:
-        """Locations of all files, by kind and file name."""
+    def _files(self) -> dict[str, dict[str, Path]]:
+        """Paths of all files, by kind and file name."""
         return {kind: dict(_listing(self.root, kind, self.name)) for kind in _FILES}
 
     @property
@@ -172,20 +169,25 @@ class Split:
             raise DataError(f"{self.root}: has no questions/{self.name}.json")
         return read_questions(path)
 
+    def path(self, kind: str, index: int) -> Path:
+        """Path of a file of a kind ("videos", "annotations" or "proposals").
+
+        Raises:
+            DataError: it is missing.
+        """
+        name = self._name(kind, index)
+        if name is None:
+            file = _FILES[kind][0].format(index=index)
+            raise DataError(f"{self.root}: has no {file} ({kind} of {self.name}); are the official zip files unpacked?")
+        return self._files[kind][name]
+
     def video(self, index: int) -> Path:
-        """Path of a video. A video in a zip is first extracted next to the zip.
+        """Path of a video.
 
         Raises:
             DataError: the video is missing.
         """
-        entry = self._entry("videos", index)
-        if entry.member is None:
-            return entry.path
-        target = entry.path.parent / entry.path.stem / PurePosixPath(entry.member).name
-        if not target.exists():
-            with atomic_path(target) as temporary:
-                temporary.write_bytes(entry.read("member_bytes"))
-        return target
+        return self.path("videos", index)
 
     def annotation(self, index: int) -> dict[str, Any]:
         """Read and check an annotation file.
@@ -193,19 +195,11 @@ class Split:
         Raises:
             DataError: the file is missing or malformed.
         """
-        entry = self._entry("annotations", index)
-        annotation: dict[str, Any] = parse_json(entry.read(), str(entry))
-        check_annotation(annotation, self.n_frames, f"{entry}: ")
-        expect(annotation["scene_index"] == index, f"{entry}: scene_index", str(index), annotation["scene_index"])
+        path = self.path("annotations", index)
+        annotation: dict[str, Any] = read_json(path)
+        check_annotation(annotation, self.n_frames, f"{path}: ")
+        expect(annotation["scene_index"] == index, f"{path}: scene_index", str(index), annotation["scene_index"])
         return annotation
-
-    def raw_proposals(self, index: int) -> bytes:
-        """Bytes of a proposal file.
-
-        Raises:
-            DataError: the file is missing.
-        """
-        return self._entry("proposals", index).read()
 
     def proposals(self, index: int) -> VideoProposals:
         """Read the mask proposals of a video.
@@ -213,10 +207,9 @@ class Split:
         Raises:
             DataError: the file is missing or malformed.
         """
-        entry = self._entry("proposals", index)
-        return parse_proposals(entry.read(), str(entry))
+        return read_proposals(self.path("proposals", index))
 
-    def entries(self, kind: str) -> dict[int, "Entry"]:
+    def entries(self, kind: str) -> dict[int, Path]:
         """The files of a kind ("videos", "annotations" or "proposals") that are there, by video index."""
         names = {i: self._name(kind, i) for i in self.indices}
         return {i: self._files[kind][name] for i, name in names.items() if name is not None}
@@ -238,76 +231,11 @@ class Split:
         names = [pattern.format(index=index) for pattern in _FILES[kind]]
         return next((name for name in names if name in self._files[kind]), None)
 
-    def _entry(self, kind: str, index: int) -> "Entry":
-        name = self._name(kind, index)
-        if name is None:
-            raise DataError(f"{self.root}: has no {_FILES[kind][0].format(index=index)} ({kind} of {self.name})")
-        return self._files[kind][name]
 
-
-@dataclass(frozen=True)
-class Entry:
-    """A file in a folder, or a member of a zip.
-
-    Attributes:
-        path: the file or the zip.
-        member: name inside the zip; None for a file in a folder.
-    """
-
-    path: Path
-    member: str | None = None
-
-    def read(self, limit: str = "json_bytes") -> bytes:
-        """Read the bytes.
-
-        Raises:
-            DataError: they cannot be read, or are more than the field `limit` of `Limits`.
-        """
-        if self.member is None:
-            return read_bytes(self.path, limit)
-        with _opened(self.path) as archive:
-            check_limit(archive.getinfo(self.member).file_size, limit, str(self))
-            return archive.read(self.member)
-
-    def __str__(self) -> str:
-        return str(self.path) if self.member is None else f"{self.path}:{self.member}"
-
-
-def _listing(root: Path, kind: str, split: str) -> Iterator[tuple[str, Entry]]:
-    """Yield (file name, entry) of all files of a kind, zips first, so that extracted files replace their zip members."""
+def _listing(root: Path, kind: str, split: str) -> Iterator[tuple[str, Path]]:
+    """Yield (file name, path) of all files of a kind."""
     for pattern in _FOLDERS[kind]:
         folder = root / pattern.format(split=split)
-        singular = kind.removesuffix("s")
-        for archive in (folder / f"{singular}_{split}.zip", folder.with_suffix(".zip")):
-            if archive.is_file():
-                with _opened(archive) as opened:
-                    for member in opened.infolist():
-                        if not member.is_dir():
-                            _check_member(archive, member)
-                            yield PurePosixPath(member.filename).name, Entry(archive, member.filename)
-        if folder.is_dir():
-            for path in folder.rglob("*.*"):
-                if path.suffix != ".zip" and not is_hidden(path.relative_to(folder)):
-                    yield path.name, Entry(path)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    """A zip to read; whatever is wrong with it is a `DataError` that names it."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            yield archive
-    except DataError:
-        raise
-    except (*UNZIP_ERRORS, OSError) as e:
-        raise DataError(f"{path}: not a readable zip ({e}); download it again") from e
-
-
-def _check_member(archive: Path, member: zipfile.ZipInfo) -> None:
-    """Refuse links, and members that lead out of the folder; others that cannot be read are refused when they are read."""
-    where = f"{archive}: {shown(member.filename)}"
-    parts = PurePosixPath(member.filename).parts
-    if not parts or parts[0] == "/" or ".." in parts or "\\" in member.filename or ":" in parts[0]:
-        raise DataError(f"{where}: leads out of the folder; delete the zip, and download it from CLEVRER's own server")
-    if stat.S_ISLNK(member.external_attr >> 16):
-        raise DataError(f"{where}: is a link; expected files only")
+        for path in folder.rglob("*.*"):
+            if not is_hidden(path.relative_to(folder)):
+                yield path.name, path

@@ -1,4 +1,4 @@
-"""Downloading CLEVRER's official files, over HTTPS or with checksums.
+"""Downloading CLEVRER's official files.
 
 `nsdr.clevrer` imports this module eagerly, because function and module have the same name. So what the download needs is
 imported when it starts.
@@ -13,8 +13,6 @@ __all__ = ["OFFICIAL_ROOT", "download"]
 
 OFFICIAL_ROOT = "https://data.csail.mit.edu/clevrer"
 """Where the authors publish the data set."""
-CHECKSUMS = "checksums.json"
-"""File in the target folder with the SHA-256 of every file as it was first seen, by path."""
 WHAT = {
     "videos": "videos/{split}/video_{split}.zip",
     "annotations": "annotations/{split}/annotation_{split}.zip",
@@ -30,8 +28,7 @@ def download(
 ) -> list[Path]:
     """Download the files of a split into the official layout. Complete files are skipped, incomplete ones continued.
 
-    The SHA-256 of every file is written to `checksums.json` when it is first seen, and compared ever after. Over plain HTTP,
-    which anyone on the way can change, a file without a known checksum is refused.
+    Zip files are unpacked into a folder of their name and deleted.
 
     Args:
         root: target folder.
@@ -40,41 +37,58 @@ def download(
         base_url: where the official layout is served.
 
     Returns:
-        Paths of the files.
+        Paths of the question file, and of the folders of videos and annotations.
 
     Raises:
-        DataError: an unknown split or kind, a file that the server does not have, a connection that keeps breaking, or a file
-            that cannot be trusted or does not have its checksum; or another process downloads to `root`.
+        DataError: an unknown split or kind, a file that the server does not have, a zip that is damaged, or a connection that
+            keeps breaking; or another process downloads to `root`.
     """
     from nsdr.clevrer.dataset import SPLITS
-    from nsdr.io.files import locked, write_json
-    from nsdr.io.reading import read_json
+    from nsdr.io.files import locked
 
     if split not in SPLITS:
         raise DataError(f"split is {split!r}; expected one of {', '.join(SPLITS)}")
-    paths, ledger = [], Path(root) / CHECKSUMS
-    with locked(root, CHECKSUMS):
-        known: dict[str, str] = read_json(ledger) if ledger.exists() else {}
+    paths = []
+    with locked(root, "download"):
         for kind in what:
             if kind not in WHAT:
                 raise DataError(f"cannot download {kind!r}; expected one of {', '.join(WHAT)}")
             if kind == "annotations" and split == "test":
                 continue
             name = WHAT[kind].format(split=split)
-            target, url = Path(root) / name, f"{base_url.rstrip('/')}/{name}"
-            if not target.exists():
-                if not (url.startswith("https://") or name in known):
-                    raise DataError(f"{url}: plain HTTP, and {ledger} has no checksum of it; use HTTPS")
-                known = {**known, name: _fetch(url, target, known.get(name))}
-                write_json(ledger, known, indent=1)
-            paths.append(target)
+            target = Path(root) / name
+            is_zip = target.suffix == ".zip"
+            complete = target.with_suffix("") if is_zip else target
+            if not (complete.exists() or target.exists()):
+                _fetch(f"{base_url.rstrip('/')}/{name}", target)
+            if is_zip and not complete.exists():
+                _unpack(target, complete)
+            paths.append(complete)
     return paths
 
 
-def _fetch(url: str, target: Path, sha256: str | None) -> str:
-    """Fetch a file; `target.part` holds an incomplete one, which a later call continues. Returns its SHA-256."""
-    import hashlib
+def _unpack(archive: Path, folder: Path) -> None:
+    """Unpack a zip into a folder, which is there as soon as all of it is, and delete the zip."""
+    import shutil
+    import zipfile
 
+    from nsdr.io.files import writing
+
+    partial = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        with writing(folder), zipfile.ZipFile(archive) as opened:
+            opened.extractall(partial)
+    except DataError:  # a full disk
+        raise
+    except Exception as e:  # damaged ones raise many kinds
+        raise DataError(f"{archive}: not a readable zip ({e}); delete it, and run the command again") from e
+    partial.rename(folder)
+    archive.unlink()
+
+
+def _fetch(url: str, target: Path) -> None:
+    """Fetch a file; `target.part` holds an incomplete one, which a later call continues."""
     from huggingface_hub.file_download import http_get
 
     from nsdr.io.files import sync
@@ -89,11 +103,5 @@ def _fetch(url: str, target: Path, sha256: str | None) -> str:
             part.unlink()
         reason = (str(e).splitlines() or [type(e).__name__])[0]
         raise DataError(f"{url}: cannot be fetched ({reason}); run the command again to continue") from e
-    with part.open("rb") as file:
-        found = hashlib.file_digest(file, "sha256").hexdigest()
-    if found != (sha256 or found):
-        part.unlink()
-        raise DataError(f"{url}: has SHA-256 {found}, expected {sha256}; it was changed on the way or at its source")
     sync(part)
     part.replace(target)
-    return found

@@ -82,7 +82,6 @@ def parse_question_options(parser: Any) -> None:
     add("text", help="in CLEVRER's English")
     add("--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text")
     add("--extensions", action="store_true", help=EXTENSIONS)
-    add("--tree", action="store_true", help="print it as the paper writes it")
     shared_options(parser, "parser", "checkpoint")
 
 
@@ -106,14 +105,14 @@ def parse_question(options: Any) -> int:
                 raise
             if kind == kinds[-1]:
                 raise QuestionError(f"{e}{suggestion(options.text, None, kinds[0])}") from e
-    print(program.tree() if options.tree else program)
+    print(program)
     return 0
 
 
 def execute_options(parser: Any) -> None:
     add = parser.add_argument
     add("--scene", required=True, help="scene saved by parse-video; official: prediction file")
-    add("--program", required=True, help="postfix tokens, or a tree as in the paper")
+    add("--program", required=True, help="postfix tokens")
     add("--semantics", default="paper", choices=["paper", "official"], help="of the executor")
     velocity = "official semantics: velocity is NE"
     add("--collisions", default="predicted", choices=["predicted", "velocity"], help=velocity)

@@ -41,8 +41,7 @@ def shared_options(parser: Any, *groups: str) -> None:
     """Add groups of options that several commands share: checkpoint, pipeline, video, parser, work and failures."""
     add = parser.add_argument
     if "checkpoint" in groups:
-        weights = "folder, name or hub address (hf://USER/NAME@COMMIT) of the weights"
-        add("--checkpoint", default="default", help=weights)
+        add("--checkpoint", default="default", help="folder or name of the weights")
         add("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
     if "pipeline" in groups:
         backend = "backend (physics, state, paper, paper_images, an installed one) or YAML file"
@@ -82,8 +81,7 @@ def settings_of(options: Any) -> Any:
     from nsdr.pipeline import pipeline_settings
 
     given = vars(options)
-    overrides = [f"stride={given['stride']}"] if given.get("stride", 1) != 1 else []
-    overrides += options.set
+    overrides = [*options.set]
     if given.get("force"):
         overrides.append("video.check=warn")
     if given.get("background"):
@@ -131,7 +129,7 @@ def check_outputs(inputs: Sequence[str], *outputs: tuple[str | None, tuple[str, 
 
 def is_scene(path: str) -> bool:
     """Whether a file is a saved scene by its name, and not a video."""
-    return Path(path).suffix in (".json", ".npz")
+    return Path(path).suffix == ".json"
 
 
 def refuse_for_scene(options: Any) -> None:

@@ -98,7 +98,7 @@ def export_options(parser: Any) -> None:
         help="which splits (default: train and validation, as far as they are there)",
     )
     add("--questions", default="", help="question file of the one --split, in place of the data set's")
-    add("--videos", default="copy", help="copy, link, or none (paths only)")
+    add("--videos", default="copy", help="copy, or none (paths only)")
     add("--limit", type=NonNegativeInt, default=0, help="first n videos of each split; 0 for all")
     add("--shard-mb", type=PositiveInt, default=1000, help="webdataset: largest size of a shard (MB)")
     add(
@@ -108,7 +108,6 @@ def export_options(parser: Any) -> None:
         help="sentences that lead to each answer, from true scenes",
     )
     add("--scenes", action="store_true", help="the true scenes, too, for the reward trace_verified")
-    add("--license", default="unknown", help="parquet: licence identifier for the card, such as cc-by-4.0")
 
 
 def export(options: Any) -> int:

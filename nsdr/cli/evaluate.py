@@ -22,12 +22,11 @@ def evaluate_options(parser: Any) -> None:
 
     add = parser.add_argument
     add("--types", nargs="+", default=list(QUESTION_TYPES), help="question types")
-    add("--exclude", type=list[int], default=[], help="scene indices to leave out")
     add("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
     add("-o", "--output", default=None, help="write the table and every result as JSON")
     add("--submission", default=None, help="write the answers as an EvalAI submission")
     shared_options(parser, "parser", "failures")
-    explicit = {"types", "exclude", "set", "parser", "parser_model"}
+    explicit = {"types", "set", "parser", "parser_model"}
     parser.add_class_arguments(EvaluationConfig, as_group=False, skip=explicit)
 
 
@@ -40,7 +39,7 @@ def evaluate(options: Any) -> int:
 
     names = {f.name for f in fields(EvaluationConfig)}
     config = EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names})
-    inputs = [config.questions, config.data, config.videos, config.truth, *config.program_files()]
+    inputs = [config.questions, config.data, config.videos, config.truth]
     outputs = ((options.output, (".json",)), (options.submission, (".json",)))
     check_outputs([path for path in inputs if path], *outputs)
     check_output_folder(config.cache)
@@ -70,10 +69,9 @@ def experiment(options: Any) -> int:
     """`nsdr experiment`: measure all rows of a table."""
     from nsdr.evaluation import run_experiment
     from nsdr.evaluation.experiments import failed_questions
-    from nsdr.training.baselines import BaselineTrainer
 
     check_output_folder(options.output)
-    table = run_experiment(options.file, options.output, options.device, BaselineTrainer())
+    table = run_experiment(options.file, options.output, options.device)
     print(table.read_text())
     failed, total, example = failed_questions(table)
     return failures_line(failed, total, "questions", example, options.keep_going)
@@ -81,7 +79,7 @@ def experiment(options: Any) -> int:
 
 def score_options(parser: Any) -> None:
     add = parser.add_argument
-    add("predictions", help="JSON Lines, CSV, or an EvalAI submission")
+    add("predictions", help="JSON Lines, or an EvalAI submission")
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
     add("--questions", type=NotEmptyStr, required=True, help="question file with answers, in CLEVRER's format")
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")
@@ -122,7 +120,6 @@ def controls_options(parser: Any) -> None:
     add("root", help="data set in the official layout")
     add("--split", default="validation", choices=[*SPLITS], help="which videos")
     add("--kinds", nargs="+", default=["blind", "reversed", "shuffled"], help="which controls")
-    add("--seed", type=NonNegativeInt, default=0, help="shuffled: which exchange of videos")
     add("--limit", type=NonNegativeInt, default=0, help="the first n videos and their questions; 0 for all")
     add("-o", "--output", required=True, help="folder, with one data set for each kind")
     shared_options(parser, "work", "failures")
@@ -136,7 +133,7 @@ def controls(options: Any) -> int:
     check_output_folder(o.output)
     failed: dict[str, str] = {}
     total = 0
-    made = write_controls(o.root, o.output, o.split, o.kinds, o.seed, o.limit, o.workers, o.engine)
+    made = write_controls(o.root, o.output, o.split, o.kinds, o.limit, o.workers, o.engine)
     for kind, summary in made.items():
         print(f"{Path(o.output) / kind}: {len(summary.done)} videos written, {len(summary.skipped)} kept")
         failed |= {f"{kind} {name}": message for name, message in summary.failed.items()}
@@ -152,7 +149,6 @@ def tag_options(parser: Any) -> None:
     add("--truth", nargs="+", default=[], help=truth)
     add("--train", default="", help="questions of other scenes, which the texts' answers are learned from")
     add("--no-blind", action="store_true", help="leave out what the texts alone predict (needs the extra `blind`)")
-    add("--seed", type=NonNegativeInt, default=0, help="of the folds of scenes, without --train")
     add("-o", "--output", required=True, help="question file to write")
 
 
@@ -178,7 +174,7 @@ def tag(options: Any) -> int:
 
         training = read_questions(options.train) if options.train else None
         try:
-            scenes = tag_blind(scenes, training, options.seed)
+            scenes = tag_blind(scenes, training)
         except DataError as e:
             learned = f" with --train {options.train}" if options.train else ""
             raise DataError(f"{options.questions}{learned}: {e}") from e

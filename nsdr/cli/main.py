@@ -16,7 +16,6 @@ from typing import Any
 import jsonargparse
 
 from nsdr.errors import DataError, NsdrError
-from nsdr.io.configuration import check_arguments
 from nsdr.io.limits import limits
 
 __all__ = ["COMMANDS", "Terminated", "interruptible", "main", "outcome_of"]
@@ -31,7 +30,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "predict-dynamics": ("perceive", "turn mask proposals into motion and collisions; resumable"),
     "visualize": ("perceive", "show what was seen, and why a question got its answer"),
     "simulate": ("simulate", "what would happen in a video with objects removed, changed or added"),
-    "figures": ("figures", "pictures of question sets and sample results, and training curves"),
     "evaluate": ("evaluate", "score answers to a question file; resumable"),
     "experiment": ("evaluate", "measure all rows of a table; resumable"),
     "score": ("evaluate", "score a file of answers, or compare two"),
@@ -85,7 +83,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    check_arguments(arguments)
     limits()
     name = next((n for n in (" ".join(arguments[:2]), *arguments[:1]) if n in COMMANDS), "")
     rest = arguments[len(name.split()) :]

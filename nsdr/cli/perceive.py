@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from jsonargparse.typing import NonNegativeInt, PositiveInt
+from jsonargparse.typing import NonNegativeInt
 
 from nsdr.cli.common import (
     check_outputs,
@@ -34,14 +34,14 @@ OF_SCENES = ("plan", "causal")
 def parse_video_options(parser: Any) -> None:
     add = parser.add_argument
     add("video", help="video file")
-    add("-o", "--output", required=True, help="scene file, .json or .npz")
+    add("-o", "--output", required=True, help="scene file, .json")
     add("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def parse_video(options: Any) -> int:
     """`nsdr parse-video`: one video as a scene."""
-    check_outputs([options.video], (options.output, (".json", ".npz")), (options.proposals_out, (".json",)))
+    check_outputs([options.video], (options.output, (".json",)), (options.proposals_out, (".json",)))
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
     from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io.files import write_json
@@ -76,7 +76,6 @@ def parse_videos_options(parser: Any) -> None:
     add = parser.add_argument
     add("videos", help="folder with *.mp4")
     add("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
-    add("--stride", type=PositiveInt, default=1, help="process every n-th frame")
     shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import PositiveInt, restricted_number_type
 
-from nsdr.cli.common import make_pipeline, refuse_idle, shared_options
+from nsdr.cli.common import make_pipeline, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, find_files
 
@@ -49,31 +49,30 @@ def _clips(folder: str) -> dict[str, Path]:
         from nsdr.clevrer.example import VIDEO
 
         return {VIDEO.name: VIDEO}
-    root = Path(folder)
-    if not root.is_dir():
-        raise DataError(f"{folder}: expected a folder of clips, found {'a file' if root.exists() else 'nothing'}")
+    root = _checked_folder(folder)
     found = [path for path in find_files(root, "*") if path.suffix.lower() == ".mp4"]
     if not found:
         raise DataError(f"{folder}: no .mp4 files in it; leave it out for the clip of the package")
     return {str(path.relative_to(root)): path for path in found}
 
 
+def _checked_folder(folder: str) -> Path:
+    root = Path(folder)
+    if not root.is_dir():
+        raise DataError(f"{folder}: expected a folder of clips, found {'a file' if root.exists() else 'nothing'}")
+    return root
+
+
 def mcp_options(parser: Any) -> None:
     add = parser.add_argument
     add("folder", nargs="?", default=".", help="videos in it and below it can be named, and no other files")
-    add("--transport", default="stdio", choices=["stdio", "http"], help="http: streamable HTTP at /mcp")
-    add("--host", default="", help="address of HTTP (default: 127.0.0.1, which can be reached from this machine only)")
-    add("--port", type=Port, default=None, help="port of HTTP (default: 8000)")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def mcp(options: Any) -> int:
-    """`nsdr mcp`: serve the Model Context Protocol on the videos of a folder until it is ended."""
-    from nsdr.apps.mcp import check_folder, serve as serve_tools
+    """`nsdr mcp`: serve the Model Context Protocol (stdio) on the videos of a folder until it is ended."""
+    from nsdr.apps.mcp import make_server
 
-    if options.transport != "http":
-        refuse_idle(options, ("host", "port"), " without --transport http")
-    check_folder(options.folder)
-    pipeline = make_pipeline(options)
-    serve_tools(pipeline, options.folder, options.transport, options.host or "127.0.0.1", options.port or 8000)
+    folder = _checked_folder(options.folder)
+    make_server(make_pipeline(options), folder).run()
     return 0

@@ -13,14 +13,12 @@ from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 __all__ = ["collision_scores", "rollout_errors"]
 
 
-def collision_scores(
-    pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]], tolerance_frames: int = SAME_EVENT_FRAMES
-) -> dict[str, float]:
-    """Precision, recall and F1 of (predicted, true) collisions: same pair, frames at most `tolerance_frames` apart."""
+def collision_scores(pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]]) -> dict[str, float]:
+    """Precision, recall and F1 of (predicted, true) collisions: same pair, frames at most `SAME_EVENT_FRAMES` apart."""
     right = predicted_total = true_total = 0
     for predicted, true in pairs:
         frames = {e.objects: e.frame for e in true}
-        right += sum(abs(frames.get(e.objects, -100) - e.frame) <= tolerance_frames for e in predicted)
+        right += sum(abs(frames.get(e.objects, -100) - e.frame) <= SAME_EVENT_FRAMES for e in predicted)
         predicted_total += len(predicted)
         true_total += len(true)
     return {

@@ -30,8 +30,6 @@ PATCH_CHECKPOINTS = {"paper": "dynamics_paper", "paper_images": "dynamics_paper_
 """Backends whose network sees patches, and the shipped checkpoint of each beside `default`."""
 READ_NO_IMAGES = ("physics", "state", "paper")
 """Backends that see the tracks alone."""
-VELOCITY_RULES = {"velocity": "tuned", "velocity_paper": "paper"}
-"""Kinds of collisions that `VelocityEvents` finds, and its rule for each."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +42,7 @@ class BackendConfig(Settings):
         weights: folder of the trained network, for "paper" and "paper_images"; "" for the checkpoint's, or the shipped ones.
         shortcut: objects that a removal cannot influence keep their observed motion (not for "paper" and "paper_images").
         horizon_frame: last frame to predict; None is 7/5 of the video's length.
-        collisions: "predicted"; or, from changes of velocity alone (NE), "velocity" by a tuned rule, "velocity_paper" by the
-            released executor's.
+        collisions: "predicted", or "velocity" for those that changes of velocity alone show (NE).
         physics: of the physics backend.
     """
 
@@ -53,7 +50,7 @@ class BackendConfig(Settings):
     weights: str = ""
     shortcut: bool = True
     horizon_frame: Count | None = None
-    collisions: Annotated[str, one_of(("predicted", *VELOCITY_RULES))] = "predicted"
+    collisions: Annotated[str, one_of(("predicted", "velocity"))] = "predicted"
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
 
     def __post_init__(self) -> None:
@@ -78,12 +75,9 @@ BACKENDS: Registry[BackendFactory] = Registry(
 
 
 def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
-    """With the checkpoint's collision network; the state backend's in a checkpoint without one."""
-    from nsdr.dynamics.collisions import TrackCollisionDetector
-    from nsdr.dynamics.propnet.state_predictor import StatePredictor
+    from nsdr.dynamics.collisions.network import TrackCollisionDetector
 
-    has_network = any((folder / f"collisions.{suffix}").exists() for suffix in ("json", "safetensors"))
-    detector = (TrackCollisionDetector if has_network else StatePredictor).from_checkpoint(folder)
+    detector = TrackCollisionDetector.from_checkpoint(folder)
     return PhysicsPredictor(detector, config.physics, config.shortcut, config.horizon_frame)
 
 
@@ -125,8 +119,7 @@ def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics")
     """
     config = backend_settings(settings)
     backend = BACKENDS[config.backend](folder, config)
-    rule = VELOCITY_RULES.get(config.collisions)
-    return VelocityEvents(backend, rule) if rule else backend
+    return VelocityEvents(backend) if config.collisions == "velocity" else backend
 
 
 def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:

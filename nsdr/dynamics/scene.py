@@ -65,13 +65,13 @@ def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tu
     return tuple(found)
 
 
-def _speed(location_world: NDArray[np.floating[Any]], window: int = SPEED_WINDOW_FRAMES) -> NDArray[np.floating[Any]]:
+def _speed(location_world: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
     """Speed (n, F) in world units per second: the smaller one of the frames before and the frames after.
 
-    Each is the slope of the least-squares line through `window` frames that end or start at the frame.
+    Each is the slope of the least-squares line through `SPEED_WINDOW_FRAMES` that end or start at the frame.
     """
     n, frames = location_world.shape[:2]
-    window = min(window, frames)
+    window = min(SPEED_WINDOW_FRAMES, frames)
     if window < 2:
         return np.zeros((n, frames))
     time = (np.arange(window) - (window - 1) / 2) * FRAME_SECONDS

@@ -1,14 +1,12 @@
 """Scores of trained baselines by the same harness as those of NS-DR."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from msgspec.structs import replace
 
 from nsdr.baselines.features.files import FeatureCache
-from nsdr.baselines.recording import keep_recording
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
@@ -18,95 +16,33 @@ from nsdr.evaluation.runner import (
     parse_all,
     parser_of,
     selected_questions,
-    true_scene_of,
 )
 from nsdr.evaluation.score import Parse, score_answers
-from nsdr.evaluation.sources import SOURCES
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.fingerprint import fingerprint
-from nsdr.symbolic import Executor
 from nsdr.types import Answer
 
-__all__ = ["USED", "BaselineRow", "Trainer", "evaluate_baseline", "training_text"]
+__all__ = ["USED", "baseline_fingerprint", "evaluate_baseline", "training_text"]
 
 PROGRAMS = ("programs", "parser", "parser_model", "checkpoint")
 """Settings of `EvaluationConfig` that only baselines use which read programs."""
-USED = ("questions", "root", "split", "types", "exclude", "every", "limit", "truth_source", "truth", *PROGRAMS)
-"""Settings of `EvaluationConfig` that trained baselines use. The true scenes serve to tag counterfactual options."""
+USED = ("questions", "root", "split", "types", "every", "limit", *PROGRAMS)
+"""Settings of `EvaluationConfig` that trained baselines use."""
 TRAINING = ("system", "parameters", "videos", "texts")
 """What a results file keeps of a checkpoint's description."""
 
 
-class Trainer(Protocol):
-    """Trains what the YAML files of `nsdr train baseline` ask for."""
-
-    def fingerprint(self, file: str) -> str:
-        """Of the training: its settings, questions and features."""
-
-    def features(self, file: str) -> str:
-        """Folder of the features of the training; "" for a system that sees no video."""
-
-    def train(self, file: str, device: str) -> str:
-        """Train, or go on, or find that it is done; returns the folder of the checkpoint."""
-
-    def time(self, file: str) -> Mapping[str, float]:
-        """`seconds` and `cpu_seconds` that the training took."""
-
-
-@dataclass(frozen=True)
-class BaselineRow:
-    """A trained baseline as a row of an experiment.
-
-    Attributes:
-        train: YAML file of `nsdr train baseline`, whose training is run first; "" with `trained`.
-        trained: checkpoint of a baseline; "" with `train`.
-        features: folder of the features of the videos to answer about; "" for that of the training, which only `train` knows.
-    """
-
-    train: str = ""
-    trained: str = ""
-    features: str = ""
-
-    def __post_init__(self) -> None:
-        if bool(self.train) == bool(self.trained):
-            raise DataError("give train (a YAML file) or trained (a checkpoint), and not both")
-
-    def features_folder(self, trainer: Trainer | None) -> str:
-        """Folder of the features of the videos to answer about; "" for none."""
-        return self.features or (_needed(trainer).features(self.train) if self.train else "")
-
-    def fingerprint(self, evaluation: EvaluationConfig, trainer: Trainer | None) -> str:
-        """Of everything that the row's numbers depend on.
-
-        Raises:
-            DataError: the questions, the features, or what a training needs is not there.
-        """
-        folder = self.features_folder(trainer)
-        config = {
-            "evaluation": evaluation_fingerprint(evaluation),
-            "training": _needed(trainer).fingerprint(self.train) if self.train else "",
-            "features": FeatureCache(folder).fingerprint if folder else "",
-        }
-        return fingerprint(config=config, weights=[find_checkpoint(self.trained)] if self.trained else [])
-
-
-def _needed(trainer: Trainer | None) -> Trainer:
-    if trainer is None:
-        raise DataError("a row with train needs something that trains; run it by `nsdr experiment`")
-    return trainer
-
-
 def evaluate_baseline(
-    row: BaselineRow, config: EvaluationConfig, own: Sequence[str], device: str, trainer: Trainer | None
+    trained: str, features: str, config: EvaluationConfig, own: Sequence[str], device: str
 ) -> dict[str, Any]:
-    """Train a baseline where its row says so, answer the questions and score the answers.
+    """Answer the questions by a trained baseline and score the answers.
 
     Args:
-        row: which baseline.
+        trained: its checkpoint.
+        features: folder of the features of the videos; "" for a system that sees no video.
         config: which questions; of its settings those in `USED` have an effect.
-        own: settings that the row itself gives, which must have an effect.
+        own: settings that are given for this baseline, which must have an effect.
         device: where the networks run.
-        trainer: trains; None where the row has a checkpoint.
 
     Returns:
         The report of `score_answers`, and under `training` what is known of the training.
@@ -115,32 +51,39 @@ def evaluate_baseline(
         DataError: unreadable questions or features, or settings that have no effect.
         CheckpointError: missing or damaged weights.
     """
-    folder = find_checkpoint(_needed(trainer).train(row.train, device) if row.train else row.trained)
+    folder = find_checkpoint(trained)
     baseline = TrainedBaseline.from_pretrained(folder, device)
     needs = baseline.network.needs
     unused = sorted(set(PROGRAMS) & set(own))
     if unused and "program" not in needs:
         raise DataError(f"{', '.join(unused)} would do nothing: {baseline.system} reads no programs; leave them out")
-    where = row.features_folder(trainer)
-    features = FeatureCache(where, needs) if where else None
-    baseline.check_features(features)
+    known = FeatureCache(features, needs) if features else None
+    baseline.check_features(known)
     scenes, _ = selected_questions(config)
     parsed, failed = scenes, dict[int, dict[int, NsdrError]]()
     if "program" in needs and (parser := parser_of(config)) is not None:
         parsed, failed = _with_programs(scenes, parse_all(parser, scenes, config.types), config.types)
 
     def answered() -> Iterator[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]:
-        for scene, (_, answers) in zip(scenes, baseline.answer_questions(parsed, features, config.types), strict=True):
+        for scene, (_, answers) in zip(scenes, baseline.answer_questions(parsed, known, config.types), strict=True):
             yield scene, answers | failed.get(scene.scene_index, {})
 
-    recordings = None
-    if config.truth_source:
-        source = SOURCES[config.truth_source](Path(config.truth), {s.scene_index for s in scenes})
-        recordings = {s.scene_index: Executor(keep_recording(true_scene_of(source, s))) for s in scenes}
-    report = score_answers(answered(), recordings)
-    command = f"nsdr train baseline --config {row.train}" if row.train else f"checkpoint {row.trained}"
-    time = _needed(trainer).time(row.train) if row.train else {}
-    return report | {"training": {**_training(folder), "command": command, **time}}
+    report = score_answers(answered())
+    return report | {"training": {**_training(folder), "checkpoint": trained}}
+
+
+def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig) -> str:
+    """Of everything that a baseline's numbers depend on.
+
+    Raises:
+        DataError: the questions or the features are not there.
+        CheckpointError: there are no such weights.
+    """
+    settings = {
+        "evaluation": evaluation_fingerprint(config),
+        "features": FeatureCache(features).fingerprint if features else "",
+    }
+    return fingerprint(config=settings, weights=[find_checkpoint(trained)])
 
 
 def _with_programs(
@@ -176,12 +119,10 @@ def _training(folder: Path) -> dict[str, Any]:
 
 def training_text(training: Mapping[str, Any]) -> str:
     """One line about a training, as `evaluate_baseline` reports it."""
-    parts = [f"`{training['command']}`", f"{training['parameters']:,} parameters"]
+    parts = [f"`{training['checkpoint']}`", f"{training['parameters']:,} parameters"]
     if "seed" in training:
         parts.append(f"seed {training['seed']}")
     if "texts" in training:
         seen = f" seen {training['passes']:.1f} times" if "passes" in training else ""
         parts.append(f"{training['texts']:,} texts about {training['videos']:,} videos{seen}")
-    if "seconds" in training:
-        parts.append(f"trained in {training['seconds']:.0f} s ({training['cpu_seconds']:.0f} s of CPU time)")
     return ", ".join(parts)

@@ -40,7 +40,6 @@ def write_controls(
     output: str | Path,
     split: str = "validation",
     kinds: Sequence[str] = CONTROLS,
-    seed: int = 0,
     limit: int = 0,
     workers: int = 0,
     engine: str = "processes",
@@ -55,7 +54,6 @@ def write_controls(
         output: the folder to write.
         split: which videos.
         kinds: some of `CONTROLS`.
-        seed: of the exchange, as of `exchange`.
         limit: the first n videos and their questions only; 0 for all.
         workers, engine: as of `nsdr.io.jobs.run_tasks`.
 
@@ -74,11 +72,11 @@ def write_controls(
     if not indices:
         raise DataError(f"{root}: has no videos of {split}")
     if "shuffled" in kinds:
-        exchange(indices, seed)  # too few are found before anything is written
-    return {kind: _write(kind, videos, indices, Path(output) / kind, seed, workers, engine) for kind in kinds}
+        exchange(indices)  # too few are found before anything is written
+    return {kind: _write(kind, videos, indices, Path(output) / kind, workers, engine) for kind in kinds}
 
 
-def exchange(indices: Sequence[int], seed: int = 0) -> dict[int, int]:
+def exchange(indices: Sequence[int]) -> dict[int, int]:
     """For each scene another one, each once: a random cycle through all of them, so that none keeps its own.
 
     Raises:
@@ -87,14 +85,12 @@ def exchange(indices: Sequence[int], seed: int = 0) -> dict[int, int]:
     if len(indices) < MIN_EXCHANGED:
         raise DataError(f"kind shuffled: {len(indices)} videos: at least {MIN_EXCHANGED} are needed to exchange them")
     order = list(indices)
-    random.Random(seed).shuffle(order)
+    random.Random(0).shuffle(order)
     return dict(sorted(zip(order, [*order[1:], order[0]], strict=True)))
 
 
-def _write(
-    kind: str, split: Split, indices: Sequence[int], folder: Path, seed: int, workers: int, engine: str
-) -> Summary:
-    taken = exchange(indices, seed) if kind == "shuffled" else {i: i for i in indices}
+def _write(kind: str, split: Split, indices: Sequence[int], folder: Path, workers: int, engine: str) -> Summary:
+    taken = exchange(indices) if kind == "shuffled" else {i: i for i in indices}
     jobs = []
     for index, source in taken.items():
         place = folder / "videos" / split.name / sub_folder("video", index) / f"video_{index:05d}.mp4"

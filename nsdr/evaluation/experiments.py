@@ -1,6 +1,6 @@
 """Tables from one command each: `nsdr experiment configs/experiments/NAME.yaml` writes results/NAME.json and .md.
 
-An experiment is a list of rows, each an `EvaluationConfig`, a baseline (some of which are trained first) or published numbers.
+An experiment is a list of rows, each an `EvaluationConfig`, a baseline or published numbers.
 Rows of the results file whose fingerprint is unchanged are kept: a killed experiment goes on. A results file is written by one
 experiment at a time.
 """
@@ -22,7 +22,7 @@ import nsdr
 from nsdr.baselines.q_type import q_type_answers
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
-from nsdr.evaluation.baselines import USED, BaselineRow, Trainer, evaluate_baseline, training_text
+from nsdr.evaluation.baselines import USED, baseline_fingerprint, evaluate_baseline, training_text
 from nsdr.evaluation.measures import blind_text, calibration_text, percent
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
 from nsdr.evaluation.score import first_failure, score_answers
@@ -57,7 +57,8 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         training: question file of the training set, whose most frequent answers "frequent" gives; "" counts them on the
             questions that are scored, and the table says so.
         published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
-        train, trained, features: of a trained baseline that answers the questions, as of `BaselineRow`.
+        trained: checkpoint of a trained baseline that answers the questions; "" for others.
+        features: folder of the features of the videos for it; "" where it sees no video.
         evaluation: what is measured; None for published numbers.
         own: settings of `evaluation` that are the row's and not common ones.
     """
@@ -66,40 +67,33 @@ class ExperimentRow(msgspec.Struct, frozen=True):
     baseline: Literal["", "random", "frequent"] = ""
     training: str = ""
     published: Published | None = None
-    train: str = ""
     trained: str = ""
     features: str = ""
     evaluation: EvaluationConfig | None = None
     own: tuple[str, ...] = ()
-
-    def trained_baseline(self) -> BaselineRow | None:
-        """The trained baseline; None for others."""
-        given = self.train or self.trained or self.features
-        return BaselineRow(self.train, self.trained, self.features) if given else None
 
     def settings(self) -> dict[str, Any]:
         """The row as plain values, for the results file."""
         evaluation = {} if self.evaluation is None else asdict(self.evaluation)
         for name in ("cache", "engine", "workers", "device"):
             evaluation.pop(name, None)
-        trained = self.trained_baseline()
         row: dict[str, Any] = {"name": self.name, "baseline": self.baseline, "training": self.training}
-        row |= {"published": list(self.published or ())} | ({} if trained is None else asdict(trained))
+        row |= {"published": list(self.published or ()), "trained": self.trained, "features": self.features}
         return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
 
-    def fingerprint(self, trainer: Trainer | None = None) -> str:
+    def fingerprint(self) -> str:
         """Of everything the row's numbers depend on."""
         if self.evaluation is None:
             return fingerprint(config=self.settings())
-        if trained := self.trained_baseline():
-            return trained.fingerprint(self.evaluation, trainer)
+        if self.trained:
+            return baseline_fingerprint(self.trained, self.features, self.evaluation)
         if self.baseline:
             files = [self.evaluation.questions, *([self.training] if self.training else [])]
             return fingerprint(inputs=[Path(file) for file in files], config=self.settings())
         return evaluation_fingerprint(self.evaluation)
 
 
-OWN_KEYS = ("name", "baseline", "training", "published", "train", "trained", "features")
+OWN_KEYS = ("name", "baseline", "training", "published", "trained", "features")
 """Keys of a row that are no settings of `EvaluationConfig`."""
 
 
@@ -131,30 +125,28 @@ def _row(common: Mapping[str, Any], given: Mapping[str, Any], place: str) -> Exp
             if given.keys() != {"name", "published"}:
                 raise DataError("published numbers stand alone; leave out the row's other settings")
             return row
-        is_trained = row.trained_baseline() is not None
-        unused = [k for k in own if is_trained and k not in USED]
+        if row.features and not row.trained:
+            raise DataError("features are of a trained baseline; give trained, the folder of its checkpoint, too")
+        unused = [k for k in own if row.trained and k not in USED]
         if unused:
             raise DataError(f"{unused[0]} would do nothing for a trained baseline; expected some of {', '.join(USED)}")
-        values = {k: v for k, v in common.items() if not is_trained or k in USED} | own
+        values = {k: v for k, v in common.items() if not row.trained or k in USED} | own
         if row.baseline and "root" in values:
             raise DataError("root: a Q-type row reads a question file; give questions in its place")
-        if (row.baseline or is_trained) and "root" not in values:  # reads no scenes
+        if (row.baseline or row.trained) and "root" not in values:  # reads no scenes
             values["data"] = values.get("questions", "")
         return structs.replace(row, evaluation=config_of(EvaluationConfig, values), own=tuple(own))
     except DataError as e:
         raise DataError(where + str(e)) from e
 
 
-def run_experiment(
-    path: str | Path, output: str | Path = "results", device: str = "auto", trainer: Trainer | None = None
-) -> Path:
+def run_experiment(path: str | Path, output: str | Path = "results", device: str = "auto") -> Path:
     """Measure every row that is not there yet, and write the table.
 
     Args:
         path: experiment file.
         output: folder for NAME.json and NAME.md.
         device: where networks run, as of `Pipeline.from_pretrained`; rows of all devices count as the same.
-        trainer: trains the baselines of rows with `train`; None refuses such rows.
 
     Returns:
         The Markdown file.
@@ -165,13 +157,13 @@ def run_experiment(
     title, rows = read_experiment(path)
     file = Path(output) / f"{Path(path).stem}.json"
     table, command = file.with_suffix(".md"), f"nsdr experiment {path}"
-    values = {row.name: row.fingerprint(trainer) for row in rows}
+    values = {row.name: row.fingerprint() for row in rows}
     with locked(output, file.name):
         known = {name: r for name, r in _earlier(file).items() if r.get("fingerprint") == values.get(name)}
         for row in rows:
             if row.name not in known:
                 about = {"settings": row.settings(), "fingerprint": values[row.name]}
-                known[row.name] = about | _measured(row, device, trainer)
+                known[row.name] = about | _measured(row, device)
             done = [known[r.name] for r in rows if r.name in known]  # rows that were kept, and are still to come, too
             write_json(file, {"title": title, "command": command, "rows": done}, indent=1)
         with atomic_path(table) as temporary:
@@ -189,7 +181,7 @@ def _earlier(file: Path) -> dict[str, dict[str, Any]]:
         raise DataError(f"{file}: not the results of an experiment; move it away, or choose another folder") from e
 
 
-def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[str, Any]:
+def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     if row.evaluation is None:
         descriptive, *others = (n / 100 for n in row.published or ())
         table: dict[str, Any] = {"descriptive": {"accuracy": descriptive}}
@@ -198,8 +190,8 @@ def _measured(row: ExperimentRow, device: str, trainer: Trainer | None) -> dict[
         return {"table": table}
     start = time.time()
     evaluation = replace(row.evaluation, device=device)
-    if trained := row.trained_baseline():
-        report = evaluate_baseline(trained, evaluation, row.own, device, trainer)
+    if row.trained:
+        report = evaluate_baseline(row.trained, row.features, evaluation, row.own, device)
     elif row.baseline:
         report = _q_type_report(row, evaluation)
     else:

@@ -7,8 +7,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from nsdr.baselines.q_type import ANSWERS, q_type_answers
-from nsdr.clevrer.answers.answer_files import GivenAnswer, read_given
+from nsdr.baselines.q_type import q_type_answers
+from nsdr.clevrer.answers.answer_files import Given, QuestionKey, read_given
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError
@@ -27,13 +27,13 @@ LISTED = 5
 
 
 def score_responses(
-    scenes: Sequence[SceneQuestions], given: Sequence[GivenAnswer], allow_missing: bool = False
+    scenes: Sequence[SceneQuestions], given: Mapping[QuestionKey, Given], allow_missing: bool = False
 ) -> dict[str, Any]:
     """Read and score a system's answers.
 
     Args:
         scenes: questions with their answers.
-        given: the system's answers, each question at most once.
+        given: the system's answers, as of `read_answers`.
         allow_missing: score the answered questions only; else those without an answer count as wrong.
 
     Returns:
@@ -41,39 +41,37 @@ def score_responses(
         `references`: systems that see nothing on the same questions, as of `reference_rows`;
         `responses`: numbers of `questions`, `answered` ones and `scored` ones; ids of the `missing` and of the `unknown`
         questions; `read_as`, how often answers were found in which form; `unread_by_type`; and `unread`, each with its id,
-        place in the file, type, problem and first characters.
+        type, problem and first characters.
 
     Raises:
         DataError: no answer is about one of the questions, or these have no answers in their file.
     """
-    by_id = {(g.scene_index, g.question_id): g for g in given}
     asked = {(s.scene_index, q.id) for s in scenes for q in s.questions}
-    if not asked & set(by_id):
+    if not asked & given.keys():
         raise DataError(
-            f"none of the {len(by_id)} answers is about one of the {len(asked)} questions; is it another split?"
+            f"none of the {len(given)} answers is about one of the {len(asked)} questions; is it another split?"
         )
     unread: list[dict[str, Any]] = []
     read_as: Counter[str] = Counter()
 
-    def read(question: Question, key: tuple[int, int]) -> Answer | NsdrError:
-        if key not in by_id:
+    def read(question: Question, key: QuestionKey) -> Answer | NsdrError:
+        if key not in given:
             return DataError(MISSING)
-        response = read_given(question, by_id[key].given)
+        response = read_given(question, given[key])
         if response.answer is not None:
             read_as[response.how] += 1
             return answer_of(question, response.answer)
         unread.append(
             {
                 "id": _id(key),
-                "where": by_id[key].where,
                 "question_type": question.type,
                 "problem": response.problem,
-                "response": str(by_id[key].given)[:SHOWN_CHARACTERS],
+                "response": str(given[key])[:SHOWN_CHARACTERS],
             }
         )
         return DataError(f"{UNREAD}: {response.problem.split(':')[0]}")
 
-    kept = asked & set(by_id) if allow_missing else asked
+    kept = asked & given.keys() if allow_missing else asked
     scored = [replace(s, questions=tuple(q for q in s.questions if (s.scene_index, q.id) in kept)) for s in scenes]
     report = score_answers((s, {q.id: read(q, (s.scene_index, q.id)) for q in s.questions}) for s in scored)
     if report["unlabelled"]:
@@ -82,10 +80,10 @@ def score_responses(
         "references": reference_rows(scored),
         "responses": {
             "questions": len(asked),
-            "answered": len(asked & set(by_id)),
+            "answered": len(asked & given.keys()),
             "scored": len(kept),
-            "missing": [_id(key) for key in sorted(asked - set(by_id))],
-            "unknown": [_id(key) for key in sorted(set(by_id) - asked)],
+            "missing": [_id(key) for key in sorted(asked - given.keys())],
+            "unknown": [_id(key) for key in sorted(given.keys() - asked)],
             "read_as": dict(sorted(read_as.items())),
             "unread_by_type": {kind: sum(u["question_type"] == kind for u in unread) for kind in QUESTION_TYPES},
             "unread": unread,
@@ -131,11 +129,11 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
     if unread := responses["unread"]:
         counts = ", ".join(f"{kind} {n}" for kind, n in responses["unread_by_type"].items() if n)
         lines.append(f"{len(unread)} responses cannot be read and count as wrong: {counts}")
-        lines += [f"  {u['where']} ({u['id']}): {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
+        lines += [f"  {u['id']}: {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
     return "\n".join(lines)
 
 
-def _id(key: tuple[int, int]) -> str:
+def _id(key: QuestionKey) -> str:
     return f"{key[0]}-{key[1]}"
 
 
@@ -145,8 +143,6 @@ def _listed(ids: Sequence[str]) -> str:
 
 CONSTANT = {"always-yes": ("yes", "correct"), "always-no": ("no", "wrong")}
 """The answer to every open question and to every option."""
-HALF = 0.5
-"""Chance of a random judgement of an option."""
 COLUMN = 15
 """Width of a column of the printed table (characters)."""
 
@@ -154,9 +150,9 @@ COLUMN = 15
 def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]]:
     """By system that sees nothing its accuracies (0-1) by question type.
 
-    The systems are "always-yes" and "always-no"; "frequent", which gives the most frequent answer of these same questions to
-    each type (and so is an upper bound of what the types alone tell); and "random", whose expectation is given. The latter
-    two are left out where open questions have no CLEVRER subtypes.
+    The systems are "always-yes" and "always-no"; and "frequent", which gives the most frequent answer of these same questions
+    to each type (and so is an upper bound of what the types alone tell), left out where open questions have no CLEVRER
+    subtypes.
 
     Args:
         scenes: questions with answers.
@@ -167,10 +163,7 @@ def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]
     }
     with suppress(DataError):
         reports["frequent"] = score_answers(q_type_answers(scenes, "frequent"))
-    rows: dict[str, dict[str, Any]] = {
-        name: {kind: report[kind] for kind in QUESTION_TYPES} for name, report in reports.items()
-    }
-    return {**rows, "random": _random(scenes)} if "frequent" in rows else rows
+    return {name: {kind: report[kind] for kind in QUESTION_TYPES} for name, report in reports.items()}
 
 
 def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -192,21 +185,3 @@ def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def _constant(question: Question, word: str, judgement: str) -> Answer:
     judged = tuple(ChoiceAnswer(c.text, judgement, (), ()) for c in question.choices)
     return Answer(question.text, (), None if judged else word, choices=judged)
-
-
-def _random(scenes: Sequence[SceneQuestions]) -> dict[str, Any]:
-    """Expected accuracies of uniform answers: to the subtype of an open question, and of right or wrong for each option."""
-    questions = [q for scene in scenes for q in scene.questions]
-    opens = [1 / len(ANSWERS[q.subtype]) for q in questions if q.subtype in ANSWERS and not q.choices]
-    row: dict[str, Any] = {"descriptive": {"accuracy": _mean(opens)}}
-    for kind in QUESTION_TYPES[1:]:
-        sizes = [len(q.choices) for q in questions if q.type == kind]
-        row[kind] = {"per_option": HALF if sizes else None, "per_question": _mean([HALF**n for n in sizes])}
-    tags = {c.tag for q in questions for c in q.choices if c.tag is not None}
-    if tags:
-        row["counterfactual"]["tags"] = {tag: {"per_option": HALF if tag in tags else None} for tag in OPTION_TAGS}
-    return row
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return sum(values) / len(values) if values else None

@@ -16,7 +16,6 @@ from tqdm import tqdm
 from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES
 from nsdr.errors import DataError, NsdrError
@@ -45,16 +44,14 @@ __all__ = [
     "true_scene_of",
 ]
 
-VERSION = 1
+VERSION = 2
 """Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")
 SceneJob = Job[tuple[PerceptionInput, Scene | None]]
 """Makes a scene of the pipeline's input, in which the observed collisions of a true scene may replace the detected ones."""
-PROGRAMS = ("parsed", "network", "gold")
-"""Values of `EvaluationConfig.programs` that are no files."""
 COUNTED_OTHERWISE = {
     *("questions", "data", "videos", "truth", "root", "cache", "engine", "workers", "device"),
-    *("checkpoint", "config", "set", "dynamics", "stride"),
+    *("checkpoint", "config", "set", "dynamics"),
 }
 """Settings that count for a fingerprint by what they name, or change no result."""
 
@@ -70,20 +67,17 @@ class EvaluationConfig(Settings):
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
-        programs: "parsed", "network" for those of the paper's networks alone, "gold" for those of the question file, or the
-            released parser's files (`parsed_programs/*.json`), separated by commas.
+        programs: "parsed", "network" for those of the paper's networks alone, or "gold" for those of the question file.
         parser: address of an OpenAI-compatible server with a language model, which parses in place of the checkpoint's
             networks; "" for none.
         parser_model: the server's model; "" if it has only one.
         types: question types to answer.
-        exclude: scene indices to leave out.
         every: answer every n-th scene of those with such questions.
         limit: answer the first n of these scenes; 0 for all.
         checkpoint: weights.
         dynamics: a backend's name, or its YAML file; "" for that of `config` (physics).
         config: YAML file of a `nsdr.PipelineConfig`; "" for the defaults.
         set: single settings, "key=value" each, such as "tracker.score=0.8".
-        stride: the frame parser processes every n-th frame; for videos only.
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
         counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
@@ -102,18 +96,16 @@ class EvaluationConfig(Settings):
     split: Literal["train", "validation", "test"] = "validation"
     source: str = "proposals"
     videos: str = ""
-    programs: str = "parsed"
+    programs: Literal["parsed", "network", "gold"] = "parsed"
     parser: str = ""
     parser_model: str = ""
     types: Sequence[str] = QUESTION_TYPES
-    exclude: Sequence[Count] = ()
     every: PositiveCount = 1
     limit: Count = 0
     checkpoint: str = "default"
     dynamics: str = ""
     config: str = ""
     set: Sequence[str] = ()
-    stride: PositiveCount = 1
     semantics: Literal["paper", "official"] = "paper"
     collisions: Literal["predicted", "velocity"] = "predicted"
     counterfactuals: Annotated[str, one_of(COUNTERFACTUALS)] = "simulated"
@@ -133,9 +125,6 @@ class EvaluationConfig(Settings):
         sources = SOURCES.names()
         expect(self.source in sources, "source", f"one of {', '.join(sources)}", self.source)
         expect(self.truth_source in ("", *sources), "truth_source", f"one of {', '.join(sources)}", self.truth_source)
-        if not all(".json" in f for f in self.program_files()):
-            known = ", ".join(PROGRAMS)
-            raise DataError(f"programs is {self.programs!r}; expected {known}, or JSON files separated by commas")
         if self.parser and self.programs != "parsed":
             raise DataError(f"parser would do nothing with programs {self.programs}; leave one out")
         if self.parser_model and not self.parser:
@@ -150,8 +139,6 @@ class EvaluationConfig(Settings):
             raise DataError("counterfactuals: recording needs --semantics paper")
         if self.semantics == "paper" and self.collisions != "predicted":
             raise DataError("collisions: velocity needs --semantics official; for NE of a backend use its YAML file")
-        if self.stride != 1 and self.source != "videos":
-            raise DataError(f"stride is of the frame parser and needs --source videos, not {self.source}")
         if self.videos and (self.source != "proposals" or self.root):
             raise DataError("videos goes with --source proposals and --data; leave it out")
         if bool(self.truth_source) != bool(self.truth):
@@ -161,14 +148,9 @@ class EvaluationConfig(Settings):
         if self.semantics == "official" and self.root:
             raise DataError("source predictions cannot be read from a split of --root; give --questions and --data")
 
-    def program_files(self) -> list[str]:
-        """Files of parsed programs that `programs` names."""
-        return [] if self.programs in PROGRAMS else self.programs.split(",")
-
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of perception."""
-        stride = [f"stride={self.stride}"] if self.stride != 1 else []
-        return pipeline_settings(self.config, self.dynamics, [*stride, *self.set])
+        return pipeline_settings(self.config, self.dynamics, self.set)
 
 
 def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
@@ -281,7 +263,7 @@ def parse_all(parser: Parser, questions: Iterable[SceneQuestions], types: Sequen
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
     """Sources that give scenes leave nothing to do for a pipeline and its options."""
     given = [f"--{name}" for name in ("dynamics", "config", "set", "truth_source") if getattr(config, name)]
-    if config.checkpoint != "default" and (config.programs == "gold" or config.program_files()):
+    if config.checkpoint != "default" and config.programs == "gold":
         given.append("--checkpoint")
     if given:
         raise DataError(f"source {config.source} needs no pipeline: {', '.join(given)} would do nothing; leave it out")
@@ -290,7 +272,7 @@ def _check_no_pipeline_options(config: EvaluationConfig) -> None:
 def evaluation_fingerprint(config: EvaluationConfig) -> str:
     """Of everything a report depends on; folders count by the names, sizes and times of their files."""
     inputs: list[Any] = []
-    for name in (config.questions, config.data, config.videos, config.truth, config.root, *config.program_files()):
+    for name in (config.questions, config.data, config.videos, config.truth, config.root):
         path = Path(name)
         if name and path.is_dir():
             files = find_files(path, "*")
@@ -303,18 +285,15 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
 
 
 def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
-    """The questions that are answered, with the programs of `EvaluationConfig.program_files`; and what scenes are made from."""
+    """The questions that are answered, and what scenes are made from."""
     data: Data
     if config.root:
         split = CLEVRER(config.root).split(config.split)
         listed, data = list(split.questions()), split
     else:
         listed, data = read_questions(config.questions), Path(config.data)
-    listed = [s for s in listed if s.scene_index not in set(config.exclude)]
     listed = [s for s in listed if any(q.type in config.types for q in s.questions)]
-    listed = listed[:: config.every][: config.limit or None]
-    files = config.program_files()
-    return (with_parsed_programs(listed, files) if files else listed), data
+    return listed[:: config.every][: config.limit or None], data
 
 
 def _job(

@@ -1,20 +1,14 @@
 """Scores answers the way the paper does: descriptive accuracy; the other types per option and per question."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from msgspec import structs
-
-from nsdr.baselines.recording import keep_recording, option_tags
 from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.measures import accuracy_interval, by_halves, calibration, calibration_text, percent
 from nsdr.symbolic import Executor, Program
-from nsdr.symbolic.failures import general
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Answer, ChoiceAnswer
 
@@ -40,43 +34,33 @@ def evaluate(
 
     Returns:
         The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; also for the
-        halves of `nsdr.evaluation.measures`; and where answers have probabilities, `calibration` as of
-        `nsdr.evaluation.measures`. Tags are those of the question file, which are of the true scene; counterfactual options
-        without one are tagged by the scene that is evaluated. Under `results` every question with its answers. What fails
+        halves of `nsdr.evaluation.measures`, where the question file has tags; and where answers have probabilities,
+        `calibration` as of `nsdr.evaluation.measures`. Under `results` every question with its answers. What fails
         carries its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the
         number of questions with either. Questions without answers in their file are answered, not scored: their results have
         no `correct`, and `unlabelled` is their number.
     """
     results = []
     for scene, executor in scenes:
-        recording = None
-        if "counterfactual" in types and isinstance(executor, Executor) and executor.semantics != "official":
-            recording = Executor(keep_recording(executor.scene))
         for question in (q for q in scene.questions if q.type in types):
             found = executor if isinstance(executor, NsdrError) else _answer(executor, question, parse)
-            results.append(_result(scene, question, found, recording, parse))
+            results.append(_result(scene, question, found))
     return _report(results)
 
 
-def score_answers(
-    answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]],
-    recordings: Mapping[int, Executor] | None = None,
-) -> dict[str, Any]:
+def score_answers(answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]) -> dict[str, Any]:
     """Score answers of a system that has no scenes.
 
     Args:
         answered: questions with the answers by question id, or why a question has none; questions that are not among them are
             left out.
-        recordings: executors on `keep_recording` of the true scenes by scene index, which tag counterfactual options by the
-            programs of the question file where it has no tags; None for its tags only.
 
     Returns:
         The report, as of `evaluate`.
     """
-    known = recordings or {}
     return _report(
         [
-            _result(scene, question, answers[question.id], known.get(scene.scene_index))
+            _result(scene, question, answers[question.id])
             for scene, answers in answered
             for question in scene.questions
             if question.id in answers
@@ -113,13 +97,7 @@ def _answer(executor: Executor, question: Question, parse: Parse | None) -> Answ
         return e
 
 
-def _result(
-    scene: SceneQuestions,
-    question: Question,
-    found: Answer | NsdrError,
-    recording: Executor | None,
-    parse: Parse | None = None,
-) -> Row:
+def _result(scene: SceneQuestions, question: Question, found: Answer | NsdrError) -> Row:
     """A question's row of the report."""
     is_scored = None not in ([c.answer for c in question.choices] or [question.answer])  # the test split has no answers
     row: Row = {
@@ -128,7 +106,7 @@ def _result(
         "question_type": question.type,
         "question_subtype": question.subtype,
     }
-    correct, tags = False, [c.tag for c in question.choices]
+    correct = False
     judged: Sequence[ChoiceAnswer] = [ChoiceAnswer(c.text, "wrong", (), ()) for c in question.choices]
     if isinstance(found, NsdrError):
         row["error"] = str(found)
@@ -139,8 +117,6 @@ def _result(
         # A choice that fails names something that is not in the scene: it cannot be right.
         judged = [replace(c, answer="wrong") if c.error else c for c in found.choices]
         correct = all(c.answer == choice.answer for c, choice in zip(judged, question.choices, strict=True))
-        if recording is not None and is_scored:
-            tags = _tags(recording, question, parse)
     if question.choices:
         row["choices"] = [
             _known(
@@ -149,35 +125,16 @@ def _result(
                 answer=c.answer,
                 correct=("error" not in row and c.answer == choice.answer) if is_scored else None,
                 probability=c.probability,
-                tag=tag,
+                tag=choice.tag,
                 blind=choice.blind,
             )
-            for choice, c, tag in zip(question.choices, judged, tags, strict=True)
+            for choice, c in zip(question.choices, judged, strict=True)
         ]
     return row | _known(correct=correct if is_scored else None, blind=question.blind)
 
 
 def _known(**values: Any) -> Row:
     return {name: value for name, value in values.items() if value is not None}
-
-
-def _tags(recording: Executor, question: Question, parse: Parse | None) -> list[str | None]:
-    """The tags of the options of a counterfactual question: those of the file, or what the recording says."""
-    known = [c.tag for c in question.choices]
-    if question.type != "counterfactual" or all(known):
-        return known
-
-    def program_of(text: str, program: tuple[str, ...] | None, kind: str) -> tuple[str, ...] | None:
-        with suppress(QuestionError):
-            return program or (parse(text, kind).tokens if parse else None)
-        return None
-
-    choices = tuple(structs.replace(c, program=program_of(c.text, c.program, "choice")) for c in question.choices)
-    program = program_of(question.text, question.program, "multiple_choice")
-    with suppress(NsdrError):
-        found = option_tags(recording, structs.replace(question, program=program, choices=choices))
-        return [tag or new for tag, new in zip(known, found, strict=True)]
-    return known
 
 
 def _report(results: list[Row]) -> dict[str, Any]:
@@ -255,8 +212,6 @@ def format_table(report: dict[str, Any]) -> str:
         lines.append(f"{unlabelled} questions have no answers in their file: they are answered, not scored")
     if report["errors"]:
         whole = sum("error" in r for r in results)
-        reasons = Counter(general(e)[:100] for r in results for e in _errors(r))
         partly = report["errors"] - whole
-        lines.append(f"{whole} questions failed and count as wrong; choices of {partly} failed and are judged wrong:")
-        lines += [f"  {count:>5}  {reason}" for reason, count in reasons.most_common(5)]
+        lines.append(f"{whole} questions failed and count as wrong; choices of {partly} failed and are judged wrong")
     return "\n".join(lines)

@@ -116,7 +116,7 @@ def _documents(
     def document(s: SceneQuestions) -> dict[str, Any]:
         path = find_file(folder, (name,), s.scene_index)
         content = read(path)
-        index = content.get("scene_index", s.scene_index)
+        index = content["scene_index"]
         expect(index == s.scene_index, f"{path}: scene_index", str(s.scene_index), index)
         return content
 

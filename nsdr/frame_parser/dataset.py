@@ -92,12 +92,12 @@ def collate(items: Sequence[tuple[Tensor, Target]]) -> tuple[list[Tensor], list[
 class FrameDataset(Dataset[tuple[Tensor, Target]]):
     """Images with the masks and attributes of their objects.
 
-    The folder holds `images/` and one of two kinds of annotations. `annotations_*.jsonl` have one line per frame, with
-    `file_name`, `scene` and `objects: [{color, material, shape, segmentation (COCO RLE)}]`; `nsdr data frames` makes them from
-    videos with mask proposals. COCO `*.json` files have categories named like "red metal cube".
+    The folder holds `images/` and `annotations_*.jsonl`, which have one line per frame, with `file_name`, `scene` and
+    `objects: [{color, material, shape, segmentation (COCO RLE)}]`; `nsdr data frames` makes them from videos with mask
+    proposals.
 
-    Items are an image (3, H, W) in 0-1 and its target (see `AttributeRoIHeads`). The augmentation of an item depends on `seed`,
-    the epoch and the index only, so that `dataset[i]` is reproducible. The split is by scene: no scene is in both parts.
+    Items are an image (3, H, W) in 0-1 and its target (see `AttributeRoIHeads`). Their augmentation is drawn anew each time;
+    `get` draws it from a generator that is given. The split is by scene: no scene is in both parts.
 
         >>> loader = DataLoader(FrameDataset(folder, augmentation=AugmentConfig()), 8, collate_fn=collate)
 
@@ -105,40 +105,25 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         folder: folder with the annotations and `images/`.
         part: "train", "evaluation" (every 20th scene) or "all".
         augmentation: random changes; None leaves the images as they are.
-        seed: of the augmentation, 0 or more.
 
     Raises:
         DataError: no annotations, an unknown attribute or a missing image; names it.
     """
 
-    def __init__(
-        self, folder: str | Path, part: str = "train", augmentation: AugmentConfig | None = None, seed: int = 0
-    ) -> None:
-        expect(seed >= 0, "seed", "0 or more", seed)
+    def __init__(self, folder: str | Path, part: str = "train", augmentation: AugmentConfig | None = None) -> None:
         expect(part in ("train", "evaluation", "all"), "part", "train, evaluation or all", part)
-        self.folder, self.augmentation, self.seed, self.epoch = Path(folder), augmentation, seed, 0
+        self.folder, self.augmentation = Path(folder), augmentation
         kept = {"train": (False,), "evaluation": (True,), "all": (False, True)}[part]
         records = read_frame_records(self.folder)
         self.records = [r for r in records if (r["scene"] % EVALUATION_EVERY == 0) in kept]
         if not self.records:
-            raise DataError(
-                f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl or COCO *.json, and images/"
-            )
+            raise DataError(f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl and images/")
 
     def __len__(self) -> int:
         return len(self.records)
 
-    def set_epoch(self, epoch: int) -> None:
-        """Draw other augmentations in the items from now on.
-
-        Call it before iterating over a `DataLoader`; persistent workers keep the epoch that they started with.
-        """
-        expect(epoch >= 0, "epoch", "0 or more", epoch)
-        self.epoch = epoch
-
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:
-        index = range(len(self))[index]  # the same augmentation for negative indices
-        return self.get(index, np.random.default_rng((self.seed, self.epoch, index)))
+        return self.get(index, np.random.default_rng())
 
     def get(self, index: int, rng: np.random.Generator) -> tuple[Tensor, Target]:
         """Image (3, H, W) in 0-1 and target of item `index`, with the augmentation drawn from `rng`."""

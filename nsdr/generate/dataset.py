@@ -2,7 +2,7 @@
 
 import json
 import platform
-import shutil
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -67,7 +67,7 @@ class DatasetConfig(Settings):
         seed: which scenes; data sets with different seeds have no scene in common.
         first_scene: number of the scene that video 0 shows; video `i` shows scene `first_scene + i` of the seed.
         splits: share of the videos in train, validation and test (normalised before use).
-        renderer: "preview" (fast), "blender", or "none" for data sets without videos.
+        renderer: "preview" (fast), "blender" with `render.assets`, or "none" for data sets without videos.
         masks: whether to write exact masks as mask proposals (about 0.3 MB per video).
         questions: balanced questions for each split, or None. The test split's answers are in `truth/questions_test.json`
             only.
@@ -94,6 +94,11 @@ class DatasetConfig(Settings):
         super().__post_init__()
         if not any(self.splits.values()):
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
+        if self.renderer == "blender" and not self.render.assets:
+            raise DataError(
+                "render.assets: renderer blender needs CLEVR's Blender files, the folder image_generation/data of "
+                "https://github.com/facebookresearch/clevr-dataset-gen"
+            )
 
     def scene_seed(self, index: int) -> int:
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
@@ -120,7 +125,6 @@ class Files:
         annotation: the annotation, which the test split lacks.
         proposals: exact masks as mask proposals.
         truth: the complete ground truth; written last, so it marks a finished video.
-        work: temporary folder for Blender's frames.
     """
 
     def __init__(self, root: str | Path, split: str, index: int) -> None:
@@ -131,7 +135,6 @@ class Files:
         self.annotation = root / "annotations" / split / f"annotation_{folder}" / f"annotation_{index:05d}.json"
         self.proposals = root / "derender_proposals" / f"proposal_{index:05d}.json"
         self.truth = root / "truth" / split / f"truth_{index:05d}.json"
-        self.work = root / ".work" / f"{index:05d}"
 
 
 def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
@@ -179,7 +182,6 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     truths = (read_truth_file(Files(root, *job).truth) for job in jobs)
     counts = count_scenes(scene_from_truth(t) for t in truths)
     write_statistics(root, counts, f"{len(jobs)} generated videos")
-    shutil.rmtree(root / ".work", ignore_errors=True)
 
 
 def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[int]) -> None:
@@ -247,9 +249,8 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
             frames = (render_preview(scene.objects, solids_at(scene, f), view) for f in range(scene.n_frames))
         else:
             preset = "slow"
-            frames = _blender_frames(config.render, files.work / _fingerprint(config), scene, view)
+            frames = _blender_frames(config.render, scene, view)
         write_video(files.video, frames, config.render.fps, config.render.crf, preset)
-        shutil.rmtree(files.work, ignore_errors=True)
     if config.masks:
         write_json(files.proposals, proposal_document(scene, index, files.video.name, camera))
     if split != "test":
@@ -258,16 +259,16 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     write_json(files.truth, truth_document(scene, index, camera))
 
 
-def _blender_frames(config: RenderConfig, work: Path, scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
-    """Frames rendered by Blender. Frames that an interrupted run left in the work folder are reused."""
-    for f in range(scene.n_frames):
-        path = work / f"{f:03d}.png"
-        if not path.exists():
+def _blender_frames(config: RenderConfig, scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
+    """Frames rendered by Blender."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "frame.png"
+        for f in range(scene.n_frames):
             _blender(config).render(scene.objects, solids_at(scene, f), view, path)
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        if image is None:
-            raise DataError(f"{path}: Blender wrote no readable image")
-        yield np.asarray(image, np.uint8)
+            image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+            if image is None:
+                raise DataError(f"{path}: Blender wrote no readable image")
+            yield np.asarray(image, np.uint8)
 
 
 @lru_cache(maxsize=1)

@@ -1,14 +1,13 @@
 """Checkpoints: a folder with one safetensors file and one JSON file for each part. Nothing is ever unpickled."""
 
 import os
-import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
-from nsdr.errors import CheckpointError
+from nsdr.errors import CheckpointError, DataError
 from nsdr.io.device import resolve_device
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.limits import check_limit
@@ -26,6 +25,7 @@ __all__ = [
     "load_description",
     "load_network",
     "save_checkpoint",
+    "start_from",
 ]
 
 Config = TypeVar("Config")
@@ -34,8 +34,6 @@ Model = TypeVar("Model", bound="nn.Module")
 
 PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone", "baseline")
 """Parts of a checkpoint, by the names of their files."""
-DTYPES = ("torch.float16", "torch.float32", "torch.int64")
-"""Types of stored weights; the integers count batches."""
 RESTORE = "restore the file, or train the part (`nsdr train`)"
 
 
@@ -43,8 +41,8 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     """The folder of a checkpoint.
 
     Looked for in this order: `path_or_id` as a path; below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of
-    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts `default`. Only
-    `hf://USER/NAME@REVISION`, with a commit's whole hash, is loaded from the Hugging Face hub.
+    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts `default`. Those of others
+    are fetched first, such as by `huggingface_hub.snapshot_download`, which returns the folder.
 
     Raises:
         CheckpointError: found nowhere; says where it was looked for.
@@ -52,8 +50,6 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     name = str(path_or_id)
     if not name.strip():
         raise CheckpointError("the checkpoint's name is empty; expected a folder, or a name such as default")
-    if name.startswith("hf:"):
-        return _from_hub(name)
     roots = [Path(os.environ["NSDR_CHECKPOINTS"])] if os.environ.get("NSDR_CHECKPOINTS") else []
     roots.append(Path(__file__).resolve().parents[2] / "checkpoints")
     roots.append(Path(sys.prefix) / "share" / "nsdr" / "checkpoints")
@@ -63,20 +59,6 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     looked = ", ".join([name, *(str(root / name) for root in roots)])
     remedy = "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has `default`"
     raise CheckpointError(f"no checkpoint {name!r} (looked in {looked}); {remedy}")
-
-
-def _from_hub(address: str) -> Path:
-    match = re.fullmatch(r"hf://([\w.-]+/[\w.-]+)@([0-9a-f]{40})", address)
-    if not match:
-        raise CheckpointError(f"{address}: expected hf://USER/NAME@REVISION, where REVISION is a commit's 40 digits")
-    from huggingface_hub import snapshot_download
-    from huggingface_hub.errors import HfHubHTTPError, HFValidationError, LocalEntryNotFoundError
-
-    files = [f"{part}.{suffix}" for part in PARTS for suffix in ("safetensors", "json")]
-    try:
-        return Path(snapshot_download(match[1], revision=match[2], allow_patterns=files))
-    except (HfHubHTTPError, HFValidationError, LocalEntryNotFoundError, OSError) as e:
-        raise CheckpointError(f"{address}: cannot be loaded from the hub ({str(e).splitlines()[0]})") from e
 
 
 def save_checkpoint(
@@ -107,7 +89,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """(tensors by name, the JSON's content) of one part; float16 tensors come back as float32.
+    """(tensors by name, the JSON's content) of one part. Numbers of other formats, such as float16, come back as float32.
 
     Raises:
         CheckpointError: a file is missing or corrupt; names it.
@@ -116,27 +98,27 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
-    folder = Path(folder)
     details = load_description(folder, part)
-    weights = folder / f"{part}.safetensors"
+    weights = Path(folder) / f"{part}.safetensors"
     if not weights.is_file():
         raise CheckpointError(f"{weights}: no such file; {RESTORE}")
     check_limit(weights.stat().st_size, "weights_bytes", weights, CheckpointError)
     try:
-        state = load_file(weights)
+        stored = load_file(weights)
     except (SafetensorError, OSError, KeyError, ValueError, RuntimeError) as e:
         raise CheckpointError(f"{weights}: corrupt ({e}); {RESTORE}") from e
+    state = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     for name, value in state.items():
         fault = ""
-        if str(value.dtype) not in DTYPES:
-            fault = f"{value.dtype}, expected one of {', '.join(DTYPES)}"
+        if value.dtype not in (torch.float32, torch.int64):  # the integers count batches
+            fault = f"expected floating-point numbers or int64, got {value.dtype}"
         elif not bool(value.isfinite().all()):
             fault = "not all finite"
         elif value.dim() > 1 and not bool(value.any()):
             fault = "all zero"
         if fault:
             raise CheckpointError(f"{weights}: {name}: {fault}; {RESTORE}")
-    return {k: v.float() if v.dtype == torch.float16 else v for k, v in state.items()}, details
+    return state, details
 
 
 def load_description(folder: str | Path, part: str) -> dict[str, Any]:
@@ -146,7 +128,10 @@ def load_description(folder: str | Path, part: str) -> dict[str, Any]:
         CheckpointError: the file is missing or not such a description; names it.
     """
     path = Path(folder) / f"{part}.json"
-    details = read_json(path, error=CheckpointError)
+    try:
+        details = read_json(path)
+    except DataError as e:
+        raise CheckpointError(str(e)) from e
     if not isinstance(details, dict) or details.get("part") != part or not isinstance(details.get("config"), dict):
         raise CheckpointError(f"{path}: not the description of a {part}; restore it from the repository")
     return details
@@ -179,13 +164,36 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
         settings = kind(**config)
         # No memory is taken before the sizes are known to be those of the weights.
         with torch.device("meta"), _without_initial_values():
-            build(settings).load_state_dict(state, assign=True)
+            empty = build(settings)
+        _check_formats(empty, state)
+        empty.load_state_dict(state, assign=True)
         network = build(settings)
         network.load_state_dict(state)
     except (TypeError, ValueError, RuntimeError, ArithmeticError, LookupError) as e:
         reason = " ".join(str(e).split())[:200]
         raise CheckpointError(f"{where}: not a network of {kind.__name__} ({reason}); restore the files") from e
     return network
+
+
+def start_from(network: "nn.Module", folder: str | Path, part: str) -> None:
+    """Give a network the weights of a checkpoint.
+
+    Raises:
+        CheckpointError: a file is missing or corrupt, or holds a network of other settings; names the folder.
+    """
+    state, _ = load_checkpoint(folder, part)
+    try:
+        _check_formats(network, state)
+        network.load_state_dict(state)
+    except (TypeError, RuntimeError) as e:
+        reason = " ".join(str(e).split())[:200]
+        raise CheckpointError(f"{folder}: its {part} is of other settings ({reason}); give one of the same") from e
+
+
+def _check_formats(network: "nn.Module", state: Mapping[str, Any]) -> None:
+    for name, value in network.state_dict().items():
+        if name in state and state[name].dtype != value.dtype:
+            raise TypeError(f"{name}: expected {value.dtype}, got {state[name].dtype}")
 
 
 def _without_initial_values() -> Any:

@@ -5,7 +5,6 @@ import importlib.util
 import json
 import logging
 import os
-import shutil
 import socket
 import stat
 import tempfile
@@ -34,18 +33,10 @@ __all__ = [
 
 PARTIAL = ".partial"
 """Part of the name of unfinished files, which begins with a dot."""
-ABANDONED_S = 3600.0
-"""Time after which an unfinished file that nobody writes to is taken for what a kill left (s)."""
 LOCK = ".lock"
 """End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
-FILE_MODE = 0o644
-"""Permissions of written files."""
 PROBE_BYTES = 4096
 """Bytes that are written for a test, and deleted."""
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
-NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM)
-NO_PLACE = (errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)
-"""System errors that are the target's."""
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 """System errors of file systems that cannot lock files."""
 log = logging.getLogger(__name__)
@@ -60,40 +51,30 @@ def writing(path: str | Path) -> Iterator[None]:
     """
     try:
         yield
-    except OSError as e:
-        if e.errno in (*NO_SPACE, *NOT_ALLOWED, *NO_PLACE):
-            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+    except (FileNotFoundError, ConnectionError):  # of what is read meanwhile
         raise
+    except OSError as e:
+        raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
 
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error.
 
-    What is no regular file, such as `/dev/null` or a pipe, is written to and never replaced; of a link, the file that it points
-    to is replaced.
+    Of a link, the file that it points to is replaced. What a kill leaves is a hidden file (`remove_partial_files`).
 
     Raises:
-        DataError: `path` is a folder, or cannot be written: no permission, no space left.
+        DataError: `path` is a folder, a device or a pipe, or cannot be written: no permission, no space left.
     """
     path = Path(os.path.realpath(path))
     with writing(path):
-        if path.is_dir():
-            raise DataError(f"{path}: is a folder; expected a file")
-        if path.exists() and not path.is_file():
-            with tempfile.TemporaryDirectory() as folder:
-                temporary = Path(folder) / path.name
-                temporary.touch()
-                yield temporary
-                with temporary.open("rb") as source, path.open("wb") as target:
-                    shutil.copyfileobj(source, target)
-            return
+        _check_is_file(path, path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = _partial_file(path)
+        temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
         try:
+            temporary.touch()
             yield temporary
             sync(temporary)
-            temporary.chmod(FILE_MODE)
             os.replace(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
@@ -101,18 +82,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         sync(path.parent)
 
 
-def _partial_file(path: Path) -> Path:
-    """An empty hidden file beside `path`, which nobody else writes to."""
-    temporary = path.with_name(f".{path.stem}{PARTIAL}{path.suffix}")
-    with suppress(FileNotFoundError):
-        if time.time() - temporary.stat().st_mtime > ABANDONED_S:
-            temporary.unlink()
-    try:
-        temporary.touch(exist_ok=False)
-    except FileExistsError:  # another process writes the same file, or was killed just now
-        temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
-        temporary.touch(exist_ok=False)
-    return temporary
+def _check_is_file(target: Path, path: str | Path) -> None:
+    if target.exists() and not target.is_file():
+        raise DataError(f"{path}: is a {'folder' if target.is_dir() else 'device or a pipe'}; expected a file")
 
 
 def remove_partial_files(folder: Path) -> None:
@@ -169,9 +141,9 @@ def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[N
                 raise
     try:
         if lock.lock_counter <= 1:
-            owner = {"process": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+            since = time.strftime("%Y-%m-%d %H:%M:%S")
             with suppress(OSError):  # the lock holds on a full disk, too
-                path.write_text(json.dumps(owner))
+                path.write_text(f"process {os.getpid()} on {socket.gethostname()} (since {since})")
         yield
     finally:
         if lock.lock_counter <= 1:
@@ -182,9 +154,8 @@ def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[N
 
 def _owner(path: Path) -> str:
     try:
-        owner = json.loads(path.read_text())
-        return f"process {owner['process']} on {owner['host']} (since {owner['since']})"
-    except (OSError, ValueError, KeyError, TypeError):
+        return path.read_text() or "another process"
+    except OSError:  # Windows lets nobody read it
         return "another process"
 
 
@@ -192,29 +163,23 @@ def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequenc
     """Check that a file can be written, now or in folders that are still to be made.
 
     Args:
-        path: the file. What is no regular file, such as `/dev/null`, may have any ending.
+        path: the file.
         suffixes: endings that say how it is written; () for any.
         inputs: files that are read, or written as well: `path` must be none of them.
 
     Returns:
-        The ending, in lower case; for a target that is no regular file and has none of the endings, the first one.
+        The ending, in lower case.
 
     Raises:
-        DataError: another ending, one of the inputs, a folder, or a place that is read-only, full or not to be written by this
-            user; names the path.
+        DataError: another ending, one of the inputs, no regular file, or a place that is read-only, full or not to be written
+            by this user; names the path.
     """
     _check_name(path)
     path = Path(path)
     suffix = path.suffix.lower()
     with writing(path):
         target = Path(os.path.realpath(path))
-        if target.is_dir():
-            raise DataError(f"{path}: is a folder; expected a file")
-        if target.exists() and not target.is_file():
-            if stat.S_ISCHR(target.stat().st_mode):  # what else there is, such as a pipe, might wait for its reader
-                with target.open("wb", buffering=0) as device:
-                    device.write(b"")
-            return suffix if suffix in suffixes or not suffixes else suffixes[0]
+        _check_is_file(target, path)
         if suffixes and suffix not in suffixes:
             raise DataError(f"{path}: expected a name ending in {' or '.join(suffixes)}")
         if any(target == Path(os.path.realpath(other)) for other in inputs):

@@ -20,8 +20,6 @@ __all__ = ["code_revision", "fingerprint"]
 
 DIGITS = 16
 """Hexadecimal digits of a fingerprint."""
-PIECE_BYTES = 1 << 20
-"""Bytes of a file that are in memory at once."""
 
 
 def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iterable[str | Path] = ()) -> str:
@@ -38,32 +36,20 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
     """
     plain = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
     digest = hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode())
-    for path in weights:
-        folder = Path(path)
-        files = sorted([*folder.glob("*.safetensors"), *folder.glob("*.json")]) if folder.is_dir() else [folder]
-        for file in files:
-            digest.update(file.name.encode())
-            _add_content(digest, file)
-    for item in inputs:
-        own = hashlib.sha256()
-        if isinstance(item, Path):
-            _add_content(own, item)
-        else:
-            own.update(item if isinstance(item, bytes) else pickle.dumps(item, protocol=5))
-        digest.update(own.digest())
-    return digest.hexdigest()[:DIGITS]
-
-
-def _add_content(digest: "hashlib._Hash", path: Path) -> None:
-    """Add a file of any size, piece by piece."""
     try:
-        with path.open("rb") as file:
-            while piece := file.read(PIECE_BYTES):
-                digest.update(piece)
-    except FileNotFoundError as e:
-        raise DataError(f"{path}: no such file") from e
+        for path in map(Path, weights):
+            for file in sorted([*path.glob("*.safetensors"), *path.glob("*.json")]) if path.is_dir() else [path]:
+                digest.update(file.name.encode() + file.read_bytes())
+        for item in inputs:
+            if isinstance(item, Path):
+                with item.open("rb") as content:
+                    digest.update(hashlib.file_digest(content, "sha256").digest())
+            else:
+                content_or_pickle = item if isinstance(item, bytes) else pickle.dumps(item, protocol=5)
+                digest.update(hashlib.sha256(content_or_pickle).digest())
     except OSError as e:
-        raise DataError(f"{path}: cannot be read ({e})") from e
+        raise DataError(f"{e.filename}: cannot be read ({e.strerror})") from e
+    return digest.hexdigest()[:DIGITS]
 
 
 def code_revision() -> str:

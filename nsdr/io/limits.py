@@ -26,7 +26,6 @@ class Limits:
         array_bytes: size of all arrays of an NPZ file, decompressed (the proposals of 8,664 videos have 0.1 GB).
         yaml_bytes: size of a configuration file.
         weights_bytes: size of a part's weights.
-        member_bytes: size of a file in a zip archive.
         frames: frames of a video (CLEVRER: 128), and the last frame of a prediction.
         image_pixels: pixels of a frame (CLEVRER: 153,600).
         frame_objects: detections in a frame (CLEVRER: at most 10).
@@ -41,7 +40,6 @@ class Limits:
     array_bytes: int = 2_000_000_000
     yaml_bytes: int = 1_000_000
     weights_bytes: int = 4_000_000_000
-    member_bytes: int = 2_000_000_000
     frames: int = 10_000
     image_pixels: int = 10_000_000
     frame_objects: int = 100

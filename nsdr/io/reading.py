@@ -5,15 +5,11 @@ Nothing is allocated before its size is checked against `nsdr.io.limits`, and no
 
 import codecs
 import io
-import json
-import lzma
 import os
 import stat
-import struct
-import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -28,7 +24,6 @@ from nsdr.io.limits import check_limit, limits
 from nsdr.validation import explained
 
 __all__ = [
-    "UNZIP_ERRORS",
     "parse_json",
     "parse_json_lines",
     "read_bytes",
@@ -45,54 +40,38 @@ MAX_YAML_DEPTH = 50
 """Nesting of a YAML file: its parser takes minutes for thousands of levels."""
 MAX_YAML_ALIASES = 20
 """Aliases in a YAML file: nested ones can stand for exponentially much."""
-UNZIP_ERRORS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    struct.error,
-    EOFError,
-    RuntimeError,
-    LookupError,
-    ValueError,
-)
-"""What damaged or encrypted zip archives raise, beside OSError."""
-HEADER_ERRORS = (SyntaxError, TypeError, tokenize.TokenError)
-"""What damaged headers of arrays raise."""
-
-ErrorKind = Callable[[str], Exception]
 
 
 @contextmanager
-def _named(name: str, kind: str, error: ErrorKind) -> Iterator[None]:
-    """Turn every way in which reading fails into one error that names the file."""
+def _named(name: str, kind: str) -> Iterator[None]:
+    """Turn every way in which libraries fail to read a damaged file, some undocumented, into one error that names it."""
     try:
         yield
-    except DataError as e:
-        raise error(str(e)) from e
+    except DataError:
+        raise
     except FileNotFoundError as e:
-        raise error(f"{name}: no such file") from e
+        raise DataError(f"{name}: no such file") from e
     except UnicodeDecodeError as e:
-        raise error(f"{name}: not a readable {kind} (not UTF-8 text at byte {e.start})") from e
+        raise DataError(f"{name}: not a readable {kind} (not UTF-8 text at byte {e.start})") from e
     except RecursionError as e:
-        raise error(f"{name}: not a readable {kind} (nested too deeply)") from e
-    except (*UNZIP_ERRORS, *HEADER_ERRORS, msgspec.MsgspecError, OSError, ArithmeticError, MemoryError) as e:
+        raise DataError(f"{name}: not a readable {kind} (nested too deeply)") from e
+    except Exception as e:
         reason = getattr(e, "strerror", None) or str(e) or type(e).__name__
-        raise error(f"{name}: not a readable {kind} ({reason.splitlines()[0]})") from e
+        raise DataError(f"{name}: not a readable {kind} ({reason.splitlines()[0]})") from e
 
 
-def read_bytes(path: str | Path, limit: str = "json_bytes", error: ErrorKind = DataError, kind: str = "file") -> bytes:
+def read_bytes(path: str | Path, limit: str = "json_bytes", kind: str = "file") -> bytes:
     """The content of a file.
 
     Args:
         path: the file.
         limit: the field of `nsdr.io.limits.Limits` that its size is checked against.
-        error: makes the exception from a message that names the file.
         kind: what is expected, for the message.
 
     Raises:
-        DataError: the file is missing, no regular file, unreadable or too large; with `error` given, what that returns.
+        DataError: the file is missing, no regular file, unreadable or too large.
     """
-    with _named(str(path), kind, error):
+    with _named(str(path), kind):
         status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):
             raise DataError(f"{path}: is a folder or a device; expected a file")
@@ -102,35 +81,34 @@ def read_bytes(path: str | Path, limit: str = "json_bytes", error: ErrorKind = D
 
 def read_text(path: str | Path, limit: str = "json_bytes", kind: str = "text file") -> str:
     """The content of a UTF-8 text file; arguments and errors are those of `read_bytes`."""
-    with _named(str(path), kind, DataError):
-        return read_bytes(path, limit, kind=kind).decode("utf-8-sig")
+    with _named(str(path), kind):
+        return read_bytes(path, limit, kind).decode("utf-8-sig")
 
 
-def read_json(path: str | Path, kind: Any = Any, error: ErrorKind = DataError) -> Any:
+def read_json(path: str | Path, kind: Any = Any) -> Any:
     """The content of a JSON file; arguments and errors are those of `parse_json`, or the file is missing or too large."""
-    return parse_json(read_bytes(path, "json_bytes", error, "JSON file"), str(path), kind, error)
+    return parse_json(read_bytes(path, kind="JSON file"), str(path), kind)
 
 
 def read_json_bytes(path: str | Path) -> bytes:
     """The bytes of a JSON file, decompressed and without a byte order mark; raises `DataError` as `read_bytes`."""
-    with _named(str(path), "JSON file", DataError):
+    with _named(str(path), "JSON file"):
         return _text(read_bytes(path, kind="JSON file"), str(path))
 
 
-def parse_json(data: bytes, name: str, kind: Any = Any, error: ErrorKind = DataError) -> Any:
+def parse_json(data: bytes, name: str, kind: Any = Any) -> Any:
     """Parse JSON from bytes, which may be gzipped.
 
     Args:
         data: the bytes.
         name: where they come from, for the error message.
         kind: type of the content: a msgspec structure, a `TypedDict`, or a type made of them.
-        error: makes the exception from a message that names the file.
 
     Raises:
         DataError: not JSON (NaN and Infinity are not), or the content is of another type: names `name`, and the place, what
-            was expected there and what was found. With `error` given, what that returns.
+            was expected there and what was found.
     """
-    with _named(name, "JSON file", error):
+    with _named(name, "JSON file"):
         text = _text(data, name)
         try:
             return _decoder(kind).decode(text)
@@ -147,20 +125,11 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
     """(line number from 1, value) of each line of a JSON Lines file; empty lines are passed over.
 
     Raises:
-        DataError: a line is not JSON, or has a key twice; names `name` and the line.
+        DataError: a line is not JSON; names `name` and the line.
     """
     for number, line in enumerate(data.splitlines(), 1):
         if line.strip():
-            value = parse_json(line, f"{name}, line {number}")
-            with _named(f"{name}, line {number}", "JSON file", DataError):
-                json.loads(line, object_pairs_hook=_refuse_twice)
-            yield number, value
-
-
-def _refuse_twice(pairs: list[tuple[str, Any]]) -> None:
-    keys = [key for key, _ in pairs]
-    if len(set(keys)) < len(keys):
-        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r:.60} is there twice")
+            yield number, parse_json(line, f"{name}, line {number}")
 
 
 def _text(data: bytes, name: str) -> bytes:
@@ -185,10 +154,10 @@ def read_npz(path: str | Path) -> dict[str, NDArray[Any]]:
             the array.
     """
     data, arrays = io.BytesIO(read_bytes(path, "array_bytes", kind="NPZ file")), {}
-    with _named(str(path), "NPZ file", DataError), zipfile.ZipFile(data) as archive:
+    with _named(str(path), "NPZ file"), zipfile.ZipFile(data) as archive:
         check_limit(sum(m.file_size for m in archive.infolist()), "array_bytes", str(path))
         for name in archive.namelist():
-            with _named(f"{path}: {name}", "array", DataError), archive.open(name) as file:
+            with _named(f"{path}: {name}", "array"), archive.open(name) as file:
                 arrays[name.removesuffix(".npy")] = np.lib.format.read_array(file, allow_pickle=False)
     return arrays
 
@@ -202,7 +171,7 @@ def read_yaml(path: str | Path) -> Any:
     import yaml
 
     text = read_text(path, "yaml_bytes", kind="YAML file")
-    with _named(str(path), "YAML file", DataError):
+    with _named(str(path), "YAML file"):
         try:
             aliases = depth = 0
             for event in yaml.parse(text, yaml.SafeLoader):

@@ -42,15 +42,6 @@ REPRODUCIBLE = {"threads": "1", "mbtree": "0"}
 """Options without which x264 encodes the same frames differently from run to run, or from one number of cores to another."""
 HEAD_BYTES = 4096
 """Bytes at a file's start that tell its kind."""
-CONVERT = "convert it to H.264, for example: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
-IMAGES = {
-    "PNG image": b"\x89PNG",
-    "JPEG image": b"\xff\xd8\xff",
-    "BMP image": b"BM",
-    "TIFF image": b"II*\0",
-    "big-endian TIFF image": b"MM\0*",
-}
-"""How images begin, which OpenCV reads as videos of one frame."""
 
 
 @dataclass(frozen=True)
@@ -294,40 +285,22 @@ def check_is_video(path: Path) -> None:
         head = file.read(HEAD_BYTES)
     if not head:
         raise VideoError(f"{path}: is empty (0 bytes); expected a video")
-    if (found := _other_kind(head)) is not None:
-        hint = "; nsdr.load(nsdr.Scene, ...) reads a saved scene" if path.suffix == ".json" else ""
-        raise VideoError(f"{path}: is a {found}; expected a video{hint}")
+    # OpenCV would read both as videos.
+    if cv2.haveImageReader(str(path)):
+        raise VideoError(f"{path}: is an image; expected a video")
+    if _is_text(head):
+        raise VideoError(f"{path}: is a text file; expected a video")
 
 
-def _other_kind(head: bytes) -> str | None:
-    """What a file with these first bytes is, if it is an image or a text, which OpenCV would read as a video."""
-    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
-        return "WebP image"
+def _is_text(head: bytes) -> bool:
+    """Whether these first bytes of a file are text; the last character may be cut off."""
     try:
-        text = head.decode("utf-8") if len(head) < HEAD_BYTES else head[:-4].decode("utf-8", "ignore")
+        text = head.decode() if len(head) < HEAD_BYTES else head[:-4].decode("utf-8", "ignore")
     except UnicodeDecodeError:
-        text = "\0"
-    if all(c.isprintable() or c in "\n\r\t\f" for c in text):
-        return "text file"
-    return next((kind for kind, start in IMAGES.items() if head.startswith(start)), None)
+        return False
+    return all(c.isprintable() or c in "\n\r\t\f" for c in text)
 
 
 def _undecodable(path: Path) -> VideoError:
-    """The error about a file that OpenCV cannot open or decode; PyAV, which is an extra, knows more of it."""
-    reason = "not a video that OpenCV can read"
-    try:
-        import av
-
-        with av.open(str(path)) as container:
-            videos, sounds = (
-                [s.codec_context.name for s in found] for found in (container.streams.video, container.streams.audio)
-            )
-        if videos:
-            reason = f"{videos[0]} video, which OpenCV cannot decode here"
-        elif sounds:
-            return VideoError(f"{path}: holds sound ({sounds[0]}) but no video")
-    except ImportError:
-        pass
-    except (OSError, ValueError):
-        reason = "is not a video, or is damaged or cut off"
-    return VideoError(f"{path}: {reason}; {CONVERT}")
+    remedy = "if it is one, convert it to H.264: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
+    return VideoError(f"{path}: not a video that OpenCV can read, or damaged or cut off; {remedy}")

@@ -10,7 +10,6 @@ from .slots import Slot as Slot
 from .texts import (
     TEXT_KINDS as TEXT_KINDS,
     clevrer as clevrer,
-    described as described,
     draw_wording as draw_wording,
     english as english,
     in_words as in_words,

@@ -44,16 +44,33 @@ _HEAD = re.compile(r"([A-Z_]+)(?:\*(\d+))?: *(.*)")
 T = TypeVar("T")
 
 
-class Chooser(Protocol):
-    """Makes the choices of texts that are drawn."""
+class Chooser:
+    """Makes the choices of texts that are drawn: all at random."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
 
     def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
         """One of several contents; `weights` are their relative frequencies."""
-        ...
+        return self.rng.choices(options, weights)[0]
 
-    def vary(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
-        """One of several wordings; `weights` are their relative frequencies."""
-        ...
+    vary = pick  # one of several wordings
+
+
+class _Replay(Chooser):
+    """Repeats a recorded path of picks, then takes the first option of every further one; wordings are drawn at random."""
+
+    def __init__(self, path: list[tuple[int, int]], rng: random.Random) -> None:
+        super().__init__(rng)
+        self.path, self.depth = path, 0
+
+    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
+        """The recorded one, or the first one, which is recorded."""
+        if self.depth == len(self.path):
+            self.path.append((0, len(options)))
+        index = self.path[self.depth][0]
+        self.depth += 1
+        return options[index]
 
 
 class Phrases(Protocol):
@@ -69,35 +86,6 @@ class Phrases(Protocol):
             without: attribute that must not be among the words; "" for none.
         """
         ...
-
-
-class AtRandom:
-    """Draws everything."""
-
-    def __init__(self, rng: random.Random) -> None:
-        self.rng = rng
-
-    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
-        """One of several, at random."""
-        return self.rng.choices(options, weights)[0]
-
-    vary = pick
-
-
-class Replay(AtRandom):
-    """Repeats a recorded path of picks, then takes the first option of every further one; wordings are drawn at random."""
-
-    def __init__(self, path: list[tuple[int, int]], rng: random.Random) -> None:
-        super().__init__(rng)
-        self.path, self.depth = path, 0
-
-    def pick(self, options: Sequence[T], weights: Sequence[float] | None = None) -> T:
-        """The recorded one, or the first one, which is recorded."""
-        if self.depth == len(self.path):
-            self.path.append((0, len(options)))
-        index = self.path[self.depth][0]
-        self.depth += 1
-        return options[index]
 
 
 @dataclass(frozen=True)
@@ -189,7 +177,7 @@ class Rules:
     def draw(self, symbol: str, rng: random.Random, phrases: Phrases) -> Pair:
         """A random text of a symbol with its program."""
         while True:
-            words, program = self._made(_Part(symbol=symbol), AtRandom(rng), phrases)
+            words, program = self._made(_Part(symbol=symbol), Chooser(rng), phrases)
             tokens = with_filters(program)
             if tokens is not None:
                 return text_of(words), tokens
@@ -204,7 +192,7 @@ class Rules:
         """
         path: list[tuple[int, int]] = []
         while True:
-            words, program = self._made(_Part(symbol=symbol), Replay(path, rng), phrases)
+            words, program = self._made(_Part(symbol=symbol), _Replay(path, rng), phrases)
             tokens = with_filters(program)
             if tokens is not None:
                 yield text_of(words), tokens

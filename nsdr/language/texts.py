@@ -9,7 +9,7 @@ from typing import Any
 from nsdr.errors import ProgramError
 from nsdr.io.reading import parse_json
 from nsdr.language.rules import Chooser, Pair, Rules, load_rules
-from nsdr.language.slots import CATEGORY, Slot, in_order, text_of, with_filters
+from nsdr.language.slots import CATEGORY, Slot, in_order, text_of
 from nsdr.symbolic.program import CHOICE_KINDS, Program, ProgramSource
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
 
@@ -17,7 +17,6 @@ __all__ = [
     "START_SYMBOLS",
     "TEXT_KINDS",
     "clevrer",
-    "described",
     "draw_wording",
     "english",
     "in_words",
@@ -96,12 +95,6 @@ def vocabulary() -> tuple[str, ...]:
     """All words of normal forms."""
     nouns = {f"{shape}{ending}" for shape in (*ATTRIBUTES["shape"], "object") for ending in ("", "s")}
     return tuple(sorted(english().words | nouns | {*COLORS, *MATERIALS}))
-
-
-def described(words: Sequence[str], plural: bool = False) -> Pair:
-    """A noun phrase such as "red metal cube" and its filters; without a shape word the noun is "object"."""
-    slot = Slot("NS" if plural else "N", tuple(words))
-    return slot.text, with_filters([slot]) or []
 
 
 def kind_of(program: Program) -> str:

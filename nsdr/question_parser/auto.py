@@ -1,8 +1,7 @@
 """The default parser: rules, then what a text mentions, then a second parser, whose programs are checked."""
 
 import warnings
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
@@ -15,22 +14,22 @@ from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_for
 from nsdr.language.slots import Slot
 from nsdr.language.texts import in_words
 from nsdr.question_parser.base import Parser
-from nsdr.question_parser.contents import content_readings
+from nsdr.question_parser.contents import ASKED, content_readings
 from nsdr.question_parser.grammar import GrammarParser, NoReadingError
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
 
-__all__ = ["AutoParser", "Checked", "says_the_same"]
+__all__ = ["AutoParser", "says_the_same"]
 
-TIMES = ("before", "after", "when")
-EVENTS = ("enter", "exit", "collision", "moving", "stationary", "cause", "not", "without", "next")
+ANY_OBJECT = Slot("O", ())
+"""The noun phrase "object", which programs in words have where a text says "what"."""
 
 
 def says_the_same(text: str, program: Program) -> bool:
     """Whether a program, in words, says the same as a text, as far as single words tell: a check weaker than a reading.
 
-    Both have the same attribute words, orders, negations, events and times and ask for the same; objects and events stand in
-    the same order, on the same side of "before", "after" or "when". Every other word of the text is a function word.
+    Both ask for the same, and have the same other meanings and the same noun phrases, each in the same order. Every other word
+    of the text is a function word.
     """
     if AMBIGUOUS.intersection(split_words(text)) or "objects unique" in str(program):
         return False
@@ -39,47 +38,16 @@ def says_the_same(text: str, program: Program) -> bool:
     except ProgramError:
         return False
     words, expected = normal_form(text).words, normal_form(said).words
-    sides, others = _meaning(words), _meaning(expected)
-    if sides is None or others is None or len(sides) != len(others):
-        return False
-    if not _ordered_objects(words) <= _ordered_objects(expected) or _indefinite(words) != _indefinite(expected):
-        return False
-    return all(_fit(side, other) for side, other in zip(sides, others, strict=True))
+    is_known = all(isinstance(word, Slot) or word in MEANINGS or word in FUNCTION_WORDS for word in words)
+    is_named = ANY_OBJECT in expected or ANY_OBJECT not in words
+    return is_known and is_named and _meanings(words) == _meanings(expected)
 
 
-def _meaning(words: Sequence[str | Slot]) -> list[list[str | Slot]] | None:
-    """What the words mean before and after each word of `TIMES`; None where a word means nothing known."""
-    sides: list[list[str | Slot]] = [[]]
-    for word in words:
-        if isinstance(word, Slot):
-            sides[-1].append(word)
-        elif word in MEANINGS:
-            if MEANINGS[word] in TIMES:
-                sides.append([])
-            sides[-1].append(MEANINGS[word])
-        elif word not in FUNCTION_WORDS:
-            return None
-    return sides
-
-
-def _fit(found: list[str | Slot], expected: list[str | Slot]) -> bool:
-    """Whether two lists of meanings are the same but for the place of orders, of what is asked for, and of "object"."""
-    objects, others = ([m for m in meanings if isinstance(m, Slot) and m.form != "O"] for meanings in (found, expected))
-    if objects != others and ("collision" not in found or sorted(objects, key=str) != sorted(others, key=str)):
-        return False
-    bare = Slot("O", ())
-    if bare in found and bare not in expected:
-        return False
-    words, other_words = ([m for m in meanings if isinstance(m, str)] for meanings in (found, expected))
-    events, other_events = ([m for m in meanings if m in EVENTS] for meanings in (words, other_words))
-    return Counter(words) == Counter(other_words) and events == other_events
-
-
-def _ordered_objects(words: Sequence[str | Slot]) -> set[tuple[str, tuple[str, ...]]]:
-    """Orders with the attribute words that follow them immediately: ("first", ("red", "cube"))."""
-    return {
-        (a, b.words) for a, b in pairwise(words) if a in ("first", "second", "last") and isinstance(b, Slot) and b.words
-    }
+def _meanings(words: Sequence[str | Slot]) -> tuple[Collection[object], ...]:
+    """What is asked for, the other meanings, and the noun phrases but "object", each in order; and which are indefinite."""
+    meanings = [MEANINGS[word] for word in words if isinstance(word, str) and word in MEANINGS]
+    asked, others = ([m for m in meanings if (m in ASKED) == is_asked] for is_asked in (True, False))
+    return asked, others, [w for w in words if isinstance(w, Slot) and w != ANY_OBJECT], _indefinite(words)
 
 
 def _indefinite(words: Sequence[str | Slot]) -> set[tuple[str, Slot]]:
@@ -89,31 +57,8 @@ def _indefinite(words: Sequence[str | Slot]) -> set[tuple[str, Slot]]:
         if isinstance(b, Slot) and (a in ("a", "any", "another", "each") if b.form in ("N", "O") else a == "the"):
             found.add((str(a), b))
         elif a == "the" and isinstance(b, str) and b not in MEANINGS:
-            found.add((b, Slot("O", ())))
+            found.add((b, ANY_OBJECT))
     return found
-
-
-class Checked(Parser):
-    """Takes the programs of another parser only if they say the same as the text (`says_the_same`), with a warning in words.
-
-    Args:
-        parser: the other parser.
-    """
-
-    def __init__(self, parser: Parser) -> None:
-        self.parser = parser
-
-    def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`."""
-        found: list[Program | NsdrError] = []
-        for text, program in zip(texts, self.parser.parse_batch(texts, kind), strict=True):
-            if isinstance(program, NsdrError):
-                found.append(program)
-            elif not normal_form(text).left_out and says_the_same(text, program):
-                found.append(_understood(text, program))
-            else:
-                found.append(NoReadingError(f"{text!r} fits no program"))
-        return found
 
 
 class AutoParser(Parser):
@@ -172,21 +117,21 @@ class AutoParser(Parser):
         for i, text in enumerate(texts):
             if not isinstance(found[i], NoReadingError) or normal_form(text).left_out:
                 continue
-            programs = content_readings(text, kind)
-            if len(programs) == 1:
-                found[i] = _understood(text, Program.parse(programs[0]))
+            readings = content_readings(text, kind)
+            if len(readings) == 1:
+                found[i] = _understood(text, Program.parse(readings[0]))
             else:
                 unread.append(i)
         if unread:
-            checked = Checked(self.second).parse_batch([texts[i] for i in unread], kind)
-            for i, program in zip(unread, checked, strict=True):
-                if isinstance(program, Program):
-                    found[i] = program
+            programs = self.second.parse_batch([texts[i] for i in unread], kind)
+            for i, program in zip(unread, programs, strict=True):
+                if isinstance(program, Program) and says_the_same(texts[i], program):
+                    found[i] = _understood(texts[i], program)
         return found
 
 
 def _understood(text: str, program: Program) -> Program:
-    warnings.warn(f"{text!r}: understood as {in_words(program)!r}", stacklevel=5)
+    warnings.warn(f"{text!r}: understood as {in_words(program)!r}", stacklevel=4)
     return program
 
 

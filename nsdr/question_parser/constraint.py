@@ -18,8 +18,6 @@ _RESULTS = {
     "multiple_choice": {Kind.BOOLEAN},
     "choice": {Kind.OBJECT, Kind.EVENT},
 }
-MAX_VALUES = 5
-"""Largest number of values on the stack; no program of the grammar needs more."""
 
 
 def first_stack(kind: str) -> Stack:
@@ -27,7 +25,6 @@ def first_stack(kind: str) -> Stack:
     return (Kind.EVENT,) if kind == "multiple_choice" else ()
 
 
-@lru_cache(maxsize=4096)
 def following(stack: Stack, token: int) -> Stack:
     """The stack after a token, which has to be one that `allowed` permits."""
     name = PROGRAM_TOKENS[token]
@@ -35,9 +32,8 @@ def following(stack: Stack, token: int) -> Stack:
         return None
     if name in WORDS:
         return (*stack, WORDS[name])
-    arity = ARITY[name]
-    arguments = stack[len(stack) - arity :]
-    return (*stack[: len(stack) - arity], DISPATCH[(name, *arguments)][1])
+    below = len(stack) - ARITY[name]
+    return (*stack[:below], DISPATCH[(name, *stack[below:])][1])
 
 
 @lru_cache(maxsize=4096)
@@ -49,58 +45,13 @@ def allowed(stack: Stack, kind: str, at_start: bool) -> NDArray[np.bool_]:
         kind: "descriptive", "multiple_choice" or "choice".
         at_start: whether no token has been decoded yet.
     """
-    mask = np.zeros(len(PROGRAM_TOKENS), bool)
-    if stack is None:
-        mask[END] = True
-        return mask
-    mask[END] = not at_start and len(stack) == 1 and stack[0] in _RESULTS[kind]
-    for i, name in enumerate(PROGRAM_TOKENS):
-        if name == OTHER:
-            mask[i] = at_start
-        elif _fits(stack, name):
-            after = following(stack, i)
-            assert after is not None
-            mask[i] = len(after) <= MAX_VALUES and _can_end(after, kind)
+    mask = np.array([stack is not None and _fits(stack, name) for name in PROGRAM_TOKENS])
+    mask[PROGRAM_TOKENS.index(OTHER)] = at_start
+    mask[END] = stack is None or (not at_start and len(stack) == 1 and stack[0] in _RESULTS[kind])
     return mask
 
 
 def _fits(stack: tuple[Kind, ...], name: str) -> bool:
     if name in WORDS:  # the argument of the next filter
-        return bool(stack) and stack[-1] == (Kind.EVENTS if WORDS[name] == Kind.ORDER else Kind.OBJECTS)
+        return stack[-1:] == ((Kind.EVENTS if WORDS[name] == Kind.ORDER else Kind.OBJECTS),)
     return name in ARITY and len(stack) >= ARITY[name] and (name, *stack[len(stack) - ARITY[name] :]) in DISPATCH
-
-
-_RULES = [(key[1:], result) for key, (_, result) in DISPATCH.items() if key[0] in PROGRAM_TOKENS]
-"""(kinds of the arguments, kind of the result) of the modules that CLEVRER's programs use."""
-
-
-@lru_cache(maxsize=1)
-def _from_nothing() -> frozenset[Kind]:
-    """Kinds of the single values that a sequence of tokens can leave on an empty stack."""
-    found: set[Kind] = set(WORDS.values())
-    while True:
-        more = {result for arguments, result in _RULES if set(arguments) <= found}
-        if more <= found:
-            return frozenset(found)
-        found |= more
-
-
-@lru_cache(maxsize=64)
-def _from_one(kind: Kind) -> frozenset[Kind]:
-    """Kinds of the single values that further tokens can make of a value of this kind, itself included."""
-    found, new = {kind}, _from_nothing()
-    while True:
-        more = {r for a, r in _RULES if a and a[0] in found and all(other in new for other in a[1:])}
-        if more <= found:
-            return frozenset(found)
-        found |= more
-
-
-@lru_cache(maxsize=4096)
-def _can_end(stack: tuple[Kind, ...], kind: str) -> bool:
-    """Whether further tokens can reduce the values on a stack to a single result of the kind of text."""
-    on_top = _from_one(stack[-1])
-    for below in stack[-2::-1]:
-        joined = {r for a, r in _RULES if len(a) == 2 and a[0] == below and a[1] in on_top}
-        on_top = frozenset().union(*map(_from_one, joined))
-    return bool(on_top & _RESULTS[kind])

@@ -6,7 +6,7 @@ order matters. What has no reading is refused, with what is understood without s
 
 import unicodedata
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from nsdr.errors import NsdrError, ProgramError, QuestionError
 from nsdr.io.limits import check_limit
@@ -122,35 +122,18 @@ def another_kind(text: str, kind: str) -> QuestionError:
 
 
 def _refusal(text: str, kind: str) -> str:
-    """Why a text has no reading: what is understood without some of its words, and these words."""
-    near = min(_near_readings(text, kind), key=lambda row: len(row[1]), default=None)
-    if near is None:
-        return f"{text!r} fits no program; {REMEDY}"
-    program, unused = near
-    words, were = ("words", "were") if len(unused) > 1 else ("word", "was")
-    why = f"the {words} {' '.join(unused)!r} {were} not used"
-    return f"{text!r} fits no program (understood: {_said(program)}; {why}); {REMEDY}"
-
-
-def _near_readings(text: str, kind: str) -> Iterator[tuple[list[str], list[str]]]:
-    """Readings of the text without a few words in sequence, and without its unknown words, with these words."""
-    unknown = set(normal_form(text).left_out)
-    words = text.split()
-    if len(words) > MAX_EXPLAINED_WORDS:
-        return
-    is_unknown = [bool(unknown.intersection(split_words(word))) for word in words]
-    known = [word for word, is_out in zip(words, is_unknown, strict=True) if not is_out]
-    left_out = [word.strip(",.;:?!") for word, is_out in zip(words, is_unknown, strict=True) if is_out]
-    lengths = [0] if unknown else range(1, min(MAX_UNUSED, len(known) - 1) + 1)
-    for length in lengths:
-        nearest = []
-        for start in range(len(known) - length + 1 if length else 1):
-            unused = [word.strip(",.;:?!") for word in known[start : start + length]]
-            for program in readings(" ".join([*known[:start], *known[start + length :]]), kind):
-                nearest.append((program, left_out or unused))
-        if nearest:
-            yield from nearest
-            return
+    """Why a text has no reading: what is understood without its unknown words, or without a few words in sequence."""
+    words, left_out = text.split(), normal_form(text).left_out
+    unknown = [i for i, word in enumerate(words) if set(left_out).intersection(split_words(word))]
+    spans = [range(start, start + n) for n in range(1, MAX_UNUSED + 1) for start in range(len(words) - n + 1)]
+    for unused in ([unknown] if unknown else spans) if len(words) <= MAX_EXPLAINED_WORDS else ():
+        programs = readings(" ".join(word for i, word in enumerate(words) if i not in unused), kind)
+        if programs:
+            said = " ".join(words[i].strip(",.;:?!") for i in unused)
+            noun, verb = ("words", "were") if len(unused) > 1 else ("word", "was")
+            why = f"the {noun} {said!r} {verb} not used"
+            return f"{text!r} fits no program (understood: {_said(programs[0])}; {why}); {REMEDY}"
+    return f"{text!r} fits no program; {REMEDY}"
 
 
 def _said(tokens: Sequence[str]) -> str:

@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -20,8 +19,6 @@ __all__ = ["NO_PROGRAM", "LanguageModelParser", "examples"]
 
 TIMEOUT_S = 120.0
 """Default of the longest time without anything from the server (s)."""
-KEPT_TEXTS = 1 << 16
-"""Texts whose programs a parser keeps: choices are repeated, and the server is slow."""
 NO_PROGRAM = "NONE"
 """Reply for a text that no program stands for."""
 QUOTED_CHARACTERS = 200
@@ -70,7 +67,6 @@ class LanguageModelParser(Parser):
         )
         self.model = model  # named in errors
         self.model = model or self._only_model()
-        self._kept = lru_cache(KEPT_TEXTS)(self._asked)
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
         """As of `Parser`, one text after the other."""
@@ -78,7 +74,7 @@ class LanguageModelParser(Parser):
         for text in texts:
             try:
                 check_text(text, kind)
-                found.append(self._kept(" ".join(text.split()), kind))
+                found.append(self._asked(" ".join(text.split()), kind))
             except EndpointError:
                 raise
             except NsdrError as e:

@@ -90,12 +90,12 @@ class ParserNetwork(nn.Module):
         return self.decode(tokens, states, mask, state)[0]
 
     @torch.no_grad()
-    def search(self, words: Tensor, kind: str = "") -> tuple[list[list[int]], list[float]]:
-        """Programs of the most probable token after each (greedy search).
+    def search(self, words: Tensor, kind: str) -> tuple[list[list[int]], list[float]]:
+        """Programs of the most probable token that the signature table permits after each (greedy search, `constraint`).
 
         Args:
             words: (B, T) word indices, on any device.
-            kind: kind of the texts, to decode well-typed programs only (see `constraint`); "" permits every token.
+            kind: kind of the texts.
 
         Returns:
             Token indices of each text's program, and its probability among all token sequences (0-1). The constraint does not
@@ -112,18 +112,15 @@ class ParserNetwork(nn.Module):
         for step in range(self.config.max_tokens):
             logits, state = self.decode(token, states, mask, state)
             scores = logits[:, 0].log_softmax(-1)
-            if kind:
-                masks = np.stack([allowed(stack, kind, step == 0) for stack in stacks])
-                scores = scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
+            masks = np.stack([allowed(stack, kind, step == 0) for stack in stacks])
+            scores = scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
             best, token = scores.max(-1, keepdim=True)
             score += best[:, 0] * torch.tensor(running, device=device)
             for i, t in enumerate(token[:, 0].tolist()):
                 running[i] = running[i] and t not in (PAD, END)
                 if running[i]:
                     rows[i].append(t)
-                    stacks[i] = following(stacks[i], t) if kind else None
-                else:
-                    stacks[i] = None
+                stacks[i] = following(stacks[i], t) if running[i] else None
             if not any(running):
                 break
         return rows, score.exp().tolist()

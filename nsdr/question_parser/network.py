@@ -44,14 +44,12 @@ class QuestionParser(PretrainedPart, Parser):
     Args:
         tokenizer: word vocabulary.
         networks: the networks of `build_networks`.
-        constrained: decode well-typed programs only.
     """
 
     part = "question_parser"
 
-    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict, constrained: bool = True) -> None:
-        self.tokenizer, self.constrained = tokenizer, constrained
-        self.networks = networks.eval()
+    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict) -> None:
+        self.tokenizer, self.networks = tokenizer, networks.eval()
 
     @classmethod
     def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
@@ -116,7 +114,7 @@ class QuestionParser(PretrainedPart, Parser):
             normal = [normal_form(text).text for text in texts[start : start + MAX_BATCH_TEXTS]]
             encoded = [self.tokenizer.known(text) for text in normal]
             words = pad([row or [1] for row in encoded])
-            rows, probabilities = network.search(words, kind if self.constrained else "")
+            rows, probabilities = network.search(words, kind)
             for row, tokens, probability in zip(encoded, rows, probabilities, strict=True):
                 found.append(([PROGRAM_TOKENS[t] for t in tokens], probability) if row else ([OTHER], 1.0))
         return found

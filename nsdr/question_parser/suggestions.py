@@ -9,7 +9,7 @@ from nsdr.errors import ExecutionError
 from nsdr.language.normal import FUNCTION_WORDS, MEANINGS, normal_form
 from nsdr.language.rules import Chooser
 from nsdr.language.slots import Slot
-from nsdr.language.texts import clevrer, described
+from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -75,8 +75,8 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive",
     if scene is None and len(names) < 2:  # a collision takes two
         phrases.names = [*names, *(other for other in ANY_NAMES if other not in names)]
     pairs = [pair for symbol in SYMBOLS[kind] for pair in clevrer().every(symbol, phrases, random.Random(0))]
-    described_names = [described(words)[0] for words in phrases.names]
-    pairs = [pair for pair in pairs if all(pair[0].count(f"the {name}") < 2 for name in described_names)]
+    said_names = [f"the {Slot('N', words).text}" for words in phrases.names]
+    pairs = [pair for pair in pairs if all(pair[0].count(name) < 2 for name in said_names)]
     pairs.sort(key=lambda pair: (-_common(said, _meanings(pair[0])), len(pair[0])))
     nearest = sorted(pairs[:COMPARED], key=lambda pair: (-_similarity(said, _meanings(pair[0])), len(pair[0])))
     found: list[str] = []

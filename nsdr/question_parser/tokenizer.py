@@ -1,6 +1,5 @@
 """Indices of words and program tokens."""
 
-import difflib
 import re
 from collections.abc import Iterable, Sequence
 
@@ -18,8 +17,6 @@ PROGRAM_TOKENS = ("<pad>", "<start>", "<end>", OTHER, *(name for name, m in MODU
 """The decoder's vocabulary: special tokens, then the modules and words of the signature table."""
 
 _WORD = re.compile(r"'s\b|[^\W_]+")
-NEAR_WORDS, NEAR_SIMILARITY = 3, 0.5
-"""Largest number of known words that an error suggests, and their smallest similarity (0-1; `difflib.get_close_matches`)."""
 
 
 def split_words(text: str) -> list[str]:
@@ -43,9 +40,6 @@ class Tokenizer:
         """Tokenizer of all words in the texts, in alphabetical order."""
         return cls(sorted({word for text in texts for word in split_words(text)}))
 
-    def __contains__(self, word: str) -> bool:
-        return word in self._index
-
     def __len__(self) -> int:
         return len(self.words) + 1
 
@@ -57,14 +51,12 @@ class Tokenizer:
         """Word indices of a text.
 
         Raises:
-            QuestionError: an empty text or an unknown word; names it and similar known ones.
+            QuestionError: an empty text or an unknown word; names it.
         """
         words = split_words(text)
         if not words:
             raise QuestionError(f"the text {text!r} is empty")
         for word in words:
             if word not in self._index:
-                near = difflib.get_close_matches(word, self.words, n=NEAR_WORDS, cutoff=NEAR_SIMILARITY)
-                hint = f"did you mean {', '.join(near)}?" if near else "docs/questions.md lists the supported wordings"
-                raise QuestionError(f"unknown word {word!r} in {text!r}; {hint}")
+                raise QuestionError(f"unknown word {word!r} in {text!r}")
         return [self._index[word] for word in words]

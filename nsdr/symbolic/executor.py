@@ -107,7 +107,7 @@ class Executor:
             raise ProgramError(
                 f"the program gives {parsed.result}; the program of a question ends in a count, exist, query or frame"
             )
-        values = self._supposing(lambda e: e._values(parsed.steps, question))
+        values = self._supposing(lambda e: e._values(parsed.steps))
         trace = self._trace(parsed.steps, values)
         is_list = parsed.result == Kind.EVENTS
         text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
@@ -136,13 +136,13 @@ class Executor:
         if self._official is not None:
             return self._official.judge(question_program, choices, question)
         parsed = Program.parse(question_program)
-        answers = self._supposing(lambda e: e._judged(parsed, choices, question))
+        answers = self._supposing(lambda e: e._judged(parsed, choices))
         scores = self._prediction_scores(parsed, answers)
         answers = self._with_probabilities(answers) if scores is None else self._exactly_one(answers, *scores)
         return Answer(question, parsed.tokens, None, (), tuple(answers))
 
     def _judged(
-        self, question: Program, choices: Sequence[tuple[str, ProgramSource | NsdrError]], question_text: str
+        self, question: Program, choices: Sequence[tuple[str, ProgramSource | NsdrError]]
     ) -> list[ChoiceAnswer]:
         """The choices, one by one, without probabilities."""
         answers = []
@@ -151,18 +151,16 @@ class Executor:
                 answers.append(ChoiceAnswer(text, None, (), (), str(choice)))
                 continue
             name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
-            answers.append(self._judged_one(question, question_text, Program.parse(choice), text, name))
+            answers.append(self._judged_one(question, Program.parse(choice), text, name))
         return answers
 
-    def _judged_one(
-        self, question: Program, question_text: str, choice: Program, text: str, choice_name: str
-    ) -> ChoiceAnswer:
+    def _judged_one(self, question: Program, choice: Program, text: str, choice_name: str) -> ChoiceAnswer:
         whole = choice.then(question)
         try:
-            values = self._values(whole.steps, question_text, text, choice_name, len(choice.steps))
+            values = self._values(whole.steps, choice_name, len(choice.steps))
         except ExecutionError as e:
             takes_choice = next(i for i, step in enumerate(question.steps) if -1 in step.inputs)
-            self._values(question.steps[:takes_choice], question_text)  # fails if it is not the choice's fault
+            self._values(question.steps[:takes_choice])  # fails if it is not the choice's fault
             found = self._supposed(lambda executor: executor._values(whole.steps))
             if found is None:
                 return ChoiceAnswer(text, None, whole.tokens, (), str(e))
@@ -242,18 +240,8 @@ class Executor:
         total = sum(n for n, _ in runs)
         return sum(n for n, found in runs if found == value) / total if total else 0.0
 
-    def _values(
-        self,
-        steps: Sequence[Step],
-        question: str = "",
-        choice: str = "",
-        choice_name: str = "",
-        n_choice_steps: int = 0,
-    ) -> list[Any]:
-        """Value of every step.
-
-        The texts are for the message of an error; the first `n_choice_steps` steps are those of the choice.
-        """
+    def _values(self, steps: Sequence[Step], choice_name: str = "", n_choice_steps: int = 0) -> list[Any]:
+        """Value of every step; an error in one of the first `n_choice_steps` names the choice."""
         values: list[Any] = []
         for index, step in enumerate(steps):
             if step.module is None:
@@ -262,8 +250,8 @@ class Executor:
             try:
                 values.append(step.module.run(self.world, *[values[i] for i in step.inputs]))
             except ExecutionError as e:
-                text, where = (choice, choice_name) if index < n_choice_steps else (question, "")
-                raise failure(e, steps, index, values, self.world, text, where) from None
+                where = choice_name if index < n_choice_steps else ""
+                raise failure(e, steps, index, values, self.world, where) from None
         return values
 
     def _trace(self, steps: Sequence[Step], values: Sequence[Any]) -> tuple[TraceStep, ...]:

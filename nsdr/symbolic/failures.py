@@ -1,35 +1,23 @@
 """Failed steps of programs in a user's words."""
 
-import re
 from collections.abc import Sequence
-from itertools import permutations
 from typing import Any
 
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.modules import Kind
-from nsdr.symbolic.phrases import attribute_words, indefinite, noun_phrase
+from nsdr.symbolic.phrases import indefinite, noun_phrase
 from nsdr.symbolic.program import Step
 from nsdr.symbolic.world import World
-from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["failure", "general"]
+__all__ = ["failure"]
 
-SHAPES = frozenset(ATTRIBUTES["shape"])
-NOUNS = frozenset({"object", "thing", "item", "one"})
-"""Nouns of objects whose shape is not named."""
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-GENERAL = {
-    r" fits \w+ (objects|events): ": "a description of one object or event fits several (unique)",
-    "no object in this video is ": "no object fits a description (unique)",
-    "there is no ": "no event fits a description (unique, filter_order)",
-}
-"""Patterns of the sentences about failed steps, and what `general` says instead."""
 MAX_LISTED = 8
 """Largest number of objects or events that a message lists."""
 
 
 def failure(
-    error: ExecutionError, steps: Sequence[Step], index: int, values: Sequence[Any], world: World, text: str, where: str
+    error: ExecutionError, steps: Sequence[Step], index: int, values: Sequence[Any], world: World, where: str
 ) -> ExecutionError:
     """The error of a step, in words.
 
@@ -39,33 +27,24 @@ def failure(
         index: of the failed step.
         values: of the steps before it.
         world: that it ran on.
-        text: the question or choice that the step belongs to; "" where only the program is known.
-        where: which one that is, such as "choice B"; "" for the only text.
+        where: the choice that the step belongs to, such as "choice B"; "" for the question.
 
     Returns:
-        An error whose message quotes the text, or names what the program asks for, and says what the scene has instead.
+        An error whose message names what the program asks for, and says what the scene has instead.
     """
-    step, asked, prefix = steps[index], noun_phrase(steps, index), f"{where}: " if where else ""
+    step, prefix = steps[index], f"{where}: " if where else ""
     if step.token not in ("unique", "filter_order"):
-        return ExecutionError(f"{prefix}{error}", index + 1, step.token, asked)
+        return ExecutionError(f"{prefix}{error}", index + 1, step.token)
     source = step.inputs[0]
     is_objects = steps[source].kind == Kind.OBJECTS
     found = _objects(world, values[source]) if is_objects else world.sentences(values[source])
-    expected = "exactly one" if step.token == "unique" else f"a {steps[step.inputs[1]].token} one"
     if step.token == "unique" and found:
-        noun, words = noun_phrase(steps, source), attribute_words(steps, source) if is_objects else ()
-        plain = words and noun.removesuffix(" object") == " ".join(words)
-        quoted = _own_words(text, words) if plain else ""
         place, kind = f" in {where}" if where else "", "objects" if is_objects else "events"
-        message = f"'{quoted or asked}'{place} fits {_number(len(found))} {kind}: {_listed(found, is_objects)}"
+        fitting = f"{_number(len(found))} {kind}: {_listed(found, is_objects)}"
+        message = f"'{noun_phrase(steps, index)}'{place} fits {fitting}"
     else:
         message = prefix + _nothing(steps, index, found, world)
-    return ExecutionError(message, index + 1, step.token, asked, expected, found)
-
-
-def general(message: str) -> str:
-    """The message of an error without what is special to its scene, so that similar ones can be counted together."""
-    return next((text for pattern, text in GENERAL.items() if re.search(pattern, message)), message)
+    return ExecutionError(message, index + 1, step.token)
 
 
 def _nothing(steps: Sequence[Step], index: int, found: Sequence[str], world: World) -> str:
@@ -101,15 +80,3 @@ def _listed(found: Sequence[str], is_objects: bool) -> str:
 
 def _number(count: int) -> str:
     return NUMBERS[count] if count < len(NUMBERS) else str(count)
-
-
-def _own_words(text: str, words: Sequence[str]) -> str:
-    """The text's noun phrase with exactly these attribute words, in any order; "" if there is none."""
-    orders = "|".join(" ".join(order) for order in permutations(words))
-    for found in re.finditer(rf"\bthe ({orders})\b(?: (\w+))?", text, re.IGNORECASE):
-        phrase, following = found[1].lower(), (found[2] or "").lower()
-        if not SHAPES.isdisjoint(phrase.split()):
-            return f"the {phrase}"
-        if following in NOUNS:
-            return f"the {phrase} {following}"
-    return ""

@@ -50,13 +50,13 @@ class OfficialExecutor:
             events, or None for `null`; "error" for a program that fails.
         """
         try:
-            return self._steps(_tokens(program))[-1].value
+            return self._steps(program_tokens(program))[-1].value
         except (ProgramError, ExecutionError):
             return ERROR
 
     def answer(self, program: ProgramSource, question: str = "") -> Answer:
         """Answer a question; a program that fails gives "error" without a trace."""
-        tokens = _tokens(program)
+        tokens = program_tokens(program)
         try:
             trace = self._steps(tokens)
         except (ProgramError, ExecutionError):
@@ -71,13 +71,13 @@ class OfficialExecutor:
         question: str = "",
     ) -> Answer:
         """Each choice joined with the question into one program: "yes" is correct, "no" wrong, anything else an "error"."""
-        tokens = _tokens(question_program)
+        tokens = program_tokens(question_program)
         judged = []
         for text, choice in choices:
             if isinstance(choice, NsdrError):
                 judged.append(ChoiceAnswer(text, ERROR, (), (), str(choice)))
                 continue
-            whole = self.answer((*_tokens(choice), *tokens))
+            whole = self.answer((*program_tokens(choice), *tokens))
             judgement = {"yes": "correct", "no": "wrong"}.get(str(whole.answer), ERROR)
             judged.append(ChoiceAnswer(text, judgement, whole.program, whole.trace))
         return Answer(question, tokens, None, (), tuple(judged))
@@ -117,14 +117,6 @@ class OfficialExecutor:
         if isinstance(value, bool):
             return "yes" if value else "no"
         return "the whole video" if value is None else str(value)
-
-
-def _tokens(source: ProgramSource) -> tuple[str, ...]:
-    """Tokens of a program; none, which is an error when it runs, of an unreadable tree."""
-    try:
-        return program_tokens(source)
-    except ProgramError:
-        return ()
 
 
 def _fits(kind: Kind, value: Any) -> bool:

@@ -1,6 +1,5 @@
 """Programs: postfix token lists, checked against the signature table before they run."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -80,7 +79,7 @@ class Program:
 
     @classmethod
     def parse(cls, source: "ProgramSource") -> "Program":
-        """Parse a program in any of the three spellings.
+        """Parse and check a program.
 
         Args:
             source: as of `program_tokens`.
@@ -102,18 +101,6 @@ class Program:
             raise ProgramError("the question's program takes no choice; expected one that ends in belong_to")
         return _checked(self.tokens + question.tokens)
 
-    def tree(self) -> str:
-        """The program as a tree in the paper's notation, such as `Count(Filter_shape(Objects, "cube"))`."""
-        texts: list[str] = []
-        for step in self.steps:
-            if step.module is None:
-                texts.append(f'"{step.token}"')
-                continue
-            arguments = ["Choice" if i < 0 else texts[i] for i in step.inputs]
-            name = step.token.capitalize()
-            texts.append(f"{name}({', '.join(arguments)})" if arguments else name)
-        return texts[-1]
-
     def __str__(self) -> str:
         return " ".join(self.tokens)
 
@@ -121,8 +108,6 @@ class Program:
         return Program.parse, (self.tokens,)
 
 
-EXCERPT_CHARACTERS = 20
-"""Length of the quotation in the error message of an unreadable tree."""
 CACHED_PROGRAMS = 1 << 16
 """Number of parsed programs that are kept in memory."""
 
@@ -170,7 +155,7 @@ def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:
 
 
 ProgramSource = str | Sequence[str] | Program
-"""A program in any spelling: see `program_tokens`."""
+"""A program, or its tokens: see `program_tokens`."""
 
 
 def program_tokens(source: ProgramSource) -> tuple[str, ...]:
@@ -178,16 +163,15 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
 
     Args:
         source: postfix tokens (a list, or a string separated by spaces or commas) with the data set's or the released
-            executor's names, also between `<START>` and `<END>` or `<NULL>`; or a tree as in the paper, such as
-            `Count(Filter_shape(Objects, "cube"))`.
+            executor's names, also between `<START>` and `<END>` or `<NULL>`.
 
     Raises:
-        ProgramError: an unreadable tree, a token that is no text, or more tokens than `Limits.program_tokens`.
+        ProgramError: a token that is no text, or more tokens than `Limits.program_tokens`.
     """
     if isinstance(source, Program):
         return source.tokens
     if isinstance(source, str):
-        source = _tree_tokens(source) if re.search(r"[()]", source) else re.findall(r"[^\s,]+", source.lower())
+        source = source.lower().replace(",", " ").split()
     most = limits().program_tokens
     if len(source) > most:
         raise ProgramError(f"the program has more than {most} tokens; the limit program_tokens allows more")
@@ -204,38 +188,3 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
         else:
             tokens.append(RESEARCH_NAMES.get(token, token))
     return tuple(tokens)
-
-
-_TREE_TOKEN = re.compile(r"\s*(?:([(),])|\"([^\"]*)\"|'([^']*)'|(<?\w+>?))")
-
-
-def _tree_tokens(text: str) -> tuple[str, ...]:
-    """Postfix tokens of a tree: each call follows its arguments."""
-    tokens: list[str] = []
-    calls: list[str] = []
-    name, offset = "", 0
-    text = text.rstrip()
-    while offset < len(text):
-        match = _TREE_TOKEN.match(text, offset)
-        if match is None:
-            raise ProgramError(f"cannot parse the program at {text[offset : offset + EXCERPT_CHARACTERS]!r}")
-        offset = match.end()
-        punctuation, *words = match.groups()
-        if punctuation == "(":
-            calls.append(name)
-            name = ""
-            continue
-        if punctuation and name:
-            tokens.append(name)
-            name = ""
-        if punctuation == ")":
-            if not calls:
-                raise ProgramError("unbalanced parentheses: a ) without its (")
-            tokens.append(calls.pop())
-        elif not punctuation:
-            name = next(w for w in words if w is not None).lower()
-            if name == "choice":
-                name = ""
-    if calls:
-        raise ProgramError(f"unbalanced parentheses: {len(calls)} ( without their )")
-    return (*tokens, name) if name else tuple(tokens)

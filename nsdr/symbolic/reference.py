@@ -18,8 +18,7 @@ def reference_page() -> str:
 <!-- Generated from the signature table: python -m nsdr.symbolic.reference > docs/modules.md -->
 
 A program is a postfix list of tokens: words, and modules that take their arguments from the stack, the first argument
-deepest. `nsdr.Program.parse` also reads the paper's trees, such as `Count(Filter_shape(Objects, "cube"))`, and the
-released executor's names.
+deepest. `nsdr.Program.parse` also reads the released executor's names.
 
 ## Modules
 

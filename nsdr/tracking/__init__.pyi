@@ -3,7 +3,6 @@ from .tracker import (
     TrackerConfig as TrackerConfig,
     track as track,
     tracks_from_annotation as tracks_from_annotation,
-    tracks_from_motion as tracks_from_motion,
 )
 from .visibility import (
     cut_sides as cut_sides,

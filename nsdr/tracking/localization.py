@@ -105,8 +105,8 @@ def expected_size(shape: str, location_world: FloatArray, camera: Camera = CLEVR
 def ground_location(
     shape: str,
     centroid_px: FloatArray,
-    box_xyxy_px: NDArray[np.integer[Any]],
-    hidden: NDArray[np.bool_] | None = None,
+    box_xyxy_px: NDArray[Any],
+    hidden: NDArray[np.bool_],
     camera: Camera = CLEVRER_CAMERA,
 ) -> FloatArray:
     """Ground-plane positions of objects of one shape.
@@ -118,24 +118,21 @@ def ground_location(
         shape: "cube", "sphere" or "cylinder".
         centroid_px: (N, 2) mask centroids (column, row).
         box_xyxy_px: (N, 4) mask bounds.
-        hidden: (N, 4) bool from `hidden_sides`; None considers the image border only.
+        hidden: (N, 4) bool from `hidden_sides`.
         camera: that took the image, of 480x320 pixels.
 
     Returns:
         (N, 2) world (x, y) of the objects' centres.
     """
     to_centre, to_edges = _calibration(camera)[shape]
-    centroid = np.asarray(centroid_px, float).reshape(-1, 2)
-    box = np.asarray(box_xyxy_px, float).reshape(-1, 4)
+    centroid, size = np.asarray(centroid_px, float), np.array([WIDTH_PX, HEIGHT_PX])
     centre = centroid + _terms(centroid) @ to_centre
-    size = np.array([WIDTH_PX, HEIGHT_PX])
-    if hidden is None:
-        hidden = cut_sides(box)
     cut = hidden.any(1)
+    box = box_xyxy_px[cut]
     low_hidden, high_hidden = hidden[cut, :2], hidden[cut, 2:]
     for _ in range(CUT_ITERATIONS if cut.any() else 0):
         offset = _terms(np.clip(centre[cut], -CLIP_MARGIN_PX, size + CLIP_MARGIN_PX)) @ to_edges
-        from_high, from_low = box[cut, 2:] - offset[:, 2:], box[cut, :2] - offset[:, :2]
+        from_high, from_low = box[:, 2:] - offset[:, 2:], box[:, :2] - offset[:, :2]
         from_sides = np.where(low_hidden, from_high, np.where(high_hidden, from_low, (from_high + from_low) / 2))
         centre[cut] = np.where(low_hidden & high_hidden, centre[cut], from_sides)
     return camera.ground(centre)

@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,7 +23,6 @@ __all__ = [
     "TrackerConfig",
     "track",
     "tracks_from_annotation",
-    "tracks_from_motion",
 ]
 
 GATE_WORLD, GATE_WORLD_PER_FRAME = 0.25, 0.1
@@ -83,15 +82,14 @@ class _Tracklet:
         velocity: (2,) smoothed displacement per frame (world units per frame).
     """
 
-    rows: list[int] = field(default_factory=list)
-    frame: int = -1
-    position: NDArray[Any] = field(default_factory=lambda: np.zeros(2))
+    rows: list[int]
+    frame: int
+    position: NDArray[Any]
     velocity: NDArray[Any] = field(default_factory=lambda: np.zeros(2))
 
     def add(self, row: int, frame: int, position: NDArray[Any], memory: float) -> None:
-        if self.rows:
-            step = (position - self.position) / (frame - self.frame)
-            self.velocity = step if len(self.rows) == 1 else memory * self.velocity + (1 - memory) * step
+        step = (position - self.position) / (frame - self.frame)
+        self.velocity = step if len(self.rows) == 1 else memory * self.velocity + (1 - memory) * step
         self.rows.append(row)
         self.frame, self.position = frame, position
 
@@ -116,7 +114,7 @@ def track(
     if spacing > MAX_SPACING_FRAMES:
         warnings.warn(
             f"one frame in {spacing:g} (of 25 per second) was processed: above {MAX_SPACING_FRAMES}, collisions are missed and "
-            "misplaced; lower --stride, or use a video with more frames per second",
+            "misplaced; lower the stride, or use a video with more frames per second",
             stacklevel=2,
         )
     kept = np.flatnonzero(proposals.score > c.score)
@@ -213,9 +211,7 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
                 active[j].add(rows[i], frame, positions[rows[i]], memory)
                 matched.add(i)
         for i in set(range(len(rows))) - matched:
-            tracklet = _Tracklet()
-            tracklet.add(rows[i], frame, positions[rows[i]], memory)
-            active.append(tracklet)
+            active.append(_Tracklet([rows[i]], frame, positions[rows[i]]))
     return done + active
 
 
@@ -263,31 +259,19 @@ def _identities(proposals: VideoProposals, tracklets: list[list[int]]) -> dict[i
     return {identity: [rows[f] for f in sorted(rows)] for identity, rows in by_identity.items()}
 
 
-def tracks_from_annotation(annotation: Mapping[str, Any]) -> VideoTracks:
+def tracks_from_annotation(annotation: Mapping[str, Any], camera: Camera = CLEVRER_CAMERA) -> VideoTracks:
     """True positions of all objects in the frames where they are in view, with the boxes of their outlines and score 1.
 
     Objects that are never in view are left out.
 
     Args:
-        annotation: validated content of an annotation file.
-    """
-    return tracks_from_motion(annotation["object_property"], annotation["motion_trajectory"])
-
-
-def tracks_from_motion(
-    objects: Sequence[Mapping[str, Any]], frames: Sequence[Mapping[str, Any]], camera: Camera = CLEVRER_CAMERA
-) -> VideoTracks:
-    """Tracks as of `tracks_from_annotation`, from the lists of objects and frames of an annotation or a truth file.
-
-    Args:
-        objects: `object_id`, `color`, `material` and `shape` of each object.
-        frames: for each frame, `objects` with `object_id`, `inside_camera_view`, `location` (x, y, z in world units) and
-            `orientation` (radians).
+        annotation: validated content of an annotation file: its `object_property` and `motion_trajectory`.
         camera: that took the video.
     """
     size = np.array([WIDTH_PX, HEIGHT_PX])
     tracks: list[Track] = []
-    for properties in sorted(objects, key=lambda p: int(p["object_id"])):
+    frames = annotation["motion_trajectory"]
+    for properties in sorted(annotation["object_property"], key=lambda p: int(p["object_id"])):
         words = (properties["color"], properties["material"], properties["shape"])
         seen, positions, boxes = [], [], []
         for f, frame in enumerate(frames):

@@ -79,8 +79,6 @@ def hidden_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:
         (..., N, 4) bool: left, top, right, bottom.
     """
     box = np.asarray(box_xyxy_px, float)
-    if box.ndim < 2:  # no boxes
-        box = box.reshape(-1, 4)
     x0, y0, x1, y1 = np.moveaxis(box, -1, 0)
     mine, other = np.s_[..., :, None], np.s_[..., None, :]
     with np.errstate(invalid="ignore"):

@@ -41,7 +41,7 @@ def parse_sizes(text: str) -> list[int]:
 
 
 def run_ablation(train: Callable[[int, str], str], sizes: str, run_dir: str, questions: str, truth: str) -> str:
-    """Train with each number of programs, evaluate, and write `ablation.csv` to the run's folder (`nsdr figures` draws it).
+    """Train with each number of programs, evaluate, and write `ablation.csv` to the run's folder.
 
     Each size is a run of its own in a subfolder, so an interrupted ablation is resumed where it stopped.
 

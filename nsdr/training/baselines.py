@@ -1,7 +1,7 @@
 """Train a baseline: `nsdr train baseline --config configs/baselines/NAME.yaml`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -17,13 +17,13 @@ from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
-from nsdr.io.configuration import config_of, resolved
+from nsdr.io.configuration import config_of
 from nsdr.io.fingerprint import fingerprint
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
-from nsdr.training.run_folder import parse_training, training_time
+from nsdr.training.run_folder import parse_training
 from nsdr.validation import PathName, PositiveCount, Settings, expect
 
-__all__ = ["BaselineTask", "BaselineTrainer", "BaselineTraining", "main", "train_baseline"]
+__all__ = ["BaselineTask", "BaselineTraining", "main", "train_baseline"]
 
 
 @dataclass(frozen=True)
@@ -168,28 +168,3 @@ def train_baseline(config: BaselineTraining) -> str:
 def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     return train_baseline(parse_training(BaselineTraining, argv, "baseline"))
-
-
-class BaselineTrainer:
-    """Trains by YAML files of `BaselineTraining` for `nsdr.evaluation.run_experiment`."""
-
-    def fingerprint(self, file: str) -> str:
-        """Of the settings but for the device, the questions and the features' settings."""
-        config = self._config(file)
-        return fingerprint(config=resolved(config), inputs=[config.data_fingerprint().encode()])
-
-    def features(self, file: str) -> str:
-        """Folder of the features of the training; "" for a system that sees no video."""
-        return self._config(file).features
-
-    def train(self, file: str, device: str) -> str:
-        """Train where that is not done yet, on the file's device for "auto"; returns the folder of the checkpoint."""
-        config = self._config(file)
-        return train_baseline(config if device == "auto" else replace(config, loop=replace(config.loop, device=device)))
-
-    def time(self, file: str) -> dict[str, float]:
-        """As of `nsdr.training.run_folder.training_time`."""
-        return training_time(self._config(file).run_dir)
-
-    def _config(self, file: str) -> BaselineTraining:
-        return parse_training(BaselineTraining, ["--config", file], "baseline")

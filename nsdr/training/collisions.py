@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nsdr.dynamics.collisions import TrackCollisionDetector
 from nsdr.dynamics.collisions.features import (
     MotionArrays,
     NetworkInputs,
@@ -16,7 +15,12 @@ from nsdr.dynamics.collisions.features import (
     near_pairs,
     network_inputs,
 )
-from nsdr.dynamics.collisions.network import STEP_FRAMES, CollisionNetwork, CollisionNetworkConfig
+from nsdr.dynamics.collisions.network import (
+    STEP_FRAMES,
+    CollisionNetwork,
+    CollisionNetworkConfig,
+    TrackCollisionDetector,
+)
 from nsdr.dynamics.metrics import collision_scores
 from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part

@@ -15,7 +15,7 @@ from nsdr.errors import DataError
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import start_from
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import PathName, PositiveCount, Settings
@@ -75,7 +75,7 @@ class FrameParserTask(Task):
             load_coco_weights(network)
         self.model: nn.Module = network.to(memory_format=torch.channels_last)
         if config.initial:
-            self.model.load_state_dict(load_checkpoint(config.initial, "frame_parser")[0])
+            start_from(self.model, config.initial, "frame_parser")
         self.training_frames = FrameDataset(config.frames, "train", config.augmentation)
         self.evaluation_frames = FrameDataset(config.frames, "evaluation")
 

@@ -12,7 +12,7 @@ from torch.nn import functional as F
 
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import load_description, start_from
 from nsdr.language.normal import normal_form
 from nsdr.language.rules import Pair
 from nsdr.language.texts import (
@@ -98,10 +98,9 @@ class QuestionParserTask(Task):
         self.tokenizer = Tokenizer.from_texts([*vocabulary(), *normal])
         self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
         if config.initial:
-            state, details = load_checkpoint(config.initial, "question_parser")
-            if details["words"] != list(self.tokenizer.words):
+            if load_description(config.initial, "question_parser")["words"] != list(self.tokenizer.words):
                 raise DataError(f"{config.initial}: has other words than this training; leave --initial out")
-            self.model.load_state_dict(state)
+            start_from(self.model, config.initial, "question_parser")
 
     def _pool(self) -> dict[str, list[Pair]] | None:
         """The training pairs of each kind; None where each batch is drawn from the grammar anew."""

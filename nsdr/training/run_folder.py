@@ -7,7 +7,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +22,7 @@ from nsdr.io.files import atomic_path, check_output_folder, remove_partial_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
 
-__all__ = ["RunFolder", "TrainingState", "parse_training", "training_time"]
+__all__ = ["RunFolder", "TrainingState", "described", "parse_training", "resolved"]
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -31,8 +31,6 @@ KEPT_CHECKPOINTS = 2
 """Newest checkpoints that are kept: should the newest be damaged, the one before it is resumed from."""
 LOSSES = ("step", "loss", "learning_rate")
 """Columns of `metrics.jsonl` that are no metrics, beside the loss terms `loss/...`."""
-TIMES = {"seconds": time.monotonic, "cpu_seconds": time.process_time}
-"""What a checkpoint says of the time of the steps up to it: that on the clock, and that of all threads of one process."""
 
 
 def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
@@ -45,6 +43,18 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
     for folder in (config.run_dir, config.output or config.run_dir):
         check_output_folder(folder)
     return config
+
+
+def resolved(config: Any) -> dict[str, Any]:
+    """What a training is told, as plain values: not where it writes (which may move), nor on which device it runs."""
+    values = {name: value for name, value in asdict(config).items() if name not in ("run_dir", "output")}
+    values["loop"].pop("device")
+    return values
+
+
+def described(config: Any) -> dict[str, Any]:
+    """The configuration for readers of a checkpoint: of every path only the last part, which says nothing of the machine."""
+    return {k: Path(v).name if isinstance(v, str) and "/" in v else v for k, v in resolved(config).items()}
 
 
 @dataclass(frozen=True)
@@ -110,7 +120,6 @@ class RunFolder:
         self.path, self.writes = Path(path), writes
         self._metrics = self.path / "metrics.jsonl"
         self._events: Path | None = None
-        self._started = {name: now() for name, now in TIMES.items()}
         if writes:
             remove_partial_files(self.path)
         resolved = json.loads(json.dumps(resolved))
@@ -138,11 +147,10 @@ class RunFolder:
             sync(*self.path.glob(self._metrics.name))
         content = safetensors.save(state.tensors())
         details = {"step": step, "record": record, "sha256": hashlib.sha256(content).hexdigest()}
-        times = {name: round(now() - self._started[name], 3) for name, now in TIMES.items()}
         path = self.path / f"step_{step:07d}.json"
         with atomic_path(path.with_suffix(".safetensors")) as temporary:
             temporary.write_bytes(content)
-        write_json(path, details | times)
+        write_json(path, details)
         self._delete_all_but([p for p in _checkpoints(self.path) if p <= path])
 
     def _delete_all_but(self, checkpoints: Sequence[Path]) -> None:
@@ -169,7 +177,6 @@ class RunFolder:
                     raise DataError("its weights do not have the checksum in the JSON file")
                 state.load(safetensors.load(content))
                 step, record = int(details["step"]), dict(details["record"])
-                self._started = {name: now() - details[name] for name, now in TIMES.items()}
                 log.info("%s: resumes at step %d", self.path, step)
                 break
             except (SafetensorError, OSError, KeyError, TypeError, RuntimeError, DataError) as e:
@@ -235,14 +242,6 @@ class RunFolder:
                 yield json.loads(line)
             except ValueError:
                 continue
-
-
-def training_time(path: str | Path) -> dict[str, float]:
-    """`TIMES` up to the newest checkpoint of a run; steps that a kill undid do not count."""
-    for checkpoint in _checkpoints(Path(path))[:1]:
-        details = read_json(checkpoint)
-        return {name: details[name] for name in TIMES}
-    return {}
 
 
 def _checkpoints(path: Path) -> list[Path]:

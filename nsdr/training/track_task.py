@@ -19,7 +19,7 @@ from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.dynamics.propnet.state_model import StateModelConfig
 from nsdr.dynamics.propnet.state_predictor import StatePredictor
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import start_from
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
 from nsdr.types import Event
 from nsdr.validation import Count, NotNegative, PositiveCount, Settings, expect
@@ -101,7 +101,7 @@ class TrackTask(Task):
     def __init__(self, config: DynamicsTraining, network: nn.Module) -> None:
         self.config = config
         if config.initial:
-            network.load_state_dict(load_checkpoint(config.initial, "dynamics")[0])
+            start_from(network, config.initial, "dynamics")
         self.model: nn.Module = network
         data = self.read()
         is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.data or config.proposals)

@@ -125,11 +125,6 @@ class ObjectPhysics(ArrayHolder):
             lowest = float(np.diagonal(self.log_mass_covariance).min(initial=0.0))
             expect(lowest >= 0, "ObjectPhysics.log_mass_covariance", "variances from 0 on", lowest)
 
-    @property
-    def n_frames(self) -> int:
-        """Frames of the velocities."""
-        return int(self.velocity_world_per_s.shape[1])
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DynamicsPrediction(ArrayHolder):

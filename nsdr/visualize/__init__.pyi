@@ -3,10 +3,5 @@ from .annotate import (
     stroboscopic_image as stroboscopic_image,
     write_annotated_video as write_annotated_video,
 )
-from .distributions import (
-    program_curve as program_curve,
-    question_figure as question_figure,
-)
 from .figures import causal_figure as causal_figure, figure_png as figure_png, plan_figure as plan_figure
 from .report import write_report as write_report
-from .samples import sample_image as sample_image

@@ -41,7 +41,7 @@ TEXT_MARGIN_PX = 2
 """Minimum distance of a text from the image border, and step by which overlapping texts are moved up."""
 
 STROBE_EVERY = 12
-"""Default number of frames between two copies of a stroboscopic image."""
+"""Frames between two copies of a stroboscopic image."""
 MIN_DISPLACEMENT_PX = 6.0
 """A copy closer than this to the next one is left out, because it would only blur it (pixels of the video)."""
 MIN_OPACITY, OPACITY_RANGE = 0.35, 0.5
@@ -198,28 +198,24 @@ def _free_position(image: NDArray[Any], text: str, position: tuple[int, int], oc
     return x, y
 
 
-def stroboscopic_image(
-    frames: NDArray[np.uint8], proposals: VideoProposals, tracks: VideoTracks, every: int = STROBE_EVERY, scale: int = 2
-) -> NDArray[np.uint8]:
+def stroboscopic_image(frames: NDArray[np.uint8], proposals: VideoProposals, tracks: VideoTracks) -> NDArray[np.uint8]:
     """The last frame with earlier copies of all moving objects; older copies are fainter.
 
     Args:
         frames: (T, 320, 480, 3) uint8 RGB.
         proposals: masks of the objects; without masks no copies are drawn.
         tracks: of the same video.
-        every: frames between two copies.
-        scale: size of the image relative to the frames.
 
     Returns:
-        (320 scale, 480 scale, 3) uint8 RGB.
+        (640, 960, 3) uint8 RGB.
     """
     image: NDArray[Any] = frames[-1].astype(float)
     masks = _masks_by_frame(proposals, tracks)
     last = len(frames) - 1
-    for frame in range(last % every, last, every):
+    for frame in range(last % STROBE_EVERY, last, STROBE_EVERY):
         opacity = MIN_OPACITY + OPACITY_RANGE * frame / last
         for track, counts in zip(tracks.tracks, masks, strict=True):
-            now, later = _position_px(track, frame), _position_px(track, min(frame + every, last))
+            now, later = _position_px(track, frame), _position_px(track, min(frame + STROBE_EVERY, last))
             if frame not in counts or now is None or later is None:
                 continue
             if np.linalg.norm(now - later) >= MIN_DISPLACEMENT_PX:
@@ -227,7 +223,7 @@ def stroboscopic_image(
     for track, counts in zip(tracks.tracks, masks, strict=True):  # the last frame's objects are on top
         if last in counts and track.frame_index[-1] == last:
             image = _blended(image, frames[last], counts[last], 1.0)
-    size = (WIDTH_PX * scale, HEIGHT_PX * scale)
+    size = (WIDTH_PX * SCALE, HEIGHT_PX * SCALE)
     return np.asarray(cv2.resize(image.round().astype(np.uint8), size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from nsdr.io.files import check_installed
 from nsdr.symbolic.causal import direct_causes
-from nsdr.types import DynamicsPrediction, Rollout, Scene, SceneObject
+from nsdr.types import DynamicsPrediction, Rollout, Scene
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import COLORS_RGB
@@ -34,19 +34,15 @@ PLAN_WIDTH_IN, LEGEND_WIDTH_IN = 7.5, 1.9
 """Widths of the plan and of the names beside it (inches)."""
 FAR_EDGE_PX = 60
 """Image row up to which the visible ground is shaded (pixels from the top)."""
-SAME_POSITION_WORLD = 0.05
-"""A counterfactual trajectory is drawn dashed from the frame in which it is farther than this from the observed one
-(world units)."""
 NUMBER_OFFSET_PT = (6, 4)
 """From a collision to its number (points)."""
-MISSING_DIFFERENCE_WORLD = 9.0
-"""Distance assumed where one of two compared trajectories is missing (world units), so that it counts as different."""
 
 
 def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, camera: Camera = CLEVRER_CAMERA) -> Any:
-    """The ground from above: observed trajectories solid, predicted ones dashed, collisions as numbered stars.
+    """The ground from above: trajectories solid, after the video dashed, and collisions as numbered stars.
 
-    Stars of observed collisions are filled. The legend has the names of the objects and the frames of the collisions.
+    Stars of observed collisions are filled. The legend has the names of the objects and the frames of the collisions. With an
+    object removed, grey lines are the observed trajectories.
 
     Args:
         prediction: from a dynamics backend.
@@ -65,22 +61,27 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
     figure, axes = pyplot().subplots(figsize=(PLAN_WIDTH_IN + LEGEND_WIDTH_IN, height_in), constrained_layout=True)
     corners_px = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
     axes.fill(*_on_plan(camera.ground(np.array(corners_px), 0.0)).T, color="0.96", zorder=0)
+    last = prediction.n_frames - 1
     for o in prediction.objects:
-        path = _on_plan(prediction.observed.location_world[o.id, : prediction.n_frames])
+        color = np.array(COLORS_RGB[o.color]) / 255
+        path = _on_plan(prediction.observed.location_world[o.id])
         if o.id == removed:
-            axes.plot(*path.T, color="0.75", lw=1.5, ls=":")
+            axes.plot(*path[: last + 1].T, color="0.75", lw=1.5, ls=":")
         else:
-            _draw_trajectory(axes, o, rollout, prediction, removed)
-            path = _on_plan(rollout.location_world[o.id, : prediction.n_frames])
-        known = path[np.isfinite(path[:, 0])]
+            if removed is not None:
+                axes.plot(*path.T, color="0.8", lw=1)
+            path = _on_plan(rollout.location_world[o.id])
+            axes.plot(*path[: last + 1].T, color=color, lw=2)
+            axes.plot(*path[last:].T, color=color, lw=2, ls=(0, (3, 2)))
+        known = path[: last + 1][np.isfinite(path[: last + 1, 0])]
         if len(known):
             edge = {"mew": 2.0, "mec": "0.85"} if o.material == "metal" else {"mew": 0.8, "mec": "black"}
-            fill, opacity = np.array(COLORS_RGB[o.color]) / 255, 0.3 if o.id == removed else 1.0
-            style = {"ls": "", "ms": OBJECT_SIZE_PT, "mfc": fill, "alpha": opacity, "zorder": 4, **edge}
+            opacity = 0.3 if o.id == removed else 1.0
+            style = {"ls": "", "ms": OBJECT_SIZE_PT, "mfc": color, "alpha": opacity, "zorder": 4, **edge}
             axes.plot(*known[-1], marker=MARKERS[o.shape], label=f"{o.id} {o.name}", **style)
     for number, event in enumerate(rollout.collisions, 1):
         at = np.nanmean(_on_plan(rollout.location_world[list(event.objects), event.frame]), 0)
-        observed = event.frame < prediction.n_frames and (removed is None or event in prediction.observed.collisions)
+        observed = event.frame <= last and (removed is None or event in prediction.observed.collisions)
         style = {"ls": "", "ms": STAR_SIZE_PT, "mfc": "gold" if observed else "white", "mec": "black", "zorder": 5}
         axes.plot(*at, marker="*", label=f"{number}: frame {event.frame}", **style)
         axes.annotate(str(number), at, NUMBER_OFFSET_PT, textcoords="offset points", fontsize=8, zorder=6)
@@ -107,22 +108,6 @@ def _extent(prediction: DynamicsPrediction, rollout: Rollout) -> tuple[NDArray[A
     smallest = np.array(PLAN_CORNERS_WORLD, float)
     low = np.vstack([points - PLAN_MARGIN_WORLD, smallest[:1]]).min(0)
     return low, np.vstack([points + PLAN_MARGIN_WORLD, smallest[1:]]).max(0)
-
-
-def _draw_trajectory(
-    axes: Any, o: SceneObject, rollout: Rollout, prediction: DynamicsPrediction, removed: int | None
-) -> None:
-    location, color = rollout.location_world[o.id], np.array(COLORS_RGB[o.color]) / 255
-    predicted = np.arange(len(location)) >= prediction.n_frames - 1
-    if removed is not None:
-        observed = prediction.observed.location_world[o.id]
-        distance = np.linalg.norm(np.nan_to_num(location - observed, nan=MISSING_DIFFERENCE_WORLD), axis=1)
-        differs = distance > SAME_POSITION_WORLD
-        differs[prediction.n_frames :] = True
-        predicted = np.maximum.accumulate(differs)
-        axes.plot(observed[:, 1], -observed[:, 0], color="0.8", lw=1)
-    axes.plot(location[~predicted, 1], -location[~predicted, 0], color=color, lw=2)
-    axes.plot(location[predicted, 1], -location[predicted, 0], color=color, lw=2, ls=(0, (3, 2)))
 
 
 def causal_figure(scene: Scene) -> Any:

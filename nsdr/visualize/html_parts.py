@@ -38,21 +38,18 @@ def summary_html(answer: Answer, named: bool) -> str:
     return f"{question}<table>{''.join(rows)}</table>"
 
 
-def answer_html(
-    answer: Answer, perception: Perception, frames: NDArray[np.uint8] | None, show_tree: bool = False
-) -> str:
+def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
     """Why a question got its answer: program, explanation, and every step with the frames of its events.
 
     Args:
         answer: with its trace or those of its choices.
         perception: of the video.
         frames: (T, 320, 480, 3) uint8 RGB of it; None leaves out the frames.
-        show_tree: whether the program tree of a descriptive question is unfolded.
     """
     parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
     if answer.answer is not None:
-        parts.append(_why(answer, perception.scene) + _trace(answer.trace, perception, frames, show_tree))
+        parts.append(_why(answer, perception.scene) + _trace(answer.trace, perception, frames, unfolded=" open"))
     for choice in answer.choices:
         parts.append(
             f"<h3 class={choice.answer or 'error'}>{html.escape(choice.choice)}: {choice.answer or 'error'}</h3>"
@@ -69,9 +66,9 @@ def _why(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
 
 
 def _trace(
-    trace: Sequence[TraceStep], perception: Perception, frames: NDArray[np.uint8] | None, show_tree: bool = False
+    trace: Sequence[TraceStep], perception: Perception, frames: NDArray[np.uint8] | None, unfolded: str = ""
 ) -> str:
-    """The steps, collapsed; words such as `cube` are no steps but stand among the inputs."""
+    """The steps, collapsed, and the program tree; words such as `cube` are no steps but stand among the inputs."""
     is_word = [not step.inputs and step.module == step.text for step in trace]
     numbers = np.cumsum([not word for word in is_word]).tolist()
     rows = []
@@ -85,7 +82,6 @@ def _trace(
     tree = html.escape(format_tree(trace))
     head = "<tr><th class=number>step<th>module (inputs)<th>result<th>frames of its events"
     table = f"<details><summary>{len(rows)} steps</summary><table>{head}{''.join(rows)}</table></details>"
-    unfolded = " open" if show_tree else ""
     return f"{table}<details{unfolded}><summary>program tree</summary><pre>{tree}</pre></details>"
 
 

@@ -2,7 +2,6 @@
 
 import base64
 import html
-import importlib.util
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from nsdr.dynamics.interventions import simulate_removal
 from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.types import Answer, Remove, Simulation
-from nsdr.visualize.annotate import STROBE_EVERY, annotated_image, stroboscopic_image, write_annotated_video
+from nsdr.visualize.annotate import STROBE_EVERY, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, summary_html
@@ -22,12 +21,6 @@ from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
 
 __all__ = ["write_report"]
 
-MAX_VIDEO_BYTES = 12 * 2**20
-"""A larger annotated video is replaced by annotated frames."""
-MAX_VIDEO_FRAMES = 600
-"""A longer one, too, before it is encoded."""
-SHOWN_FRAMES = 6
-"""Number of these frames."""
 STYLE = """
 :root { color-scheme: light dark; --text: #222; --faint: #666; --line: #ddd; --back: #fff; --code: #f4f4f4; --good: #177245;
 --bad: #a33 }
@@ -59,7 +52,7 @@ def write_report(
         answers: answers with their traces; an empty sequence leaves out that part of the page.
 
     Raises:
-        DataError: matplotlib is missing.
+        DataError: matplotlib or PyAV is missing.
     """
     scene, dynamics = perception.scene, perception.dynamics
     title = html.escape(answers[0].question if len(answers) == 1 else "What was seen in the video")
@@ -76,7 +69,7 @@ def write_report(
         caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
         body.append(figure_html(jpeg(strobe), caption))
     if dynamics is not None:
-        caption = "From above: observed trajectories solid, predicted ones dashed."
+        caption = "From above: trajectories in the video solid, predicted ones dashed."
         body.append(figure_html(figure_png(plan_figure(dynamics, camera=perception.camera)), caption))
     body += [figure_html(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
     if dynamics is not None:
@@ -89,24 +82,15 @@ def write_report(
 
 
 def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
-    """The annotated video, or some annotated frames where it cannot be encoded or is too large."""
+    """The annotated video."""
     assert perception.tracks is not None
-    if len(frames) <= MAX_VIDEO_FRAMES and importlib.util.find_spec("av") is not None:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "annotated.mp4"
-            write_annotated_video(file, frames, perception.proposals, perception.tracks, perception.scene)
-            content = file.read_bytes()
-        if len(content) <= MAX_VIDEO_BYTES:
-            source = "data:video/mp4;base64," + base64.b64encode(content).decode()
-            caption = "Masks, names and trails in every frame; stars mark collisions."
-            player = f"<video controls loop muted src='{source}'></video>"
-            return f"<figure id=video>{player}<figcaption>{caption}</figcaption></figure>"
-    shown = np.linspace(0, len(frames) - 1, SHOWN_FRAMES).astype(int).tolist()
-    scene = perception.scene
-    images = [
-        annotated_image(frames[f], f, perception.proposals, perception.tracks, scene) for f in dict.fromkeys(shown)
-    ]
-    return f"<div class=row>{''.join(figure_html(jpeg(image), '') for image in images)}</div>"
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "annotated.mp4"
+        write_annotated_video(file, frames, perception.proposals, perception.tracks, perception.scene)
+        source = "data:video/mp4;base64," + base64.b64encode(file.read_bytes()).decode()
+    caption = "Masks, names and trails in every frame; stars mark collisions."
+    player = f"<video controls loop muted src='{source}'></video>"
+    return f"<figure id=video>{player}<figcaption>{caption}</figcaption></figure>"
 
 
 def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers: Sequence[Answer]) -> list[str]:

@@ -40,7 +40,7 @@ border-radius: 6px; padding: 2px }
 """Style sheet of the timeline and its cards."""
 
 
-def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, video: str = "") -> str:
+def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, video: str) -> str:
     """Lanes that show when each object is in the image (light) and moves (strong), marks of the events, and their pictures.
 
     What is predicted to follow the video lies on a grey ground. Pointing at a mark outlines its picture.
@@ -48,7 +48,7 @@ def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, vide
     Args:
         perception: of a video.
         frames: (T, 320, 480, 3) uint8 RGB of it, for the pictures; None leaves these out.
-        video: CSS selector of the page's video, which a click on an event moves to its frame; "" for none.
+        video: CSS selector of the page's video, which a click on an event moves to its frame.
     """
     scene = perception.scene
     events = [*scene.events, *(scene.unseen or ())]
@@ -69,7 +69,7 @@ def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video
     cards = []
     for number, event in enumerate([*scene.events, *(scene.unseen or ())]):
         later = event.frame >= scene.n_frames
-        text = html.escape(event_text(event, scene, dynamics) + _probability(event, scene))
+        text = html.escape(event_text(event, scene.objects) + _probability(event, scene))
         when = f"about frame {event.frame}, predicted" if later else f"frame {event.frame}"
         click = "" if later else _seek(event.frame, video)
         image = event_picture(event, perception, frames, simulated)
@@ -126,7 +126,7 @@ def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
         shape += "".join(f"<circle cx={x} cy={y} r=5 />" for y in lanes)
     else:  # an arrow into the lane or out of it
         shape = f"<path d='M{x - 5} {top - 6}L{x + 5} {top}L{x - 5} {top + 6}z' />"
-    words = event_text(event, scene, perception.dynamics) + _probability(event, scene)
+    words = event_text(event, scene.objects) + _probability(event, scene)
     title = html.escape(f"frame {event.frame}: {words}")
     point = "this.closest('.timeline').querySelector('[data-event=&quot;%d&quot;]').classList.%s('marked')"
     hover = f' onmouseover="{point % (number, "add")}" onmouseout="{point % (number, "remove")}"'
@@ -136,9 +136,7 @@ def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
 
 
 def _seek(frame: int, video: str) -> str:
-    """An attribute that moves the video to a frame; "" without a video."""
-    if not video:
-        return ""
+    """An attribute that moves the video to a frame."""
     seconds = (frame + 0.5) / FPS
     find = f"const v=document.querySelector('{video}');"
     return f' onclick="{find}if(v){{v.pause();v.currentTime={seconds:.2f};v.scrollIntoView({{block:&quot;nearest&quot;}})}}"'

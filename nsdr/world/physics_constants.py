@@ -4,35 +4,6 @@ Recovered from the release's annotation files: re-simulating ten of them from fr
 collisions (`pytest -m real_data -k simulated_again`). Objects are 0.4 world units wide; seconds are simulated time.
 """
 
-__all__ = [
-    "ANGULAR_DAMPING",
-    "CONTACT_PAUSE_STEPS",
-    "CONTACT_THRESHOLD_WORLD",
-    "ERROR_REDUCTION",
-    "FPS",
-    "FRAME_SECONDS",
-    "GRAVITY",
-    "GROUND_FRICTION",
-    "GROUND_HALF_WIDTH_WORLD",
-    "GROUND_RESTITUTION",
-    "HULL_MARGIN_WORLD",
-    "LINEAR_DAMPING",
-    "LOG_MASS_STD",
-    "MASS_RANGE",
-    "MIN_REBOUND_SPEED",
-    "MOVING_SPEED_WORLD_PER_S",
-    "OBJECT_RADIUS_WORLD",
-    "OBJECT_RESTITUTION",
-    "PAIR_RESTITUTION",
-    "SAME_EVENT_FRAMES",
-    "SPINNING_FRICTION",
-    "START_SPEED_RANGE_WORLD_PER_S",
-    "STEPS_PER_FRAME",
-    "STEP_SECONDS",
-    "VIDEO_FRAMES",
-    "horizon_frame",
-]
-
 STEP_SECONDS = 0.004
 """Bullet's time step (s)."""
 STEPS_PER_FRAME = 7

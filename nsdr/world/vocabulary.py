@@ -2,24 +2,6 @@
 
 from typing import Literal, get_args
 
-__all__ = [
-    "ADJECTIVES",
-    "ATTRIBUTES",
-    "COLORS",
-    "COLORS_RGB",
-    "DIRECTIONS",
-    "MATERIALS",
-    "NOUNS",
-    "N_ATTRIBUTE_TRIPLES",
-    "SHAPES",
-    "SPEED_UNIT",
-    "Color",
-    "Material",
-    "Shape",
-    "attribute_index",
-    "attributes_of",
-]
-
 Color = Literal["gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow"]
 Material = Literal["metal", "rubber"]
 Shape = Literal["cube", "sphere", "cylinder"]
@@ -61,7 +43,7 @@ def attributes_of(index: int) -> tuple[str, str, str]:
 
 
 ADJECTIVES = {
-    **{w: w for name in ("color", "material") for w in ATTRIBUTES[name]},
+    **{word: word for word in COLORS + MATERIALS},
     **{"grey": "gray", "metallic": "metal", "shiny": "metal", "rubbery": "rubber", "matte": "rubber", "matt": "rubber"},
     **dict.fromkeys(("steel", "chrome", "glossy", "reflective"), "metal"),
     **{"cubic": "cube", "cubical": "cube", "spherical": "sphere", "cylindrical": "cylinder"},
@@ -69,8 +51,8 @@ ADJECTIVES = {
 """Attribute words before a noun, and what they mean."""
 
 NOUNS = {
-    **{form: (shape, "N") for shape in ATTRIBUTES["shape"] for form in (shape,)},
-    **{f"{shape}s": (shape, "NS") for shape in ATTRIBUTES["shape"]},
+    **{shape: (shape, "N") for shape in SHAPES},
+    **{f"{shape}s": (shape, "NS") for shape in SHAPES},
     **{"ball": ("sphere", "N"), "balls": ("sphere", "NS"), "block": ("cube", "N"), "blocks": ("cube", "NS")},
     **{"box": ("cube", "N"), "boxes": ("cube", "NS"), "globe": ("sphere", "N"), "globes": ("sphere", "NS")},
     **{"tube": ("cylinder", "N"), "tubes": ("cylinder", "NS"), "orb": ("sphere", "N"), "orbs": ("sphere", "NS")},

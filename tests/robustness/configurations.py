@@ -115,11 +115,11 @@ YAML_DAMAGES: dict[str, bytes] = {
 EXPERIMENT_ROWS: dict[str, dict[str, Any]] = {
     "programs": {"programs": "zebra"}, "types": {"types": ["zebra"]}, "types as text": {"types": "descriptive"},
     "no types": {"types": []}, "every": {"every": -1}, "every of 0": {"every": 0}, "limit": {"limit": -1},
-    "limit as text": {"limit": "x"}, "limit as fraction": {"limit": 1.5}, "stride": {"stride": 0},
+    "limit as text": {"limit": "x"}, "limit as fraction": {"limit": 1.5},
     "source": {"source": "zebra"}, "source as number": {"source": 5}, "unknown key": {"zebra": 1},
     "name as number": {"name": 5}, "no name": {"name": None}, "questions as number": {"questions": 5},
     "missing questions": {"questions": "nowhere.json"}, "missing data": {"data": "nowhere"},
-    "exclude as text": {"exclude": "x"}, "exclude of words": {"exclude": ["x"]}, "baseline": {"baseline": "zebra"},
+    "baseline": {"baseline": "zebra"},
     "published as text": {"published": "x"}, "published too short": {"published": [1, 2]},
     "published of words": {"published": ["x"] * 7}, "published above 100": {"published": [200.0] * 7},
     "published NaN": {"published": [float("nan")] * 7}, "semantics": {"semantics": "zebra"},

@@ -88,10 +88,6 @@ FIELDS: dict[str, list[Field]] = {
         "frames.3.objects.1.score: share"),
     "predictions": _fields(*PREDICTIONS),
     "scenes from predictions": _fields(*PREDICTIONS[5:]),
-    "parsed programs": _fields(
-        "'10000': object", "'10000'.questions: list", "'10000'.questions.0.program: tokens",
-        "'10000'.questions.1.question_program: tokens", "'10000'.questions.1.choices: list?",
-        "'10000'.questions.1.choices.0.program: tokens"),
     "scenes": _fields(*SCENE),
     "scene questions": _fields(*SCENE[-6:]),
     "manifest": _fields("splits: object", "splits.train: list", "splits.validation: list", "kinds: list", "n_frames: count"),
@@ -179,14 +175,6 @@ CHANGES: dict[str, dict[str, Change]] = {
         "same object collides": lambda d: d["predictions"][0]["collisions"][0].update(objects=[d["objects"][0]] * 2),
         "three objects collide": lambda d: d["predictions"][0]["collisions"][0].update(objects=d["objects"]),
         "huge position": replaced("predictions", 0, "trajectory", 2, "objects", 0, "x", 1e300),
-    },
-    "parsed programs": {
-        "row too much": repeated("10000", "questions", 0),
-        "row missing": lambda d: d["10000"]["questions"].pop(),
-        "choice too much": repeated("10000", "questions", 1, "choices", 0),
-        "unknown token": replaced("10000", "questions", 0, "program", ["zebra"]),
-        "row is no object": replaced("10000", "questions", 0, 5),
-        "program too long": replaced("10000", "questions", 0, "program", ["events"] * 100_000),
     },
     "scenes": {
         "object twice": repeated("objects", 0),

@@ -171,6 +171,6 @@ def _video_cases() -> Iterator[Case]:
 
 
 def file_cases() -> Iterator[Case]:
-    """All damaged files but for arrays and archives."""
+    """All damaged files but for arrays."""
     yield from _json_file_cases()
     yield from _video_cases()

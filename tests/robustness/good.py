@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from pycocotools import mask as rle
 
-from nsdr import Scene, load, save
 from nsdr.clevrer.example import TRUTH, VIDEO
 
 __all__ = [
@@ -36,7 +35,6 @@ __all__ = [
     "TAG",
     "TRAIN",
     "compact_arrays",
-    "csv_answers",
     "gray_video",
     "json_line_answers",
     "write_good",
@@ -150,14 +148,6 @@ def questions() -> list[dict[str, Any]]:
     return [{"scene_index": SCENE, "video_filename": f"video_{SCENE}.mp4", "questions": rows}]
 
 
-def parsed_programs() -> dict[str, Any]:
-    """The released question parser's output."""
-    first, second = questions()[0]["questions"]
-    choices = [{"program": c["program"]} for c in second["choices"]]
-    rows = [{"program": first["program"]}, {"question_program": second["program"], "choices": choices}]
-    return {str(SCENE): {"questions": rows}}
-
-
 def manifest() -> dict[str, Any]:
     """`manifest.json` of a generated data set."""
     splits = {"train": [0, 0], "validation": [SCENE, SCENE + 1], "test": [15000, 15000]}
@@ -185,11 +175,6 @@ def json_line_answers() -> list[dict[str, Any]]:
     ]
 
 
-def csv_answers() -> str:
-    """A CSV file of answers."""
-    return f"id,response\n{SCENE}-0,1\n{SCENE}-1,none\n"
-
-
 def scene() -> dict[str, Any]:
     """A scene saved by `nsdr parse-video`."""
     return dict(json.loads(TRUTH.read_text()))
@@ -209,8 +194,6 @@ def write_good(folder: Path) -> None:
         path.write_text(json.dumps(document()))
     _write_data_set(folder / "dataset")
     (folder / "answers.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in json_line_answers()))
-    (folder / "answers.csv").write_text(csv_answers())
-    save(load(Scene, TRUTH), folder / "scene.npz")
     shutil.copy(VIDEO, folder / "video.mp4")
     compact_proposals(folder / "proposals.npz")
     gray_video(folder / "gray.mp4")
@@ -269,8 +252,6 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "compact": (*EVALUATE, *QUESTIONS_OF, "--source", "proposals", "--data", "proposals.npz", "--types", "descriptive"),
     "predictions": ("execute", "--semantics", "official", "--scene", "sim_10000.json", *COUNT),
     "scenes from predictions": (*EVALUATE, *QUESTIONS_OF, "--source", "predictions", "--data", "."),
-    "parsed programs": ("evaluate", *QUESTIONS_OF, "--source", "truth", "--data", "{good}/truth", "--programs", "parsed.json",
-                        "--workers", "1", "--submission", "out.json"),
     "scenes": ("execute", "--scene", "scene.json", *COUNT),
     "scene questions": ("answer", "scene.json", "-q", "How many collisions happen?"),
     "manifest": (*EVALUATE, "--root", ".", "--source", "annotations", "--types", "descriptive"),
@@ -309,7 +290,6 @@ DOCUMENTS: dict[str, tuple[str, Any, str]] = {
     "proposals": ("proposal_10000.json", proposals, "object"),
     "predictions": ("sim_10000.json", predictions, "object"),
     "scenes from predictions": ("sim_10000.json", predictions, "object"),
-    "parsed programs": ("parsed.json", parsed_programs, "object"),
     "scenes": ("scene.json", scene, "object"),
     "scene questions": ("scene.json", scene, "object"),
     "manifest": ("manifest.json", manifest, "object"),

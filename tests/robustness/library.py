@@ -63,7 +63,6 @@ def _narrated(**changes: Any) -> Any:
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "rewards": _exact, "trace": _trace, "videos": _videos,
-    "pairs": lambda text, **options: nsdr.minimal_pairs(text, _scene(), **options),
     "verify": lambda text, **options: nsdr.verify(text, _scene(), **options),
     "narrate": _narrated,
 }  # fmt: skip
@@ -122,7 +121,6 @@ CALLS: dict[str, dict[str, tuple[str, dict[str, Any], str]]] = {
         "folder as scene": ("trace", {"scene": "."}, "."),
     },
     "claims": {
-        "wrong text": ("pairs", {"text": "The purple sphere and the yellow cube collide."}, "collide"),
         "text of nothing": ("verify", {"text": None}, "text"),
         "negative tolerance": ("verify", {"text": "x", "tolerance_frames": -1}, "tolerance"),
         "tolerance of words": ("verify", {"text": "x", "tolerance_frames": "x"}, "tolerance"),
@@ -215,7 +213,6 @@ def library_controls() -> Iterator[Case]:
         "rewards": {},
         "videos": {},
         "verify": {"text": "x"},
-        "pairs": {"text": "x"},
         "narrate": {},
     }.items():
         yield Case("control", f"call {name}", _call(name, values), data_set())

@@ -31,13 +31,13 @@ from tests.robustness.good import (
 __all__ = ["option_cases"]
 
 OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
-    "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", "hf://a/b", "hf://../x@main", "hf://a/b@main", ""),
+    "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", ""),
                         "--device": ("zebra", "cuda:99", "cuda:x", ""), "--zebra": ("1",), "--set": ("tracker.score",),
                         "--dynamics": ("zebra",), "--extensions": ("zebra",)}),
     "evaluate": (EVALUATE_TRUTH, {
         "--types": ("zebra", ""), "--limit": ("-1", "x", "1.5", ""), "--every": ("0", "-1", "x"),
-        "--stride": ("0", "-1", "x", "2"), "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
-        "--source": ("zebra", ""), "--split": ("zebra", "train"), "--exclude": ("x", "[x]", "[1.5]"),
+        "--workers": ("-1", "x", "1.5"), "--programs": ("zebra", "none.json", ""),
+        "--source": ("zebra", ""), "--split": ("zebra", "train"),
         "--semantics": ("zebra", "official"), "--collisions": ("zebra", "velocity"), "--engine": ("zebra",),
         "--device": ("zebra",), "--checkpoint": ("nowhere",), "--data": ("nowhere",), "--questions": ("nowhere.json",),
         "--root": ("nowhere",), "--truth_source": ("zebra", "truth"), "--truth": ("nowhere",)}),
@@ -48,7 +48,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
             "tracker.score=nan", "stride=0", "stride=-1", "batch_size=0", "batch_size=x", "dynamics.backend=zebra",
             "dynamics.collisions=zebra", "dynamics.horizon_frame=-1", "dynamics.horizon_frame=1000000",
             "dynamics.physics.runs=0", "dynamics.physics.runs=1000000000", "=", "")}),
-    "parse-videos": (PARSE, {"--stride": ("0", "-1", "x"), "--workers": ("-1", "x"), "--engine": ("zebra",),
+    "parse-videos": (PARSE, {"--workers": ("-1", "x"), "--engine": ("zebra",),
                              "--device": ("zebra",), "--checkpoint": ("nowhere",)}),
     "execute": (("execute", "--scene", str(TRUTH), *COUNT), {"--semantics": ("zebra",), "--collisions": ("zebra", "velocity"),
                                                              "--scene": ("nowhere.json", "/dev/null", ".", "")}),
@@ -85,9 +85,9 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--paraphrase": ("-1", "1.5", "nan"), "--other": ("-1", "1.5"), "--samples": ("-1",),
         "--evaluation_texts": ("0", "-1"), "--ablation": ("zebra", "-1", "0", ",")}),
     "score": (SCORE, {"--questions": ("nowhere.json", "/dev/null", ".", ""), "--allow-missing": ("zebra",), "--zebra": ("1",)}),
-    "controls": (CONTROLS, {"--split": ("zebra", "train", "test"), "--kinds": ("zebra", "", "shuffled"), "--seed": ("-1", "x"),
+    "controls": (CONTROLS, {"--split": ("zebra", "train", "test"), "--kinds": ("zebra", "", "shuffled"),
                             "--limit": ("-1", "x", "1.5"), "--workers": ("-1", "x"), "--engine": ("zebra",)}),
-    "tag": (TAG, {"--truth": ("nowhere", "/dev/null", ".", ""), "--train": ("nowhere.json",), "--seed": ("-1", "x", "1.5")}),
+    "tag": (TAG, {"--truth": ("nowhere", "/dev/null", ".", ""), "--train": ("nowhere.json",)}),
     "export": (EXPORT, {"--format": ("zebra", ""), "--split": ("zebra", "train", "test"), "--questions": ("nowhere.json", "."),
                         "--videos": ("zebra", ""), "--limit": ("-1", "x"), "--shard-mb": ("0", "-1", "x", "1.5", "10000000"),
                         "--reasoning": ("zebra",)}),
@@ -104,8 +104,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--background": ("nowhere.png",), "--json": ("x.txt", "out.mp4")}),
     "serve": (SERVE, {"--port": ("0", "-1", "65536", "x"), "--max-seconds": ("0", "-1", "x", "nan", "inf"),
                       "--max-megabytes": ("0", "-1", "1.5"), "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
-    "mcp": (MCP, {"--transport": ("zebra",), "--port": ("0", "-1", "65536", "x"), "--host": ("0.0.0.0",),
-                  "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
+    "mcp": (MCP, {"--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
 }  # fmt: skip
 """Wrong values of options, with a command that is right without them."""
 COMMANDS_WRONG = {
@@ -133,7 +132,7 @@ COMMANDS_WRONG = {
     "export without a format": ("export", "{good}/dataset", "-o", "out"),
     "export into the data set": ("export", "{good}/dataset", "--format", "grpo", "-o", "{good}/dataset"),
     "export a split twice": (*EXPORT, "--split", "validation", "validation"),
-    "export links in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--videos", "link", "-o", "out"),
+    "export no videos in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--videos", "none", "-o", "out"),
     "export scenes in tar files": ("export", "{good}/dataset", "--format", "webdataset", "--scenes", "-o", "out"),
     "export questions of no split": (*EXPORT, "--questions", "{good}/questions/questions.json"),
     "simulate nothing": ("simulate", "{good}/video.mp4"), "simulate a scene": ("simulate", str(TRUTH), "--remove", "cube"),

@@ -13,7 +13,6 @@ from nsdr import Scene, load
 from nsdr.clevrer.answers.answer_files import read_submission
 from nsdr.clevrer.dataset import read_manifest
 from nsdr.clevrer.files.annotations import read_annotation, read_truth
-from nsdr.clevrer.files.parsed_programs import with_parsed_programs
 from nsdr.clevrer.files.predictions import read_predictions, scene_from_predictions
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
@@ -22,18 +21,12 @@ from nsdr.errors import DataError
 from nsdr.io.reading import read_json, read_npz, read_yaml
 from tests.robustness.case import Change, text_writer
 from tests.robustness.documents import document_writer
-from tests.robustness.good import DOCUMENTS, questions
+from tests.robustness.good import DOCUMENTS
 
 
 def _blocks(path: Path) -> None:
     for block in read_truth(path).values():
         scene_from_ground_truth(block, block["n_frames"])
-
-
-def _parsed(path: Path) -> None:
-    good = path.parent / "questions.json"
-    good.write_text(json.dumps(questions()))
-    with_parsed_programs(read_questions(good), [path])
 
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -43,7 +36,6 @@ READERS: dict[str, Callable[[Path], object]] = {
     "blocks": _blocks,
     "proposals": read_proposals,
     "predictions": lambda path: scene_from_predictions(read_predictions(path)),
-    "parsed programs": _parsed,
     "scenes": lambda path: load(Scene, path),
     "manifest": read_manifest,
 }
@@ -52,7 +44,6 @@ OTHERS: dict[str, Callable[[Path], object]] = {
     "x.npz": read_npz,
     "x.yaml": read_yaml,
     "submission.json": read_submission,
-    "scene.npz": lambda path: load(Scene, path),
     "proposals.npz": lambda path: list(read_compact_proposals(path)),
 }
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

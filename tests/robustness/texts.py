@@ -11,10 +11,8 @@ __all__ = ["text_cases"]
 PROGRAMS = {
     "empty": "", "blanks": "   ", "unknown token": "zebra", "underflow": "count", "leftovers": "objects objects",
     "wrong type": "objects red filter_shape", "wrong type of a module": "objects query_color", "number": "5",
-    "no answer": "objects", "unclosed tree": "Count(Objects", "closed twice": "Count(Objects))", "no argument": "Count()",
-    "two arguments": "Count(Objects, Objects)", "emoji": "🙂", "control characters": "objects\x01count",
+    "no answer": "objects", "tree": "Count(Objects)", "emoji": "🙂", "control characters": "objects\x01count",
     "word of another kind": "objects cube filter_color count", "too long": "objects " * 20_000 + "count",
-    "nested deeply": "Count(" * 20_000 + "Objects" + ")" * 20_000, "quotes": 'Count(Filter_shape(Objects, "cube))',
     "SQL": "'; DROP TABLE objects; --",
     "unique of none": "objects purple filter_color rubber filter_material cube filter_shape "
     "cube filter_shape sphere filter_shape unique query_color", "capital letters": "OBJECTS COUNT ZEBRA",

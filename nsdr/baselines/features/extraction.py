@@ -28,7 +28,7 @@ from nsdr.baselines.features.files import (
     spaced,
 )
 from nsdr.baselines.features.truth import truth_features
-from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
+from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.annotations import check_annotation
 from nsdr.errors import DataError
 from nsdr.frame_parser.parser import FrameParser
@@ -36,7 +36,7 @@ from nsdr.io.device import limit_threads, resolve_device, resolve_precision
 from nsdr.io.files import atomic_path, find_files, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
-from nsdr.io.reading import parse_json
+from nsdr.io.reading import read_json
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
@@ -66,7 +66,7 @@ class FeatureExtraction(_Extraction):
     """Features of all videos of a data set.
 
     Attributes:
-        root: folder of a data set in the official layout (zips included), or any folder with `video_N.mp4`.
+        root: folder of a data set in the official layout, or any folder with `video_N.mp4`.
         output: folder to write; what an earlier run wrote is kept under its fingerprint.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
@@ -100,7 +100,7 @@ class TruthExtraction(_Extraction):
     """Features of all annotations of a data set, in place of its videos.
 
     Attributes:
-        root: folder of a data set in the official layout (zips included); it needs no videos.
+        root: folder of a data set in the official layout; it needs no videos.
         output: folder to write; what an earlier run wrote is kept under its fingerprint.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
@@ -113,17 +113,17 @@ class TruthExtraction(_Extraction):
         """Itself."""
         return self
 
-    def inputs(self) -> dict[int, Entry]:
+    def inputs(self) -> dict[int, Path]:
         """The annotations by index."""
         dataset = CLEVRER(self.root)
-        found = {i: entry for name in SPLITS for i, entry in dataset.split(name).entries("annotations").items()}
+        found = {i: path for name in SPLITS for i, path in dataset.split(name).entries("annotations").items()}
         if not found:
             raise DataError(f"{self.root}: holds no annotations; make some with `nsdr generate dataset`")
         return found
 
-    def features_of(self, annotation: Entry) -> dict[str, NDArray[Any]]:
+    def features_of(self, annotation: Path) -> dict[str, NDArray[Any]]:
         """The features of a video by kind."""
-        content = parse_json(annotation.read(), str(annotation))
+        content = read_json(annotation)
         frames = content.get("motion_trajectory") if isinstance(content, dict) else None
         check_annotation(content, len(frames) if isinstance(frames, list) else 0, f"{annotation}: ")
         return truth_features(content, self.features)
@@ -149,9 +149,8 @@ def extract_features(extraction: FeatureExtraction | TruthExtraction, keep_going
     common = fingerprint(config=[VERSION, manifest]).encode()
     jobs = []
     for index, item in extraction.inputs().items():
-        content = item.read() if isinstance(item, Entry) else item
         output = feature_file(folder, index)
-        jobs.append(Job(f"video {index}", item, output, fingerprint(inputs=[common, content])))
+        jobs.append(Job(f"video {index}", item, output, fingerprint(inputs=[common, item])))
     with locked(folder, wait=True):
         if (folder / MANIFEST).is_file():
             FeatureCache(folder).check(extraction.features)

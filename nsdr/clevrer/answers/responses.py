@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from nsdr.clevrer.answers.answer_forms import UnreadableError, is_bare, plain, read_letters, read_word
-from nsdr.clevrer.answers.prompts import INSTRUCTIONS, option_letters
+from nsdr.clevrer.answers.prompts import INSTRUCTIONS, NO_OPTION, option_letters
 from nsdr.clevrer.files.questions import Question
 from nsdr.world.vocabulary import ADJECTIVES, NOUNS
 
-__all__ = ["READ_AS", "Response", "read_response", "read_response_to"]
+__all__ = ["Response", "read_response", "read_response_to"]
 
-READ_AS = ("tags", "boxed", "json", "label", "line", "bare", "text")
-"""Where an answer was found: between answer tags, in `\\boxed{}`, in JSON, after "Answer:", on the first or last line; or the
-whole response is a word or letters, or is a sentence or quotes options."""
-THINKING = re.compile(r"<\s*(?:(/)\s*)?think(?:ing)?\s*>", re.IGNORECASE)
+THINKING = re.compile(r"<\s*think(?:ing)?\s*>", re.IGNORECASE)
+THOUGHT = re.compile(r"<\s*/\s*think(?:ing)?\s*>", re.IGNORECASE)
 TAG = re.compile(r"<\s*(?:(/)\s*)?answers?\s*>", re.IGNORECASE)
 LAST_PAIR = re.compile(r"<\s*answers?\s*>[^<>]*<\s*/\s*answers?\s*>\s*\Z", re.IGNORECASE)
 LABEL = re.compile(
@@ -46,7 +44,9 @@ class Response:
     Attributes:
         answer: the answer word of an open question, or the letters of the options given as right (none may be); None if it
             cannot be read.
-        how: one of `READ_AS`, or "choices" where an EvalAI submission judges each one; "" if it cannot be read.
+        how: where it was found: "tags", "boxed", "json", "label" (after "Answer:"), "bare" (the whole response is a word or
+            letters), "text" (it is a sentence or quotes options), "line" (the first or last), or "choices" where an EvalAI
+            submission judges each one; "" if it cannot be read.
         problem: why it cannot be read; "" if it can.
     """
 
@@ -155,57 +155,33 @@ class _Reader:
         return answer
 
     def of_json(self, value: Any) -> Answer:
-        """The answer of a JSON value, which may stand under an answer's key, or for an open question in a list of one."""
-        while True:
-            keys = [k for k in value if k.casefold() in ANSWER_KEYS] if isinstance(value, dict) else []
-            if len(keys) == 1:
-                value = value[keys[0]]
-            elif isinstance(value, list) and len(value) == 1 and not self.options:
-                value = value[0]
-            else:
-                break
+        """The answer of a JSON value: a text, a number or a list of options, or one of these under an answer's key."""
         if isinstance(value, dict):
-            if keys or not self.options or not all(isinstance(v, str | bool) for v in value.values()):
+            keys = [key for key in value if key.casefold() in ANSWER_KEYS]
+            if len(keys) != 1:
                 raise UnreadableError(f"a JSON object without one of the keys {', '.join(ANSWER_KEYS)}")
-            if len(value) < len(self.options):
-                raise UnreadableError(f"judgements of {len(value)} of {len(self.options)} options")
-            value = "\n".join(f"{key}: {str(v).lower()}" for key, v in value.items())
-        if isinstance(value, list):
-            if not self.options or not all(isinstance(v, str) and v.strip() for v in value):
-                raise UnreadableError("a JSON list that is not of letters or options")
-            parts = [read_letters(plain(v), self.options) for v in value]
-            if len(value) > 1 and any(len(part) != 1 for part in parts):
-                raise UnreadableError("a JSON list with several answers in one part")
-            return frozenset[str]().union(*parts)
-        if isinstance(value, bool) or not isinstance(value, str | int) or not str(value).strip():
-            raise UnreadableError("a JSON value that is neither a text nor a whole number")
+            value = value[keys[0]]
+        if isinstance(value, list) and all(isinstance(v, str) for v in value):
+            value = "\n".join(value) or NO_OPTION
+        if isinstance(value, bool) or not isinstance(value, str | int):
+            raise UnreadableError("a JSON value that is neither a text, a whole number nor a list of texts")
         return self.words(plain(str(value)))
 
 
 def _thought_through(text: str) -> str:
-    """The text without its thinking.
+    """The text without its thinking, which ends at the last closing tag; many templates put the opening one in the prompt.
 
-    An opening tag may be missing, because many templates put it in the prompt. One that is never closed reaches to an answer
-    pair that ends the text, or to the end.
+    Thinking that never ends reaches to an answer pair that ends the text, or to the end.
     """
-    kept, depth, start = list[str](), 0, 0
-    for tag in THINKING.finditer(text):
-        if not depth:
-            kept.append(text[start : tag.start()])
-        if not tag[1]:
-            depth += 1
-        elif depth:
-            depth -= 1
-        else:
-            kept.clear()
-        start = tag.end()
-    if not depth:
-        return "".join([*kept, text[start:]])
-    if last := LAST_PAIR.search(text, start):
+    text = THOUGHT.split(text)[-1]
+    before, *thinking = THINKING.split(text, maxsplit=1)
+    if not thinking:
+        return text
+    if last := LAST_PAIR.search(thinking[0]):
         return last[0]
-    if not "".join(kept).strip():
+    if not before.strip():
         raise UnreadableError("it ends inside its thinking")
-    return "".join(kept)
+    return before
 
 
 def _tagged(text: str) -> str | None:

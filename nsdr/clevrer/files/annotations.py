@@ -52,24 +52,16 @@ class _Object(Words):
     mass: NotRequired[Annotated[float, Meta(gt=0, le=1e6)]]  # CLEVRER's are around 1
 
 
-class _Velocity(TypedDict):
+class _Motion(TypedDict):
     object_id: int
     inside_camera_view: bool
-    velocity: Vector
-
-
-class _Motion(_Velocity):
     location: Vector
     orientation: Vector
+    velocity: Vector
     angular_velocity: Vector
 
 
 class _Frame(TypedDict):
-    frame_id: NotRequired[int]
-    objects: list[_Velocity]
-
-
-class _FullFrame(TypedDict):
     frame_id: int
     objects: list[_Motion]
 
@@ -83,23 +75,18 @@ class _Annotation(TypedDict):
     scene_index: Id
     video_filename: FileName
     object_property: list[_Object]
-    motion_trajectory: list[_FullFrame]
+    motion_trajectory: list[_Frame]
     collision: list[_Collision]
 
 
 class _Truth(TypedDict):
+    scene_index: Id
+    seed: Count
     objects: list[_Object]
     frames: list[_Frame]
     collisions: list[_Collision]
     counterfactual: dict[str, list[_Collision]]
     n_frames: NotRequired[PositiveCount]
-
-
-class _FullTruth(TypedDict):
-    scene_index: Id
-    seed: Count
-    objects: list[_Object]
-    frames: list[_FullFrame]
 
 
 class _BlockObject(Words):
@@ -166,36 +153,29 @@ def check_annotation(annotation: Any, n_frames: int = VIDEO_FRAMES, where: str =
     _check_collisions(content["collision"], n, f"{where}collision", len(frames))
 
 
-def read_truth_file(path: str | Path, motion: bool = False) -> dict[str, Any]:
+def read_truth_file(path: str | Path) -> dict[str, Any]:
     """Read and check a generated video's `truth_N.json`; `nsdr.clevrer.scene_from_truth` makes a scene of it.
-
-    Args:
-        path: the file.
-        motion: as of `check_truth`.
 
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
     content: dict[str, Any] = read_json(path)
-    check_truth(content, motion, f"{path}: ")
+    check_truth(content, f"{path}: ")
     return content
 
 
-def check_truth(truth: Any, motion: bool = False, where: str = "") -> None:
+def check_truth(truth: Any, where: str = "") -> None:
     """Check the content of a truth file.
 
     Args:
-        truth: content of the file: `objects`, `frames`, `collisions`, `counterfactual`, and `n_frames` where the video has
-            not 128.
-        motion: whether to check what scenes are not made of, too: `scene_index`, `seed` and all vectors of `frames`.
+        truth: content of the file: `scene_index`, `seed`, `objects`, `frames`, `collisions`, `counterfactual`, and `n_frames`
+            where the video has not 128.
         where: as of `check_annotation`.
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
     content: _Truth = convert(truth, _Truth, where)
-    if motion:
-        convert(truth, _FullTruth, where)
     check_objects(content["objects"], "object_id", f"{where}objects")
     n, frames = len(content["objects"]), content["frames"]
     _check_frames(frames, n, f"{where}frames")
@@ -210,13 +190,13 @@ def check_truth(truth: Any, motion: bool = False, where: str = "") -> None:
         expect(not happens, place, f"no collision of the removed object {removed}", "one")
 
 
-def _check_frames(frames: Sequence[_Frame | _FullFrame], n_objects: int, place: str) -> None:
+def _check_frames(frames: Sequence[_Frame], n_objects: int, place: str) -> None:
     """Frames are in order, and each has every object once."""
     expect(len(frames) > 0, place, "at least 1 frame", "none")
     check_limit(len(frames), "frames", place)
     expected = list(range(n_objects))
     for f, frame in enumerate(frames):
-        expect(frame.get("frame_id", f) == f, f"{place}[{f}].frame_id", str(f), frame.get("frame_id"))
+        expect(frame["frame_id"] == f, f"{place}[{f}].frame_id", str(f), frame["frame_id"])
         ids = [row["object_id"] for row in frame["objects"]]
         expect(sorted(ids) == expected, f"{place}[{f}].objects", f"object_id 0 to {n_objects - 1}, each once", ids)
 

@@ -19,7 +19,7 @@ from nsdr.clevrer.files.schema import Coordinate, check_frame, check_unique
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
-from nsdr.validation import convert, expect
+from nsdr.validation import expect
 from nsdr.world.camera import (
     CLEVRER_CAMERA,
     HEIGHT_PX,
@@ -35,7 +35,6 @@ __all__ = [
     "SAMPLE_FRAMES",
     "PredictionFile",
     "predictions_document",
-    "predictions_from_document",
     "read_predictions",
     "scene_from_predictions",
 ]
@@ -145,16 +144,6 @@ def read_predictions(path: str | Path) -> PredictionFile:
         DataError: names the file, the location in the file and what was expected there.
     """
     content: PredictionFile = read_json(path, PredictionFile)
-    return content
-
-
-def predictions_from_document(document: Any) -> PredictionFile:
-    """The content of a prediction file from parsed JSON, checked.
-
-    Raises:
-        DataError: names the location in the file and what was expected there.
-    """
-    content: PredictionFile = convert(document, PredictionFile)
     return content
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
-from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, MaskNumbers, numbers_of_runs, runs_of_mask
 from nsdr.clevrer.files.schema import LARGEST_ID, check_frame
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
@@ -131,19 +131,13 @@ def read_proposals(path: str | Path) -> VideoProposals:
 def parse_proposals(data: bytes, name: str) -> VideoProposals:
     """As `read_proposals`, from the bytes of a file with that name."""
     content: _File = parse_json(data, name, _File)
-    rows = [
-        (
-            frame.frame_index,
-            attribute_index(o.color, o.material, o.shape),
-            o.score,
-            o.mask.counts,
-            f"{name}: frames[{f}].objects[{i}].mask",
-        )
-        for f, frame in enumerate(content.frames)
-        for i, o in enumerate(frame.objects)
-    ]
+    rows, places = [], []
+    for f, frame in enumerate(content.frames):
+        for i, o in enumerate(frame.objects):
+            rows.append((frame.frame_index, attribute_index(o.color, o.material, o.shape), o.score, o.mask.counts))
+            places.append(f"{name}: frames[{f}].objects[{i}].mask")
     indices = [frame.frame_index for frame in content.frames]
-    return _proposals(content.n_frames or indices[-1] + 1, rows, indices)
+    return proposals_from_rows(content.n_frames or indices[-1] + 1, rows, indices, places)
 
 
 def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
@@ -178,7 +172,10 @@ def ground_truth_of(content: Any, name: str) -> dict[str, Any]:
 
 
 def proposals_from_rows(
-    n_frames: int, rows: Sequence[tuple[int, int, float, str]], processed: Sequence[int] | None = None
+    n_frames: int,
+    rows: Sequence[tuple[int, int, float, str]],
+    processed: Sequence[int] | None = None,
+    places: Sequence[str] | None = None,
 ) -> VideoProposals:
     """Make proposals from rows; rows with empty masks are dropped.
 
@@ -186,36 +183,28 @@ def proposals_from_rows(
         n_frames: number of frames of the video.
         rows: (frame, attribute index, score, COCO run-length string), in any order.
         processed: ascending frames that were processed; None for all.
+        places: where the masks of the rows are from, for error messages; None names frames and rows.
 
     Raises:
         DataError: a mask that is damaged or of another size.
     """
-    named = [(*row, f"frame {row[0]}, row {i}: mask") for i, row in enumerate(rows)]
-    return _proposals(n_frames, named, processed)
-
-
-def _proposals(
-    n_frames: int, rows: Sequence[tuple[int, int, float, str, str]], processed: Sequence[int] | None
-) -> VideoProposals:
-    """As `proposals_from_rows`, of rows that end with the location of the mask for error messages."""
-    kept, centroids, areas, boxes = [], [], [], []
-    for row in sorted(rows, key=lambda r: r[0]):
-        runs = runs_of_mask(row[3], HEIGHT_PX, WIDTH_PX, row[4])
-        centroid, area, box = numbers_of_runs(runs, HEIGHT_PX)
-        if area:
-            kept.append(row)
-            centroids.append(centroid)
-            areas.append(area)
-            boxes.append(box)
+    kept: list[tuple[int, int, float, str]] = []
+    numbers: list[MaskNumbers] = []
+    for i in sorted(range(len(rows)), key=lambda i: rows[i][0]):
+        place = places[i] if places else f"frame {rows[i][0]}, row {i}: mask"
+        found = numbers_of_runs(runs_of_mask(rows[i][3], HEIGHT_PX, WIDTH_PX, place), HEIGHT_PX)
+        if found[1]:
+            kept.append(rows[i])
+            numbers.append(found)
     return VideoProposals(
         n_frames,
-        np.array([r[0] for r in kept], np.int64),
-        np.array([r[1] for r in kept], np.int64),
-        np.array([r[2] for r in kept], np.float64),
-        np.array(centroids, np.float64).reshape(-1, 2),
-        np.array(areas, np.int64),
-        np.array(boxes, np.int64).reshape(-1, 4),
-        tuple(r[3] for r in kept),
+        np.array([frame for frame, _, _, _ in kept], np.int64),
+        np.array([attribute for _, attribute, _, _ in kept], np.int64),
+        np.array([score for _, _, score, _ in kept], np.float64),
+        np.array([centroid for centroid, _, _ in numbers], np.float64).reshape(-1, 2),
+        np.array([area for _, area, _ in numbers], np.int64),
+        np.array([box for _, _, box in numbers], np.int64).reshape(-1, 4),
+        tuple(mask for _, _, _, mask in kept),
         None if processed is None or len(processed) == n_frames else np.array(processed, np.int64),
     )
 

@@ -1,7 +1,7 @@
 """CLEVRER's question files: `train.json`, `validation.json` and `test.json`."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +22,6 @@ __all__ = [
     "Choice",
     "Question",
     "SceneQuestions",
-    "by_type",
     "read_questions",
     "without_answers",
     "write_questions",
@@ -152,9 +151,3 @@ def without_answers(scene: SceneQuestions) -> SceneQuestions:
         choices = tuple(replace(c, program=None, answer=None, tag=None, blind=None) for c in q.choices)
         questions.append(replace(q, program=None, answer=None, choices=choices, blind=None))
     return replace(scene, questions=tuple(questions))
-
-
-def by_type(counts: Mapping[str, float]) -> dict[str, float]:
-    """Numbers of questions of each type, from those of each descriptive sub-type and each other type."""
-    others = {name: counts.get(name, 0) for name in QUESTION_TYPES[1:]}
-    return {QUESTION_TYPES[0]: sum(counts.values()) - sum(others.values()), **others}

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nsdr.clevrer.files.annotations import check_annotation, check_truth, check_truth_blocks
-from nsdr.clevrer.files.schema import Id
 from nsdr.errors import DataError
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 from nsdr.types import Event, ObjectPhysics, Scene, SceneObject
-from nsdr.validation import convert
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
 
 __all__ = [
@@ -217,6 +215,6 @@ def iterate_scenes(path: str | Path) -> Iterator[tuple[int, str, Scene]]:
         check_annotation(content, len(frames) if isinstance(frames, list) else 0, f"{path}: ")
         yield content["scene_index"], content["video_filename"], scene_from_annotation(content)
     else:
-        check_truth(content, where=f"{path}: ")
-        video: int = convert(content.get("scene_index"), Id, f"{path}: scene_index: ")
-        yield video, f"video_{video:05d}.mp4", scene_from_truth(content)
+        check_truth(content, f"{path}: ")
+        index = content["scene_index"]
+        yield index, f"video_{index:05d}.mp4", scene_from_truth(content)

@@ -6,7 +6,6 @@ from typing import Annotated
 from msgspec import Meta
 
 from nsdr.validation import Count, NotNegative, Settings, Share
-from nsdr.world.physics_constants import LOG_MASS_STD
 
 __all__ = ["PhysicsConfig"]
 
@@ -27,8 +26,8 @@ class PhysicsConfig(Settings):
         position_noise_world: standard deviation of perturbed positions (world units).
         velocity_noise_world_per_s: standard deviation of perturbed velocities (world units/s).
         yaw_noise: standard deviation of perturbed yaws (radians).
-        mass_noise: standard deviation of perturbed log masses of objects that were seen to collide.
-        unmet_mass_noise: the same for objects that were not; CLEVRER's masses are uniform in 0.7-1.3.
+        mass_noise: standard deviation of perturbed log masses of objects that were seen to collide; that of others is
+            `LOG_MASS_STD`.
         collision_threshold: share of runs above which a collision counts.
         seed: of the perturbations.
         trials: maximum number of fits beside the first, with other collisions.
@@ -40,7 +39,6 @@ class PhysicsConfig(Settings):
     velocity_noise_world_per_s: NotNegative = 0.015
     yaw_noise: NotNegative = 0.1
     mass_noise: NotNegative = 0.08
-    unmet_mass_noise: NotNegative = LOG_MASS_STD
     collision_threshold: Share = 0.5
     seed: Count = 0
     trials: Count = 8

@@ -206,21 +206,18 @@ def _add_datum(  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _carry(sensitivity, active, force, curvature, gradient, total):  # type: ignore[no-untyped-def]
+def _carry(sensitivity, force, curvature, gradient, total):  # type: ignore[no-untyped-def]
     """Add a segment's sums in six dimensions to those of the parameters."""
     bent = np.empty(6)
-    for a in range(len(active)):
-        if not active[a]:
-            continue
+    for a in range(len(gradient)):
         for r in range(6):
             gradient[a] += force[r] * sensitivity[r, a]
             bent[r] = 0.0
             for c in range(6):
                 bent[r] += curvature[r, c] * sensitivity[c, a]
-        for b in range(len(active)):
-            if active[b]:
-                for r in range(6):
-                    total[a, b] += bent[r] * sensitivity[r, b]
+        for b in range(len(gradient)):
+            for r in range(6):
+                total[a, b] += bent[r] * sensitivity[r, b]
 
 
 @cached_njit
@@ -244,7 +241,7 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
         else:
             slide_derivatives(shape, state, when - start, after, here)
         if k == end:
-            _carry(bodies.sensitivity[i], bodies.active[i], force, curvature, sums.gradient, sums.curvature)
+            _carry(bodies.sensitivity[i], force, curvature, sums.gradient, sums.curvature)
             advance(bodies, i, seconds, after, here)
             break
         copy_state(after, motion[k])
@@ -264,7 +261,6 @@ def _start(p, x, horizon):  # type: ignore[no-untyped-def]
         if kind < LOG_MASS:
             bodies.state[i, kind] = x[k] * p.unit[k]
             bodies.sensitivity[i, kind, k] = p.unit[k]
-            bodies.active[i, k] = True
         elif kind == LOG_MASS:
             bodies.mass[i] = np.exp(x[k] * p.unit[k])
     return bodies
@@ -273,19 +269,18 @@ def _start(p, x, horizon):  # type: ignore[no-untyped-def]
 @cached_njit
 def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
     """The exchange of bodies i and j, i < j; a pair that touched before does not rebound again."""
-    rebound, at, derivatives = REBOUND, np.full(3, -1), np.zeros(3)
+    rebound, by_parameter = REBOUND, np.zeros((3, len(x)))
     for k in range(len(x)):
         kind, one, other = p.parameters[k]
         if kind == LOG_MASS and one in (i, j):
-            which = 0 if one == i else 1
-            at[which], derivatives[which] = k, bodies.mass[one] * p.unit[k]
+            by_parameter[0 if one == i else 1, k] = bodies.mass[one] * p.unit[k]
         elif kind == PAIR_REBOUND and one == i and other == j:
             given = x[k] * p.unit[k]
             rebound = min(max(given, 0.0), MAX_FITTED_REBOUND)
-            at[2], derivatives[2] = k, p.unit[k] if rebound == given else 0.0
+            by_parameter[2, k] = p.unit[k] if rebound == given else 0.0
     if touched:
-        rebound, derivatives[2] = 0.0, 0.0
-    exchange(bodies, i, j, rebound, at, derivatives)
+        rebound, by_parameter[2] = 0.0, 0.0
+    exchange(bodies, i, j, rebound, by_parameter)
 
 
 @cached_njit
@@ -378,8 +373,5 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
             if concerned[i]:
                 start_segment(bodies, i, now, horizon)
     _add_priors(p, x, sums)
-    for a in range(len(x)):
-        sums.gradient[a] /= sums.loss[1]
-        for b in range(len(x)):
-            sums.curvature[a, b] /= sums.loss[1]
-    return sums.loss[0] / sums.loss[1], sums.gradient, sums.curvature, sums.motion, first_contact
+    loss, count = sums.loss
+    return loss / count, sums.gradient / count, sums.curvature / count, sums.motion, first_contact

@@ -26,7 +26,7 @@ from nsdr.dynamics.physics.simulator import (
 )
 from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image, with_smoothed_tracks
 from nsdr.types import Event, Remove, Rollout, UncertainCollision
-from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, OBJECT_RADIUS_WORLD, STEPS_PER_FRAME
+from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, LOG_MASS_STD, OBJECT_RADIUS_WORLD, STEPS_PER_FRAME
 
 __all__ = ["FittedScene"]
 
@@ -76,7 +76,7 @@ class FittedScene:
         state[..., POSITION] = config.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2)
         state[..., VELOCITY] = config.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2)
         state[..., YAW] = config.yaw_noise * noise[:, 5 * n :]
-        mass_noise = np.array([config.mass_noise if i in met else config.unmet_mass_noise for i in range(n)])
+        mass_noise = np.array([config.mass_noise if i in met else LOG_MASS_STD for i in range(n)])
         self.perturbations = Perturbations(state, np.exp(mass_noise * noise[:, :n]))
         self.uncertain = [
             UncertainCollision(event, p) for event, p in found.candidates if MIN_PROBABILITY <= p <= 1 - MIN_PROBABILITY

@@ -52,7 +52,6 @@ class Bodies(NamedTuple):
         state: (n, 6) at the segment's start.
         steps: (n, T, 6) states after every Bullet step of a spinning segment.
         sensitivity: (n, 6, P) derivatives of `state` by the parameters.
-        active: (n, P) bool, parameters that the state depends on.
     """
 
     shape: NDArray[np.int64]
@@ -62,7 +61,6 @@ class Bodies(NamedTuple):
     state: NDArray[np.float64]
     steps: NDArray[np.float64]
     sensitivity: NDArray[np.float64]
-    active: NDArray[np.bool_]
 
 
 @cached_njit
@@ -77,7 +75,6 @@ def new_bodies(shape, n_parameters, n_steps):  # type: ignore[no-untyped-def]
         np.zeros((n, 6)),
         np.empty((n, n_steps + 2, 6)),
         np.zeros((n, 6, n_parameters)),
-        np.zeros((n, n_parameters), np.bool_),
     )
 
 
@@ -198,13 +195,12 @@ def advance(bodies, i, seconds, state, derivatives):  # type: ignore[no-untyped-
     bodies.start[i] = seconds
     moved = np.empty(6)
     for p in range(bodies.sensitivity.shape[2]):
-        if bodies.active[i, p]:
-            for r in range(6):
-                moved[r] = 0.0
-                for c in range(6):
-                    moved[r] += derivatives[r, c] * bodies.sensitivity[i, c, p]
-            for r in range(6):
-                bodies.sensitivity[i, r, p] = moved[r]
+        for r in range(6):
+            moved[r] = 0.0
+            for c in range(6):
+                moved[r] += derivatives[r, c] * bodies.sensitivity[i, c, p]
+        for r in range(6):
+            bodies.sensitivity[i, r, p] = moved[r]
 
 
 @cached_njit
@@ -283,11 +279,10 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
 
 
 @cached_njit
-def exchange(bodies, i, j, rebound, parameters, derivatives):  # type: ignore[no-untyped-def]
+def exchange(bodies, i, j, rebound, by_parameter):  # type: ignore[no-untyped-def]
     """Apply the contact of bodies i and j, both at their segments' starts, to their states and sensitivities.
 
-    `parameters` (3,) are those of the masses of i and j and of the rebound, -1 for none; `derivatives` (3,) those of masses and
-    rebound by them.
+    `by_parameter` (3, P) are the derivatives of the masses of i and j and of the rebound.
     """
     shape = np.array([bodies.shape[i], bodies.shape[j]])
     mass = np.array([bodies.mass[i], bodies.mass[j]])
@@ -298,25 +293,17 @@ def exchange(bodies, i, j, rebound, parameters, derivatives):  # type: ignore[no
     _exchange_derivatives(shape, before, mass, rebound, after, by_input)
     moved = np.empty((2, 6))
     for p in range(bodies.sensitivity.shape[2]):
-        if not (bodies.active[i, p] or bodies.active[j, p]):
-            continue
         for b in range(2):
             for r in range(6):
                 total = 0.0
                 for c in range(6):
                     total += by_input[b, r, c] * bodies.sensitivity[i, c, p]
                     total += by_input[b, r, 6 + c] * bodies.sensitivity[j, c, p]
+                for k in range(3):
+                    total += by_input[b, r, 12 + k] * by_parameter[k, p]
                 moved[b, r] = total
         for r in range(6):
             bodies.sensitivity[i, r, p] = moved[0, r]
             bodies.sensitivity[j, r, p] = moved[1, r]
-        bodies.active[i, p] = bodies.active[j, p] = True
-    for k in range(3):
-        p = parameters[k]
-        if p >= 0:
-            for r in range(6):
-                bodies.sensitivity[i, r, p] += by_input[0, r, 12 + k] * derivatives[k]
-                bodies.sensitivity[j, r, p] += by_input[1, r, 12 + k] * derivatives[k]
-            bodies.active[i, p] = bodies.active[j, p] = True
     copy_state(after[0], bodies.state[i])
     copy_state(after[1], bodies.state[j])

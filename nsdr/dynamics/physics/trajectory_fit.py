@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
+from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.fit_objective import (
     LOG_MASS,
@@ -57,13 +58,10 @@ YAW_GUESSES = 12
 """First guesses of a cube's yaw, over a quarter turn."""
 GOOD_COST = 0.4
 """Fits with at most this cost are not restarted: they explain a video at least half."""
-RESTARTS = 6
-"""Restarts for a window, unless told otherwise."""
 RESTART_YAW_NOISE_PX = 0.7
 """Mean of the exponential noise on a yaw's edge error when a restart draws it (pixels)."""
 RESTART_LOG_MASS_SCALE = 0.7
 """Standard deviation of restarts' log masses, in `UNITS`; other parameters have 1."""
-_NEVER = 10**6
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class TrajectoryFit:
 def fit_trajectories(
     states: MotionStates,
     collisions: Sequence[Event],
-    restarts: int = RESTARTS,
+    restarts: int = PhysicsConfig.restarts,
     start: TrajectoryFit | None = None,
 ) -> TrajectoryFit:
     """Fit one run to a video's tracks.
@@ -115,7 +113,9 @@ def fit_trajectories(
 class _Problem:
     """Parameters <-> runs, and what a first guess is made of."""
 
-    def __init__(self, states: MotionStates, collisions: Sequence[Event], restarts: int = RESTARTS) -> None:
+    def __init__(
+        self, states: MotionStates, collisions: Sequence[Event], restarts: int = PhysicsConfig.restarts
+    ) -> None:
         self.states, self.collisions, self.restarts = states, collisions, restarts
         self.rng = np.random.default_rng(0)
         n, self.frames = states.present.shape

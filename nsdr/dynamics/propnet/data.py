@@ -181,9 +181,9 @@ def read_image_dataset(
 
 def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchModelConfig) -> Row:
     """A video's row of the data set, made with its patches where it is not kept; nothing for a video that does not fit."""
-    video, annotation = Path(split.video(index)), split.annotation(index)
+    video, annotation = split.video(index), split.annotation(index)
     settings = [DATA_VERSION, tracking.VERSION, [config.patch_cells, config.cell_px], annotation]
-    made_from = fingerprint(inputs=[video, split.raw_proposals(index)], config=settings)
+    made_from = fingerprint(inputs=[video, split.path("proposals", index)], config=settings)
     kept = _kept(path, made_from)
     if kept is not None:
         return kept

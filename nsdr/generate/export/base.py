@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -14,7 +13,7 @@ from msgspec import Meta
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import option_letters
-from nsdr.clevrer.dataset import CLEVRER, SPLITS, Entry
+from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
@@ -27,7 +26,6 @@ from nsdr.io.files import (
     locked,
     remove_partial_files,
     write_json,
-    writing,
 )
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_json
@@ -48,7 +46,7 @@ MANIFEST = "export.json"
 """File of an export's folder with its settings and counts."""
 VERSION = 1
 """Of the records of an export: raised when they change."""
-VIDEOS = ("copy", "link", "none")
+VIDEOS = ("copy", "none")
 REASONING = ("", "short", "long")
 log = logging.getLogger(__name__)
 
@@ -64,12 +62,11 @@ class ExportConfig(Settings):
         splits: which; () for train and validation, as far as they have questions.
         questions: question file in place of the split's own, such as one with tags or `truth/questions_test.json`; needs one
             split.
-        videos: "copy" them into the output, "link" to them, or "none" (only their paths are written).
+        videos: "copy" them into the output, or "none" (only their paths are written).
         limit: first n videos of each split; 0 for all.
         shard_mb: webdataset: largest size of a shard (10^6 bytes), unless one video is larger.
-        license: parquet: licence identifier for the data set's card, such as "cc-by-4.0".
         reasoning: "short" or "long" for checkable sentences that lead to each answer, from the true scenes; "" for none.
-        scenes: whether to copy or link the true scenes, too, which `nsdr.rewards.trace_verified` reads.
+        scenes: whether to give the true scenes, too, which `nsdr.rewards.trace_verified` reads.
     """
 
     root: str
@@ -80,7 +77,6 @@ class ExportConfig(Settings):
     videos: Annotated[str, one_of(VIDEOS)] = "copy"
     limit: Count = 0
     shard_mb: Annotated[int, Meta(ge=1, le=10**6)] = 1000
-    license: str = "unknown"
     reasoning: Annotated[str, one_of(REASONING)] = ""
     scenes: bool = False
 
@@ -133,7 +129,7 @@ class Export:
             raise DataError(f"{config.root}: has no questions/train.json and no questions/validation.json")
         self.is_generated = self._root.manifest is not None
         self._seed = _first_seed(self._root)
-        self._videos: dict[str, dict[int, Entry]] = {}
+        self._videos: dict[str, dict[int, Path]] = {}
         self._bytes: dict[str, int] = {}
         self.splits = {name: self._summary(name) for name in self._sources}
 
@@ -143,10 +139,7 @@ class Export:
         return islice(found, self.config.limit or None)
 
     def scenes(self, split: str) -> Iterator[tuple[Path | None, tuple[Record, ...]]]:
-        """Yield each video's file (None if the export has no videos) and at least one record, and show progress.
-
-        Videos are neither copied nor linked.
-        """
+        """Yield each video's file (None if the export has no videos) and at least one record, and show progress."""
         total = self.splits[split].videos
         for scene in tqdm(self.questions(split), total=total, unit="video", desc=split):
             index = scene.scene_index
@@ -157,13 +150,13 @@ class Export:
             yield video, scene_records(scene, split, self._video_name(split, index), seed, tell, name)
 
     def records(self, split: str) -> Iterator[Record]:
-        """Yield the split's records; each video is copied or linked before its first record."""
+        """Yield the split's records; each video is copied before its first record."""
         for video, records in self.scenes(split):
             first = records[0]
             if video is not None:
-                self._place(video, self.folder / first.video)
+                _copy(video, self.folder / first.video)
                 if first.scene is not None:
-                    self._place(self._root.root / first.scene, self.folder / first.scene)
+                    _copy(self._root.root / first.scene, self.folder / first.scene)
             yield from records
 
     def settings(self) -> dict[str, Any]:
@@ -188,7 +181,7 @@ class Export:
                 if index not in entries:
                     missing = f"has no video_{index:05d}.mp4 ({split})"
                     raise DataError(f"{self.config.root}: {missing}; fetch it, or give --videos none")
-                self._bytes[f"video {index}"] = entries[index].path.stat().st_size
+                self._bytes[f"video {index}"] = entries[index].stat().st_size
             for question in scene.questions:
                 try:
                     option_letters(len(question.choices))
@@ -209,12 +202,12 @@ class Export:
         return path
 
     def _video_name(self, split: str, index: int) -> str:
-        """Where the official layout has a video; without copied or linked videos, where the data set has it."""
+        """Where the official layout has a video; without copied videos, where the data set has it."""
         root = self._root.root
         if self.config.videos == "none":
-            entry = self._videos[split].get(index)
-            if entry is not None and entry.member is None:
-                return entry.path.relative_to(root).as_posix()
+            video = self._videos[split].get(index)
+            if video is not None:
+                return video.relative_to(root).as_posix()
         return Files(root, split, index).video.relative_to(root).as_posix()
 
     def _scene_name(self, split: str, index: int) -> str:
@@ -222,13 +215,13 @@ class Export:
         truth = Files(self._root.root, split, index).truth
         if truth.is_file():
             return truth.relative_to(self._root.root).as_posix()
-        entry = self._sources[split].entries("annotations").get(index)
-        if entry is None or entry.member is not None:
+        annotation = self._sources[split].entries("annotations").get(index)
+        if annotation is None:
             where = f"{truth}, and no annotation_{index:05d}.json beside it"
             raise DataError(
                 f"{where}: no such file; export without --reasoning and --scenes, or fetch and unzip annotations"
             )
-        return entry.path.relative_to(self._root.root).as_posix()
+        return annotation.relative_to(self._root.root).as_posix()
 
     def _tell(self, split: str, index: int) -> Callable[[Question], str | None]:
         path = self._root.root / self._scene_name(split, index)
@@ -237,17 +230,11 @@ class Export:
             raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
 
-    def _place(self, source: Path, target: Path) -> None:
-        """Copy a file, or link to it."""
-        if os.path.lexists(target):
-            return
-        if self.config.videos == "copy":
-            with atomic_path(target) as temporary:
-                shutil.copyfile(source, temporary)
-        else:
-            with writing(target):
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.symlink_to(source.resolve())
+
+def _copy(source: Path, target: Path) -> None:
+    if not target.exists():
+        with atomic_path(target) as temporary:
+            shutil.copyfile(source, temporary)
 
 
 @dataclass(frozen=True)
@@ -257,12 +244,12 @@ class Exporter:
     Attributes:
         write: writes the export's files into its folder.
         needs: package that it needs, and extra of nsdr that brings it; "" for none.
-        videos: settings of `ExportConfig.videos` that make sense.
+        holds_videos: whether its files hold the videos themselves, so that there is nothing beside them.
     """
 
     write: Callable[[Export], None]
     needs: str = ""
-    videos: tuple[str, ...] = VIDEOS
+    holds_videos: bool = False
 
 
 def write_json_lines(export: Export, row: Callable[[Record], Mapping[str, Any]]) -> None:
@@ -311,11 +298,9 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
     exporter = EXPORTERS[config.format]
     if exporter.needs:
         check_installed(exporter.needs, f"format {config.format} needs {exporter.needs}", exporter.needs)
-    if config.videos not in exporter.videos:
-        expected = " or ".join(exporter.videos)
-        raise DataError(f"videos: {config.videos} is not possible with format {config.format}; expected {expected}")
-    if config.scenes and exporter.videos == ("copy",):
-        raise DataError(f"scenes: format {config.format} holds videos and questions only; leave out --scenes")
+    if exporter.holds_videos and (config.scenes or config.videos == "none"):
+        surplus = "--scenes" if config.scenes else "--videos none"
+        raise DataError(f"format {config.format} holds videos and questions only; leave out {surplus}")
     check_output_folder(config.output)
     export = Export(config)
     with locked(export.folder):

@@ -20,7 +20,7 @@ COLUMNS = {
     "split": "the video's split: train, validation or test",
     "scene_index": "the video's index",
     "question_id": "the question's id within the video",
-    "video": "path of the video, relative to this folder; without copied or linked videos, to the original data set's",
+    "video": "path of the video, relative to this folder; without copied videos, to the original data set's",
     "question_type": "descriptive, explanatory, predictive or counterfactual",
     "subtype": "of a descriptive question, such as `query_color`; null for multiple choice",
     "question": "the question alone",

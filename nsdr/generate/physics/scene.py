@@ -90,33 +90,29 @@ class SimulatedScene:
     counterfactual: Mapping[int, tuple[Contact, ...]]
 
 
-def simulate_scene(seed: int, config: SceneConfig | None = None, simulator: Simulator | None = None) -> SimulatedScene:
-    """Generate the scene of a seed. It depends on the seed and the configuration only, not on earlier simulations.
+def simulate_scene(seed: int, config: SceneConfig | None = None) -> SimulatedScene:
+    """Generate the scene of a seed. It depends on the seed and the configuration only.
 
     Args:
         seed: 0 or more.
         config: what scenes look like; None is CLEVRER.
-        simulator: a simulator to reuse; None starts one for this scene.
 
     Raises:
         DataError: a negative seed, no scene fits the configuration, or PyBullet is not installed.
     """
     if seed < 0:  # `random` takes the absolute value
         raise DataError(f"seed: expected 0 or more, got {seed}")
-    config = config or SceneConfig()
-    if simulator is None:
-        with Simulator(config.physics) as own:
-            return simulate_scene(seed, config, own)
-    rng = random.Random(seed)
-    for _ in range(RESTARTS):
-        scene = _Construction(config, simulator, rng).build()
-        if scene is None:
-            continue
-        triples, bodies, motion = scene
-        without = {i: _without(i, bodies, config, simulator) for i in range(len(bodies))}
-        objects = tuple(SceneObject(i, *triple) for i, triple in enumerate(triples))
-        mass = np.array([b.mass for b in bodies])
-        return SimulatedScene(seed, objects, mass, config.n_frames, motion, without)
+    config, rng = config or SceneConfig(), random.Random(seed)
+    with Simulator(config.physics) as simulator:
+        for _ in range(RESTARTS):
+            scene = _Construction(config, simulator, rng).build()
+            if scene is None:
+                continue
+            triples, bodies, motion = scene
+            without = {i: _without(i, bodies, config, simulator) for i in range(len(bodies))}
+            objects = tuple(SceneObject(i, *triple) for i, triple in enumerate(triples))
+            mass = np.array([b.mass for b in bodies])
+            return SimulatedScene(seed, objects, mass, config.n_frames, motion, without)
     raise DataError(
         f"seed {seed}: no scene found in {RESTARTS} attempts; the configuration's speed or n_frames allows too few"
     )

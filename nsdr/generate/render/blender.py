@@ -1,8 +1,4 @@
-"""Rendering in CLEVR's style with Blender (`bpy`), from CLEVR's own asset files or from simple substitutes built here.
-
-The substitutes follow CLEVR's base scene and materials: bevelled cube, sphere and cylinder; rubber mixes a diffuse and a
-velvet-like surface under a faint gloss; metal mixes a rough and a sharp gloss; the lights are three area lamps and a sun.
-"""
+"""Rendering with Blender (`bpy`) from CLEVR's own asset files: its base scene, shapes and materials."""
 
 import math
 from collections.abc import Sequence
@@ -13,17 +9,7 @@ from typing import Any
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
 from nsdr.generate.render.geometry import Solid
-from nsdr.generate.render.materials import metal_surface, rubber_surface
-from nsdr.generate.render.view import (
-    GROUND_REFLECTANCE,
-    LAMPS,
-    SUN_ANGLE,
-    SUN_DIRECTION,
-    SUN_STRENGTH,
-    RenderConfig,
-    View,
-)
-from nsdr.io.files import atomic_path
+from nsdr.generate.render.view import LAMPS, RenderConfig, View
 from nsdr.types import SceneObject
 from nsdr.world.camera import SENSOR_MM
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
@@ -42,15 +28,6 @@ MAX_BOUNCES = 4
 BLUR_GLOSSY = 2.0
 """Cycles' filter for noise from glossy reflections."""
 
-SPHERE_SEGMENTS, SPHERE_RINGS, CYLINDER_VERTICES = 64, 32, 96
-"""Resolution of the substitutes' meshes."""
-BEVEL_RADII, BEVEL_SEGMENTS = 0.07, 4
-"""Width (object radii) and resolution of the substitutes' bevelled edges."""
-PLANE_SIZE_WORLD = 60
-"""Side of the substitutes' ground and wall."""
-WALL_X_WORLD = -9.5
-"""Position of the wall behind the scene."""
-
 
 class Blender:
     """A Blender session that renders images one after another. A process can hold only one.
@@ -65,17 +42,18 @@ class Blender:
     def __init__(self, config: RenderConfig) -> None:
         self.config = config
         self.bpy = _bpy()
-        self.assets = Path(config.assets).resolve() if config.assets else None
+        self.assets = Path(config.assets).resolve()
         self._drawn: dict[tuple[str, str, str], Any] = {}
-        if self.assets is not None:
-            _check_assets(self.assets)
+        _check_assets(self.assets)
         with quiet():
-            self._open_base_scene()
+            self.bpy.ops.wm.open_mainfile(filepath=str(self.assets / "base_scene.blend"))
+            for name in ASSET_MATERIALS.values():
+                self._append(self.assets / "materials" / f"{name}.blend", "NodeTree", name)
         self._lamp_positions = [tuple(self.bpy.data.objects[lamp.name].location) for lamp in LAMPS]
         self._configure()
 
     def render(self, objects: Sequence[SceneObject], solids: Sequence[Solid], view: View, path: str | Path) -> None:
-        """Render one frame and write it atomically.
+        """Render one frame.
 
         Args:
             objects: colours and materials.
@@ -93,19 +71,9 @@ class Blender:
             drawn.hide_render, drawn.location = False, [float(x) for x in solid.location_world]
             drawn.rotation_quaternion = rotation.to_quaternion()
         self._set_view(view)
-        with atomic_path(path) as temporary:
-            self.bpy.context.scene.render.filepath = str(temporary)
-            with quiet():
-                self.bpy.ops.render.render(write_still=True)
-
-    def _open_base_scene(self) -> None:
-        if self.assets is None:
-            self.bpy.ops.wm.read_factory_settings(use_empty=True)
-            self._build_substitute_scene()
-            return
-        self.bpy.ops.wm.open_mainfile(filepath=str(self.assets / "base_scene.blend"))
-        for name in ASSET_MATERIALS.values():
-            self._append(self.assets / "materials" / f"{name}.blend", "NodeTree", name)
+        self.bpy.context.scene.render.filepath = str(path)
+        with quiet():
+            self.bpy.ops.render.render(write_still=True)
 
     def _configure(self) -> None:
         scene = self.bpy.context.scene
@@ -136,8 +104,10 @@ class Blender:
     def _object(self, o: SceneObject) -> Any:
         key = (o.color, o.material, o.shape)
         if key not in self._drawn:
-            drawn = self._substitute_shape(o.shape) if self.assets is None else self._asset_shape(o.shape)
-            drawn.name = "_".join(key)
+            name = ASSET_SHAPES[o.shape]
+            self._append(self.assets / "shapes" / f"{name}.blend", "Object", name)
+            drawn = self.bpy.data.objects[name]
+            drawn.name, drawn.scale = "_".join(key), (OBJECT_RADIUS_WORLD,) * 3
             drawn.data.materials.clear()
             drawn.data.materials.append(self._material(o))
             drawn.rotation_mode = "QUATERNION"
@@ -145,82 +115,19 @@ class Blender:
         return self._drawn[key]
 
     def _material(self, o: SceneObject) -> Any:
-        material, nodes, output = self._new_material(o.name)
-        color = [c / 255 for c in COLORS_RGB[o.color]] + [1.0]
-        if self.assets is None:
-            surface = (rubber_surface if o.material == "rubber" else metal_surface)(
-                nodes, material.node_tree.links, color
-            )
-        else:
-            group = nodes.new("ShaderNodeGroup")
-            group.node_tree = self.bpy.data.node_groups[ASSET_MATERIALS[o.material]]
-            group.inputs["Color"].default_value = color
-            surface = group.outputs["Shader"]
-        material.node_tree.links.new(surface, output.inputs["Surface"])
-        return material
-
-    def _new_material(self, name: str) -> tuple[Any, Any, Any]:
-        material = self.bpy.data.materials.new(name)
+        material = self.bpy.data.materials.new(o.name)
         material.use_nodes = True
         nodes = material.node_tree.nodes
         nodes.clear()
-        return material, nodes, nodes.new("ShaderNodeOutputMaterial")
+        group = nodes.new("ShaderNodeGroup")
+        group.node_tree = self.bpy.data.node_groups[ASSET_MATERIALS[o.material]]
+        group.inputs["Color"].default_value = [c / 255 for c in COLORS_RGB[o.color]] + [1.0]
+        output = nodes.new("ShaderNodeOutputMaterial")
+        material.node_tree.links.new(group.outputs["Shader"], output.inputs["Surface"])
+        return material
 
     def _append(self, blend: Path, folder: str, name: str) -> None:
         self.bpy.ops.wm.append(filename=name, directory=str(blend / folder) + "/")
-
-    def _asset_shape(self, shape: str) -> Any:
-        assert self.assets is not None
-        name = ASSET_SHAPES[shape]
-        self._append(self.assets / "shapes" / f"{name}.blend", "Object", name)
-        drawn = self.bpy.data.objects[name]
-        drawn.scale = (OBJECT_RADIUS_WORLD,) * 3
-        return drawn
-
-    def _substitute_shape(self, shape: str) -> Any:
-        add, r = self.bpy.ops.mesh, OBJECT_RADIUS_WORLD
-        if shape == "sphere":
-            add.primitive_uv_sphere_add(radius=r, segments=SPHERE_SEGMENTS, ring_count=SPHERE_RINGS)
-        elif shape == "cube":
-            add.primitive_cube_add(size=2 * r)
-        else:
-            add.primitive_cylinder_add(radius=r, depth=2 * r, vertices=CYLINDER_VERTICES)
-        drawn = self.bpy.context.active_object
-        if shape != "sphere":
-            bevel = drawn.modifiers.new("bevel", "BEVEL")
-            bevel.width, bevel.segments, bevel.limit_method = BEVEL_RADII * r, BEVEL_SEGMENTS, "ANGLE"
-        self.bpy.ops.object.shade_auto_smooth() if shape == "cylinder" else self.bpy.ops.object.shade_smooth()
-        return drawn
-
-    def _build_substitute_scene(self) -> None:
-        data, scene = self.bpy.data, self.bpy.context.scene
-        scene.camera = self._linked("Camera", data.cameras.new("Camera"))
-        for lamp in LAMPS:
-            light = data.lights.new(lamp.name, "AREA")
-            light.energy, light.size, light.color = lamp.power, lamp.side_world, lamp.color
-            self._linked(lamp.name, light).location = lamp.location_world
-        sun = data.lights.new("Sun", "SUN")
-        sun.energy, sun.angle = SUN_STRENGTH, SUN_ANGLE
-        x, y, z = SUN_DIRECTION
-        self._linked("Sun", sun).rotation_euler = (0, math.acos(z), math.atan2(y, x))
-        self.bpy.ops.mesh.primitive_plane_add(size=PLANE_SIZE_WORLD)
-        ground = self.bpy.context.active_object
-        material, nodes, output = self._new_material("Ground")
-        diffuse = nodes.new("ShaderNodeBsdfDiffuse")
-        diffuse.inputs["Color"].default_value = (*(GROUND_REFLECTANCE,) * 3, 1.0)
-        material.node_tree.links.new(diffuse.outputs["BSDF"], output.inputs["Surface"])
-        ground.data.materials.append(material)
-        # A distant wall reflects light, as the curved backdrop of CLEVR's scene does.
-        self.bpy.ops.mesh.primitive_plane_add(
-            size=PLANE_SIZE_WORLD, location=(WALL_X_WORLD, 0, 0), rotation=(0, math.pi / 2, 0)
-        )
-        self.bpy.context.active_object.data.materials.append(material)
-        scene.world = data.worlds.new("World")
-
-    def _linked(self, name: str, content: Any) -> Any:
-        linked = self.bpy.data.objects.new(name, content)
-        self.bpy.context.scene.collection.objects.link(linked)
-        return linked
 
 
 def _bpy() -> ModuleType:

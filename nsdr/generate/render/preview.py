@@ -1,7 +1,6 @@
 """A renderer without Blender: a ray tracer with CLEVR's lamps, soft shadows, and metal that mirrors what is around it."""
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -81,7 +80,6 @@ def render_motion(
         yield render_preview(there, solids, view)
 
 
-@lru_cache(maxsize=4)
 def _lights(view: View) -> FloatArray:
     """(4, 16) the three lamps and the sun, which is a lamp far away, for compiled functions. All face the world's origin."""
     shifted = [np.add(lamp.location_world, by) for lamp, by in zip(LAMPS, view.lamp_shift_world, strict=True)]

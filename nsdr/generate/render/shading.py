@@ -14,13 +14,6 @@ from nsdr.generate.render.geometry import (
     normal_at,
     three,
 )
-from nsdr.generate.render.materials import (
-    METAL_ROUGH,
-    METAL_SHARP,
-    METAL_SHARP_SHARE,
-    RUBBER_GLOSS_IOR,
-    RUBBER_GLOSS_ROUGHNESS,
-)
 from nsdr.generate.render.view import GROUND_REFLECTANCE
 
 __all__ = ["background", "trace"]
@@ -41,6 +34,12 @@ ROUGH_HORIZON = 0.35
 """Half of the range of the reflected ray's upward component over which a rough mirror blends ground and sky."""
 SKY = 0.012
 """Radiance that a rough mirror reflects from above the horizon, lamps excluded (linear)."""
+RUBBER_GLOSS_ROUGHNESS, RUBBER_GLOSS_IOR = 0.59, 1.25
+"""Roughness of rubber's gloss, and refractive index of the Fresnel factor that mixes it in; as in CLEVR's material."""
+METAL_ROUGH, METAL_SHARP = 0.447, 0.1
+"""Roughness of the two glossy surfaces of CLEVR's metal."""
+METAL_SHARP_SHARE = 0.6
+"""Share of metal's sharper gloss."""
 RUBBER_MATT = 0.9
 """Share of light that rubber scatters; with more, rubber is brighter than Blender's (`python benchmarks/preview.py`)."""
 MIN_COS = 0.25

@@ -44,8 +44,8 @@ class RenderConfig(Settings):
         camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
         light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
         samples: Cycles samples per pixel, before denoising.
-        assets: folder of CLEVR's Blender files (`image_generation/data` of facebookresearch/clevr-dataset-gen); "" builds
-            simple substitutes.
+        assets: folder of CLEVR's Blender files (`image_generation/data` of facebookresearch/clevr-dataset-gen), which the
+            renderer "blender" needs.
         fps: frame rate of the video (1/s).
         crf: H.264 constant rate factor; lower is better quality.
     """
@@ -75,7 +75,7 @@ class RenderConfig(Settings):
 
 @dataclass(frozen=True)
 class Lamp:
-    """A square area lamp. In CLEVR's base scene it faces the origin; in the substitutes for it, down.
+    """A square area lamp, which faces the origin.
 
     Attributes:
         name: of the object in CLEVR's base scene.
