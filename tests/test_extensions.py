@@ -183,9 +183,8 @@ def test_changes_that_cannot_be_simulated_are_refused(known: Scene) -> None:
 
 
 def test_physics_is_saved_and_old_scenes_load(known: Scene, small_scene: Scene, tmp_path) -> None:
-    for ending in ("json", "npz"):
-        storage.save(known, tmp_path / f"a.{ending}")
-        assert storage.load(Scene, tmp_path / f"a.{ending}") == known
+    storage.save(known, tmp_path / "a.json")
+    assert storage.load(Scene, tmp_path / "a.json") == known
     storage.save(small_scene, tmp_path / "old.json")
     text = (tmp_path / "old.json").read_text()
     (tmp_path / "old.json").write_text(text.replace(', "physics": null', "").replace(',"physics":null', ""))

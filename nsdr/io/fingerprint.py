@@ -48,7 +48,8 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
                 content_or_pickle = item if isinstance(item, bytes) else pickle.dumps(item, protocol=5)
                 digest.update(hashlib.sha256(content_or_pickle).digest())
     except OSError as e:
-        raise DataError(f"{e.filename}: cannot be read ({e.strerror})") from e
+        reason = "no such file" if isinstance(e, FileNotFoundError) else f"cannot be read ({e.strerror})"
+        raise DataError(f"{e.filename}: {reason}") from e
     return digest.hexdigest()[:DIGITS]
 
 

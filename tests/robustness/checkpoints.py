@@ -54,8 +54,6 @@ TENSORS: dict[str, Callable[[State], object]] = {
     "all NaN": lambda s: s.update({k: v * float("nan") for k, v in s.items() if v.is_floating_point()}),
     "one tensor of zeros": _changed(torch.zeros_like),
     "all zero": lambda s: s.update({k: torch.zeros_like(v) for k, v in s.items()}),
-    "float64": _changed(torch.Tensor.double),
-    "bfloat16": _changed(torch.Tensor.bfloat16),
     "int8": _changed(lambda w: torch.ones_like(w, dtype=torch.int8)),
     "boolean": _changed(lambda w: w > 0),
     "int64": _changed(lambda w: torch.ones_like(w, dtype=torch.int64)),

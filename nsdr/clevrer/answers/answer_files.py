@@ -53,9 +53,10 @@ def read_answers(path: str | Path) -> dict[QuestionKey, Given]:
         expected = 'a row such as {"id": "10003-7", "response": "A, C"} for each question, or an EvalAI submission'
         raise DataError(f"{path}: {'not JSON Lines' if start else 'is empty'}; expected {expected}")
     answers: dict[QuestionKey, Given] = {}
-    for key, given in _of_submission(read_submission(path)) if start == b"[" else _of_lines(data, str(path)):
+    rows = _of_submission(read_submission(path)) if start == b"[" else _of_lines(data, str(path))
+    for place, key, given in rows:
         if key in answers:
-            raise DataError(f"{path}: question {key[0]}-{key[1]} is answered twice; keep one of the answers")
+            raise DataError(f"{path}{place}: question {key[0]}-{key[1]} is answered twice; keep one of the answers")
         answers[key] = given
     if not answers:
         raise DataError(f"{path}: expected at least 1 answer, found none")
@@ -82,18 +83,20 @@ def write_responses(path: str | Path, responses: Iterable[tuple[QuestionKey, str
             file.write(json.dumps({"id": f"{scene}-{question}", "response": response}) + "\n")
 
 
-def _of_lines(data: bytes, name: str) -> Iterator[tuple[QuestionKey, str]]:
+def _of_lines(data: bytes, name: str) -> Iterator[tuple[str, QuestionKey, str]]:
+    """Where the answer stands, its question and the response."""
     for number, content in parse_json_lines(data, name):
         row: _Row = convert(content, _Row, f"{name}, line {number}: ")
         scene, question = map(int, row["id"].split("-"))
-        yield (scene, question), row["response"] or ""
+        yield f", line {number}", (scene, question), row["response"] or ""
 
 
-def _of_submission(content: Sequence[Mapping[str, Any]]) -> Iterator[tuple[QuestionKey, Given]]:
+def _of_submission(content: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, QuestionKey, Given]]:
+    """Nothing, as the question says where the answer stands; the question and the judgements or the answer."""
     for scene in content:
         for row in scene["questions"]:
             judged = {c["choice_id"]: c["answer"] for c in row.get("choices", ())}
-            yield (scene["scene_index"], row["question_id"]), judged if "choices" in row else row["answer"]
+            yield "", (scene["scene_index"], row["question_id"]), judged if "choices" in row else row["answer"]
 
 
 class _Choice(TypedDict):
