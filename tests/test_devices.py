@@ -22,6 +22,7 @@ from nsdr.frame_parser.parser import FrameParser
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
+from nsdr.training import loop
 from nsdr.training.dynamics import StateModelTask
 from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
 from nsdr.training.loop import LoopConfig, Task
@@ -164,6 +165,14 @@ def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, t
 def test_settings_of_the_loop_are_checked(option, message) -> None:
     with pytest.raises(DataError, match=message):
         LoopConfig(**option)
+
+
+def test_bfloat16_is_refused_on_processors_without_it(monkeypatch) -> None:
+    monkeypatch.setattr(loop, "has_bfloat16", lambda: False)
+    with pytest.raises(
+        DataError, match=r"precision is 'bfloat16', which this processor lacks .* expected float32 or auto"
+    ):
+        loop._accelerator(LoopConfig(precision="bfloat16", device="cpu"))
 
 
 @pytest.mark.parametrize(

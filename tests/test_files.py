@@ -227,6 +227,11 @@ def test_downloaded_zips_are_unpacked(server, tmp_path) -> None:
     assert [p.name for p in folder.parent.iterdir()] == ["annotation_train"]
     assert download(tmp_path, "train", ["annotations"], base_url=server) == [folder]
     assert len(_Server.ranges) == 1
+    (folder / "own.txt").write_text("kept")
+    (folder.parent / "annotation_train.zip").write_bytes(content.getvalue())  # of a kill between unpacking and deleting
+    download(tmp_path, "train", ["annotations"], base_url=server)
+    assert [p.name for p in folder.parent.iterdir()] == ["annotation_train"]
+    assert (folder / "own.txt").read_text() == "kept"
     shutil.rmtree(folder)
     (folder.parent / "annotation_train.zip").write_bytes(b"half")
     with pytest.raises(DataError, match=r"annotation_train\.zip: not a readable zip .*; delete it"):

@@ -25,6 +25,8 @@ OPTIONS = (
         ("<think>It is <answer>B</answer>?</think> <answer>C</answer>", "C", "tags"),
         ("A or B? I take C.</think>\n<answer>C</answer>", "C", "tags"),
         ("<think>B? <answer>C</answer>", "C", "tags"),
+        ("<answer>A</answer><think>or B</think>", "A", "tags"),
+        ("<think>A <think>B</think> C</think> D", "D", "bare"),
         ("<answer>A</answer> Wait: <answer>B</answer>", "B", "tags"),
         ("<answer>B", "B", "tags"),
         ("B</answer>", "B", "tags"),
@@ -74,6 +76,7 @@ def test_letters(text: str, letters: str, how: str) -> None:
     [
         ("", "empty"),
         ("<answer></answer>", "empty"),
+        ('[""]', "no letters"),
         ("<think>It may be A", "inside its thinking"),
         ("E", "E: the options end at D"),
         ("<answer>A,F</answer>", "F: the options end at D"),

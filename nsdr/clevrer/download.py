@@ -61,14 +61,15 @@ def download(
             complete = target.with_suffix("") if is_zip else target
             if not (complete.exists() or target.exists()):
                 _fetch(f"{base_url.rstrip('/')}/{name}", target)
-            if is_zip and not complete.exists():
+            if is_zip and target.exists():
                 _unpack(target, complete)
             paths.append(complete)
     return paths
 
 
 def _unpack(archive: Path, folder: Path) -> None:
-    """Unpack a zip into a folder, which is there as soon as all of it is, and delete the zip."""
+    """Unpack a zip into a folder, which is complete when the zip is gone."""
+    import os
     import shutil
     import zipfile
 
@@ -83,7 +84,8 @@ def _unpack(archive: Path, folder: Path) -> None:
         raise
     except Exception as e:  # damaged ones raise many kinds
         raise DataError(f"{archive}: not a readable zip ({e}); delete it, and run the command again") from e
-    partial.rename(folder)
+    shutil.copytree(partial, folder, copy_function=os.replace, dirs_exist_ok=True)
+    shutil.rmtree(partial)
     archive.unlink()
 
 

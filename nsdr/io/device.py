@@ -14,6 +14,7 @@ from nsdr.errors import DataError
 __all__ = [
     "PRECISIONS",
     "available_cores",
+    "has_bfloat16",
     "limit_threads",
     "resolve_device",
     "resolve_precision",
@@ -82,6 +83,13 @@ def without_compiler() -> Iterator[None]:
     finally:
         if is_ours:
             del sys.modules[name]
+
+
+def has_bfloat16() -> bool:
+    """Whether all layers run in bfloat16 on this processor, fast or slow: LSTMs need AVX-512."""
+    import torch
+
+    return not torch.backends.mkldnn.is_available() or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
 def wait_passively() -> None:

@@ -37,6 +37,9 @@ LOCK = ".lock"
 """End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
 PROBE_BYTES = 4096
 """Bytes that are written for a test, and deleted."""
+THE_TARGETS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EPIPE, errno.EROFS, errno.EACCES, errno.EPERM, errno.EEXIST,
+               errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)  # fmt: skip
+"""System errors that say something of the file that is written."""
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 """System errors of file systems that cannot lock files."""
 log = logging.getLogger(__name__)
@@ -51,10 +54,10 @@ def writing(path: str | Path) -> Iterator[None]:
     """
     try:
         yield
-    except (FileNotFoundError, ConnectionError):  # of what is read meanwhile
-        raise
     except OSError as e:
-        raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+        if e.errno in THE_TARGETS:
+            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+        raise  # of what is read meanwhile
 
 
 @contextmanager

@@ -36,21 +36,25 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
     """
     plain = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
     digest = hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode())
+    for path in map(Path, weights):
+        for file in sorted([*path.glob("*.safetensors"), *path.glob("*.json")]) if path.is_dir() else [path]:
+            digest.update(file.name.encode() + _content_digest(file))
+    for item in inputs:
+        if isinstance(item, Path):
+            digest.update(_content_digest(item))
+        else:
+            content_or_pickle = item if isinstance(item, bytes) else pickle.dumps(item, protocol=5)
+            digest.update(hashlib.sha256(content_or_pickle).digest())
+    return digest.hexdigest()[:DIGITS]
+
+
+def _content_digest(path: Path) -> bytes:
     try:
-        for path in map(Path, weights):
-            for file in sorted([*path.glob("*.safetensors"), *path.glob("*.json")]) if path.is_dir() else [path]:
-                digest.update(file.name.encode() + file.read_bytes())
-        for item in inputs:
-            if isinstance(item, Path):
-                with item.open("rb") as content:
-                    digest.update(hashlib.file_digest(content, "sha256").digest())
-            else:
-                content_or_pickle = item if isinstance(item, bytes) else pickle.dumps(item, protocol=5)
-                digest.update(hashlib.sha256(content_or_pickle).digest())
+        with path.open("rb") as content:
+            return hashlib.file_digest(content, "sha256").digest()
     except OSError as e:
         reason = "no such file" if isinstance(e, FileNotFoundError) else f"cannot be read ({e.strerror})"
-        raise DataError(f"{e.filename}: {reason}") from e
-    return digest.hexdigest()[:DIGITS]
+        raise DataError(f"{path}: {reason}") from e
 
 
 def code_revision() -> str:

@@ -5,10 +5,12 @@ Nothing is allocated before its size is checked against `nsdr.io.limits`, and no
 
 import codecs
 import io
+import json
 import os
 import stat
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -125,11 +127,21 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
     """(line number from 1, value) of each line of a JSON Lines file; empty lines are passed over.
 
     Raises:
-        DataError: a line is not JSON; names `name` and the line.
+        DataError: a line is not JSON, or has a key twice; names `name` and the line.
     """
     for number, line in enumerate(data.splitlines(), 1):
         if line.strip():
-            yield number, parse_json(line, f"{name}, line {number}")
+            place = f"{name}, line {number}"
+            value = parse_json(line, place)
+            with _named(place, "JSON file"):
+                json.loads(line, object_pairs_hook=_refuse_twice)
+            yield number, value
+
+
+def _refuse_twice(pairs: list[tuple[str, Any]]) -> None:
+    for key, times in Counter(key for key, _ in pairs).items():
+        if times > 1:
+            raise ValueError(f"the key {key!r:.60} is there twice")
 
 
 def _text(data: bytes, name: str) -> bytes:

@@ -14,7 +14,7 @@ from importlib.resources import files
 
 from nsdr.language.slots import CATEGORY, Slot, in_order
 from nsdr.language.texts import english
-from nsdr.world.vocabulary import ADJECTIVES, NOUNS
+from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
 
 __all__ = [
     "AMBIGUOUS",
@@ -275,7 +275,7 @@ def _in_order(parts: list[str | Slot]) -> list[str | Slot]:
 
 
 def _without_front(parts: list[str | Slot]) -> list[str | Slot]:
-    """A text with what stands before its first break in the place of "it", "its" or "then", if that refers to it.
+    """A text with what stands before its first break in the place of "it", "its", "then" or "that", if that refers to it.
 
     "The cube: what is its color?" becomes "what is the cube's color", "The cube enters; what moves then?" "what moves when
     the cube enters".
@@ -284,17 +284,29 @@ def _without_front(parts: list[str | Slot]) -> list[str | Slot]:
     front, rest = parts[:end], [part for part in parts[end:] if part not in _BREAKS]
     while front and front[0] in ("regarding", "about", "concerning", "consider", "there", "be", "for"):
         front = front[1:]
+    if front[1:2] == ["to"] and front[0] in _ORDERS:
+        front = [front[0], Slot("O", ()), *front[1:]]
     if not any(isinstance(part, Slot) for part in front) or set(front) & (
         QUESTION_STARTS - {"be", "do", "have", "when"}
     ):
         return parts
+    if front[0] in ("we", "you", "i"):
+        return [*rest, "if", *front] if {"what", "which"}.intersection(rest) else parts
     if front[0] in ("a", "one", "any", *_ORDERS) or isinstance(front[0], Slot):
         front = ["the", *front[front[0] in ("a", "one", "any") :]]
     if front[0] != "the":
         return parts
     if {"it", "its"}.intersection(rest):
+        if front[2:3] == ["be"] and isinstance(front[1], Slot):  # "an object is moving: what is its color"
+            front = [*front[:2], "that", *front[2:]]
         forms = {"it": front, "its": [*front, "'s"]}
         return [found for part in rest for found in (forms.get(part, [part]) if isinstance(part, str) else [part])]
+    if len(rest) == 1 and rest[0] in ATTRIBUTES:
+        return ["the", *rest, "of", *front]
+    if rest[-1:] == ["responsible"]:
+        return [*rest, "for", *front]
+    if rest[-2:] == ["for", "that"]:
+        return [*rest[:-1], *front]
     for words in (["then"], *(["at", that, time] for that in ("that", "the") for time in ("time", "point", "moment"))):
         if rest[-len(words) :] == words:
             return [*rest[: -len(words)], "when", *front]
@@ -304,6 +316,10 @@ def _without_front(parts: list[str | Slot]) -> list[str | Slot]:
 def _question_start(parts: Sequence[str | Slot]) -> int:
     for i in range(2, len(parts)):
         if parts[i - 1] in _BREAKS and parts[i] in QUESTION_STARTS:
+            return i
+    for i in range(2, len(parts)):
+        is_subject = parts[i] == "the" or isinstance(parts[i], Slot)
+        if parts[i - 1] in _BREAKS and is_subject and {"what", "which"}.intersection(parts[i:]):
             return i
     for i in range(2, len(parts)):
         if parts[i] in ("how", "what", "which", "why"):

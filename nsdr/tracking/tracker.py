@@ -114,7 +114,7 @@ def track(
     if spacing > MAX_SPACING_FRAMES:
         warnings.warn(
             f"one frame in {spacing:g} (of 25 per second) was processed: above {MAX_SPACING_FRAMES}, collisions are missed and "
-            "misplaced; lower the stride, or use a video with more frames per second",
+            "misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second",
             stacklevel=2,
         )
     kept = np.flatnonzero(proposals.score > c.score)

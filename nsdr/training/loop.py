@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import save_checkpoint
-from nsdr.io.device import PRECISIONS, resolve_device, resolve_precision
+from nsdr.io.device import PRECISIONS, has_bfloat16, resolve_device, resolve_precision
 from nsdr.io.files import locked
 from nsdr.training.run_folder import RunFolder, TrainingState, described, resolved
 from nsdr.validation import Count, NotNegative, Positive, PositiveCount, Settings, one_of
@@ -278,6 +278,8 @@ def _accelerator(config: LoopConfig) -> Accelerator:
     if not several and device.type == "cuda" and device.index is not None:
         torch.cuda.set_device(device)
     precision = resolve_precision(config.precision, device)
+    if precision == torch.bfloat16 and device.type == "cpu" and not has_bfloat16():
+        raise DataError("precision is 'bfloat16', which this processor lacks (no AVX-512); expected float32 or auto")
     unused = DistributedDataParallelKwargs(find_unused_parameters=True)
     # Unless it is told so, Accelerate takes each of several processes without a GPU for the only one.
     on_cpu = config.device == "cpu" or (several and not torch.cuda.is_available())

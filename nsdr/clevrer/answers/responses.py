@@ -15,6 +15,7 @@ __all__ = ["Response", "read_response", "read_response_to"]
 
 THINKING = re.compile(r"<\s*think(?:ing)?\s*>", re.IGNORECASE)
 THOUGHT = re.compile(r"<\s*/\s*think(?:ing)?\s*>", re.IGNORECASE)
+THOUGHTS = re.compile(f"{THINKING.pattern}.*?{THOUGHT.pattern}", re.IGNORECASE | re.DOTALL)
 TAG = re.compile(r"<\s*(?:(/)\s*)?answers?\s*>", re.IGNORECASE)
 LAST_PAIR = re.compile(r"<\s*answers?\s*>[^<>]*<\s*/\s*answers?\s*>\s*\Z", re.IGNORECASE)
 LABEL = re.compile(
@@ -162,18 +163,19 @@ class _Reader:
                 raise UnreadableError(f"a JSON object without one of the keys {', '.join(ANSWER_KEYS)}")
             value = value[keys[0]]
         if isinstance(value, list) and all(isinstance(v, str) for v in value):
-            value = "\n".join(value) or NO_OPTION
+            value = "\n".join(value) if value else NO_OPTION
         if isinstance(value, bool) or not isinstance(value, str | int):
             raise UnreadableError("a JSON value that is neither a text, a whole number nor a list of texts")
         return self.words(plain(str(value)))
 
 
 def _thought_through(text: str) -> str:
-    """The text without its thinking, which ends at the last closing tag; many templates put the opening one in the prompt.
+    """The text without its thinking, whose opening tag many templates put in the prompt.
 
     Thinking that never ends reaches to an answer pair that ends the text, or to the end.
     """
-    text = THOUGHT.split(text)[-1]
+    end = max((tag.end() for tag in THOUGHT.finditer(text)), default=0)
+    text = THOUGHT.split(THOUGHTS.sub(" ", text[:end]))[-1] + text[end:]
     before, *thinking = THINKING.split(text, maxsplit=1)
     if not thinking:
         return text
