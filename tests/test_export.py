@@ -77,6 +77,7 @@ def root(tmp_path) -> Path:
 @pytest.fixture
 def offline(tmp_path, monkeypatch) -> None:
     """No library may open a connection, or write outside of the test's folder."""
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)  # the variable is read once, for all tests
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
 

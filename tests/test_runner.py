@@ -74,5 +74,5 @@ def test_fingerprints_depend_on_content_settings_and_weights(tmp_path) -> None:
     assert before != (changed := fingerprint(inputs=[file], config={"x": 1}, weights=[weights]))
     (weights / "a.safetensors").write_bytes(b"2")
     assert changed != fingerprint(inputs=[file], config={"x": 1}, weights=[weights])
-    with pytest.raises(DataError, match=r"nowhere: cannot be read"):
+    with pytest.raises(DataError, match=r"nowhere: no such file"):
         fingerprint(inputs=[tmp_path / "nowhere"])
