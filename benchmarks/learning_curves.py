@@ -15,7 +15,9 @@ from nsdr.io.reading import read_json
 
 PANELS = {
     "descriptive": "descriptive",
-    "descriptive_query": "what color, shape, material",
+    "descriptive_query_color": "what color",
+    "descriptive_query_material": "what material",
+    "descriptive_query_shape": "what shape",
     "descriptive_exist": "is there any",
     "descriptive_count": "how many",
     "explanatory_per_option": "explanatory, per option",
@@ -38,7 +40,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     options = parser.parse_args()
     matplotlib.use("Agg")
-    figure, axes = plt.subplots(2, 4, figsize=(15, 7), sharex=True)
+    figure, axes = plt.subplots(2, 5, figsize=(18, 7), sharex=True)
     print("|  | texts | " + " | ".join(PANELS.values()) + " |\n|---|" + "---|" * (1 + len(PANELS)))
     for i, run in enumerate(options.runs):
         rows = evaluations(run)
