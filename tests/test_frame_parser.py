@@ -201,6 +201,11 @@ def test_augmentation_is_drawn_anew_or_from_a_given_generator(tiny_frames) -> No
     image = dataset.get(1, np.random.default_rng(3))[0]
     assert torch.equal(image, dataset.get(1, np.random.default_rng(3))[0])
     assert not torch.equal(image, dataset.get(1, np.random.default_rng(4))[0])
+    torch.manual_seed(5)
+    first, second = dataset[1][0], dataset[1][0]
+    torch.manual_seed(5)
+    assert torch.equal(first, dataset[1][0])
+    assert not torch.equal(first, second)
     assert not torch.equal(dataset[1][0], dataset[1][0])
     with pytest.raises(IndexError):
         dataset[4]

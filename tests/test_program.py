@@ -57,7 +57,7 @@ def test_choice_and_question_are_joined() -> None:
         ("objects objects count", "2 values are left"),
         ("", "the program is empty"),
         ("red", "ends in the word 'red'"),
-        ("Count(Objects)", r"unknown module or word 'count\(objects\)'"),
+        ("Count(Objects)", r"unknown module or word 'count\(objects\)'; expected tokens in postfix order"),
     ],
 )
 def test_errors_name_the_token(source: str, message: str) -> None:

@@ -23,6 +23,7 @@ from nsdr.baselines.features.files import FeatureConfig
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.dynamics.velocity_events import velocity_collisions
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
@@ -73,8 +74,10 @@ def _propnet() -> Any:
 
 
 def _dynamics() -> Any:
-    scene = scene_from_prediction(_perception().dynamics)
-    return [[o.name for o in scene.objects], _events(scene.events), _events(scene.unseen or ())]
+    made = _perception().dynamics
+    scene = scene_from_prediction(made)
+    by_velocity = velocity_collisions(made.observed)
+    return [[o.name for o in scene.objects], _events(scene.events), _events(scene.unseen or ()), _events(by_velocity)]
 
 
 def _texts() -> Iterator[tuple[str, str, tuple[str, ...]]]:

@@ -96,8 +96,8 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
     `objects: [{color, material, shape, segmentation (COCO RLE)}]`; `nsdr data frames` makes them from videos with mask
     proposals.
 
-    Items are an image (3, H, W) in 0-1 and its target (see `AttributeRoIHeads`). Their augmentation is drawn anew each time;
-    `get` draws it from a generator that is given. The split is by scene: no scene is in both parts.
+    Items are an image (3, H, W) in 0-1 and its target (see `AttributeRoIHeads`). Their augmentation is drawn anew each time, by
+    torch's seed; `get` draws it from a generator that is given. The split is by scene: no scene is in both parts.
 
         >>> loader = DataLoader(FrameDataset(folder, augmentation=AugmentConfig()), 8, collate_fn=collate)
 
@@ -123,7 +123,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         return len(self.records)
 
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:
-        return self.get(index, np.random.default_rng())
+        return self.get(index, np.random.default_rng(int(torch.randint(2**63 - 1, ()))))
 
     def get(self, index: int, rng: np.random.Generator) -> tuple[Tensor, Target]:
         """Image (3, H, W) in 0-1 and target of item `index`, with the augmentation drawn from `rng`."""

@@ -37,8 +37,8 @@ LOCK = ".lock"
 """End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
 PROBE_BYTES = 4096
 """Bytes that are written for a test, and deleted."""
-THE_TARGETS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EPIPE, errno.EROFS, errno.EACCES, errno.EPERM, errno.EEXIST,
-               errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)  # fmt: skip
+THE_TARGETS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE, errno.EROFS, errno.EACCES, errno.EPERM,
+               errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)  # fmt: skip
 """System errors that say something of the file that is written."""
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 """System errors of file systems that cannot lock files."""
