@@ -112,7 +112,8 @@ def built(name: str, scenes, folder) -> tuple[TrainedBaseline, FeatureCache | No
     kind, features = BASELINES[name], features_of(name, folder)
     vocabulary = Vocabulary.from_questions(scenes)
     sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
-    return TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary), features
+    made = features.settings(kind.needs) if features else {}
+    return TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary, made), features
 
 
 def examples_of(baseline: TrainedBaseline, scenes):
@@ -272,12 +273,15 @@ def test_an_experiment_scores_a_trained_baseline(scenes, folder, tmp_path, capsy
     assert re.search(r"- CNN\+MLP: `.*/run/checkpoint`, [\d,]+ parameters, seed 0", table)
     assert ", 36 texts about 6 videos seen 0.4 times" in table
     assert measured({**row, "limit": len(scenes) - 1}) == first  # kept
+    blind, other = (measured({**row, "control": control})["table"]["descriptive"] for control in ("blind", "shuffled"))
+    assert blind["n"] == other["n"] == 2 * len(scenes)
     capsys.readouterr()
     for extra, message in (
         ({"set": ["stride=2"]}, "set would do nothing"),
         ({"programs": "parsed"}, "programs would do nothing"),
         ({"features": ""}, "needs features"),
         ({"trained": ""}, "give trained"),
+        ({"control": "blind", "features": ""}, "control blind is done to features"),
     ):
         experiment.write_text(json.dumps({"title": "Table", "common": common, "rows": [{**row, **extra}]}))
         assert main(["experiment", str(experiment), "-o", str(tmp_path / "results"), "--device", "cpu"]) == 2
@@ -325,9 +329,9 @@ def test_features_must_fit_those_of_the_training(scenes, folder) -> None:
     with pytest.raises(DataError, match="needs features"):
         next(baseline.answer_questions(scenes, None))
     manifest = json.loads((folder / MANIFEST).read_text())
-    manifest["shapes"]["pooled"] = [FRAMES, CHANNELS + 1]
+    manifest["features"]["weights"] = "others"
     (folder / MANIFEST).write_text(json.dumps(manifest))
-    with pytest.raises(DataError, match="7 channels"):
+    with pytest.raises(DataError, match="weights others in place of none"):
         next(baseline.answer_questions(scenes, FeatureCache(folder, ["pooled"])))
     blind, _ = built("lstm", scenes, folder)
     with pytest.raises(DataError, match="does not see the video"):
@@ -352,7 +356,7 @@ def test_a_damaged_description_is_named(scenes, folder, tmp_path) -> None:
     baseline.save_pretrained(tmp_path)
     file = tmp_path / "baseline.json"
     description = json.loads(file.read_text())
-    for change in ({"system": "gru"}, {"words": None}, {"answers": ["yes"]}, {"words": ["one"]}):
+    for change in ({"system": "gru"}, {"words": None}, {"answers": ["yes"]}, {"words": ["one"]}, {"features": 1}):
         file.write_text(json.dumps(description | change))
         with pytest.raises(CheckpointError, match=r"baseline\.json"):
             TrainedBaseline.from_checkpoint(tmp_path)

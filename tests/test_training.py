@@ -37,7 +37,10 @@ def parser_arguments(frames: Path, run: Path, steps: int) -> list[str]:
 
 
 def lines(run: Path) -> list[dict]:
-    return [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    found = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    for line in found:
+        assert line.pop("cpu_s") >= 0
+    return found
 
 
 def test_frame_parser_trains_and_its_checkpoint_loads(tiny_frames, tmp_path) -> None:
@@ -322,7 +325,7 @@ def test_a_run_that_is_killed_in_an_evaluation_keeps_its_steps(tmp_path) -> None
     assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3]
     task = Line()
     task.draw = None  # no step is repeated
-    assert train(task, config, tmp_path, {}).keys() == {"weight"}
+    assert train(task, config, tmp_path, {}).keys() == {"weight", "cpu_s"}
     assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4]
     assert {"loss", "weight"} <= set(lines(tmp_path)[-1])
     whole = Line()
@@ -340,9 +343,13 @@ def test_a_resumed_run_repeats_no_line(tmp_path) -> None:
     train(Line(), replace(config, steps=2), tmp_path / "short", {})
     for path in (tmp_path / "short").glob("step_*"):
         shutil.copy(path, tmp_path / "broken")
-    with open(tmp_path / "broken" / "metrics.jsonl", "a") as file:
-        file.write('{"step": 6, "lo')
+    metrics = tmp_path / "broken" / "metrics.jsonl"
+    rows = [json.dumps(row | {"cpu_s": 1000.0}) for row in lines(tmp_path / "broken")]
+    metrics.write_text("\n".join([*rows, '{"step": 6, "lo']))
     train(Line(), config, tmp_path / "broken", {})
+    times = [json.loads(row)["cpu_s"] for row in (tmp_path / "broken" / "metrics.jsonl").read_text().splitlines()]
+    assert times[:2] == [1000.0, 1000.0]
+    assert all(time >= 1000 for time in times[2:])  # what was spent before is counted
     short = {line["step"]: line for line in lines(tmp_path / "broken")}
     assert [line["step"] for line in lines(tmp_path / "broken")] == [1, 2, 3, 4, 5]
     assert short[1] == lines(tmp_path / "whole")[0]

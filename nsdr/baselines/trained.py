@@ -29,12 +29,15 @@ class TrainedBaseline(PretrainedPart):
         system: its name in `BASELINES`.
         network: the network.
         vocabulary: of its training.
+        features: how the features were made that it learnt from, as of `FeatureCache.settings`; empty where it sees no video.
     """
 
     part: ClassVar[str] = "baseline"
 
-    def __init__(self, system: str, network: Baseline, vocabulary: Vocabulary) -> None:
-        self.system, self.vocabulary = system, vocabulary
+    def __init__(
+        self, system: str, network: Baseline, vocabulary: Vocabulary, features: Mapping[str, Any] | None = None
+    ) -> None:
+        self.system, self.vocabulary, self.features = system, vocabulary, dict(features or {})
         self._network = network
         self._possible = vocabulary.possible_answers()
 
@@ -46,12 +49,12 @@ class TrainedBaseline(PretrainedPart):
             system, sizes = str(details["system"]), details["sizes"]
             vocabulary = Vocabulary(tuple(map(str, details["words"])), tuple(map(str, details["answers"])))
             known = vocabulary.sizes(int(sizes["channels"]), (int(sizes["grid"][0]), int(sizes["grid"][1])))
-            kind = BASELINES[system]
+            kind, features = BASELINES[system], dict(details["features"])
         except (KeyError, TypeError, ValueError, IndexError, DataError) as e:
             where = Path(folder) / f"{cls.part}.json"
             raise CheckpointError(f"{where}: not the description of a baseline ({e}); train it again") from e
         network = load_network(folder, cls.part, kind.Config, lambda config: kind(config, known))
-        return cls(system, network, vocabulary, **options)
+        return cls(system, network, vocabulary, features, **options)
 
     @property
     def network(self) -> Baseline:
@@ -62,12 +65,13 @@ class TrainedBaseline(PretrainedPart):
         return self.network.config, self.details()
 
     def details(self) -> dict[str, Any]:
-        """What the checkpoint's JSON holds beside the settings: system, words, answers, sizes, number of parameters."""
+        """What the checkpoint's JSON holds beside the settings: system, words, answers, sizes, features, parameters."""
         return {
             "system": self.system,
             "words": self.vocabulary.words,
             "answers": self.vocabulary.answers,
             "sizes": asdict(self.network.sizes),
+            "features": self.features,
             "parameters": sum(p.numel() for p in self.network.parameters()),
         }
 
@@ -77,18 +81,15 @@ class TrainedBaseline(PretrainedPart):
         Raises:
             DataError: says what was expected and found.
         """
-        wanted, sizes = ", ".join(sorted(self.network.needs & set(KINDS))), self.network.sizes
+        needs = self.network.needs
+        wanted = ", ".join(sorted(needs & set(KINDS)))
         if features is None:
             if wanted:
                 raise DataError(f"{self.system} needs features of the videos ({wanted}); give a folder with them")
             return
         if not wanted:
             raise DataError(f"features {features.folder} would do nothing: {self.system} does not see the video")
-        if (sizes.channels, sizes.grid) != (features.channels, features.grid):
-            raise DataError(
-                f"{features.folder}: features have {features.channels} channels and grid {features.grid}, the baseline was "
-                f"trained with {sizes.channels} and {sizes.grid}; make the features with the settings of the training's"
-            )
+        features.check_settings(self.features, needs)
 
     def answer_questions(
         self, scenes: Iterable[SceneQuestions], features: FeatureCache | None, types: Collection[str] = QUESTION_TYPES

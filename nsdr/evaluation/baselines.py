@@ -1,15 +1,18 @@
 """Scores of trained baselines by the same harness as those of NS-DR."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
+from nsdr.evaluation.controls import exchange
 from nsdr.evaluation.runner import (
     EvaluationConfig,
     evaluation_fingerprint,
@@ -30,10 +33,32 @@ USED = ("questions", "root", "split", "types", "every", "limit", *PROGRAMS)
 """Settings of `EvaluationConfig` that trained baselines use."""
 TRAINING = ("system", "parameters", "videos", "texts")
 """What a results file keeps of a checkpoint's description."""
+SECONDS_PER_MINUTE = 60
+
+
+class _ControlFeatures(FeatureCache):
+    """Features as of the videos of a control.
+
+    Args:
+        folder, needs: as of `FeatureCache`.
+        control: one of `nsdr.evaluation.controls.CONTROLS`.
+        indices: the videos that are exchanged with each other.
+    """
+
+    def __init__(self, folder: str, needs: Collection[str], control: str, indices: Sequence[int]) -> None:
+        super().__init__(folder, needs)
+        self.control, self.taken = control, exchange(indices) if control == "shuffled" else {}
+
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
+        """As of `FeatureCache`: of another video, zeros, or with the frames in reverse order."""
+        found = super().get(self.taken.get(scene_index, scene_index), needs)
+        if self.control == "blind":
+            return {kind: np.zeros_like(value) for kind, value in found.items()}
+        return {kind: value[::-1] for kind, value in found.items()} if self.control == "reversed" else found
 
 
 def evaluate_baseline(
-    trained: str, features: str, config: EvaluationConfig, own: Sequence[str], device: str
+    trained: str, features: str, config: EvaluationConfig, own: Sequence[str], device: str, control: str = ""
 ) -> dict[str, Any]:
     """Answer the questions by a trained baseline and score the answers.
 
@@ -43,6 +68,7 @@ def evaluate_baseline(
         config: which questions; of its settings those in `USED` have an effect.
         own: settings that are given for this baseline, which must have an effect.
         device: where the networks run.
+        control: one of `nsdr.evaluation.controls.CONTROLS`, done to the features (blind: zeros); "" for none.
 
     Returns:
         The report of `score_answers`, and under `training` what is known of the training.
@@ -57,9 +83,11 @@ def evaluate_baseline(
     unused = sorted(set(PROGRAMS) & set(own))
     if unused and "program" not in needs:
         raise DataError(f"{', '.join(unused)} would do nothing: {baseline.system} reads no programs; leave them out")
-    known = FeatureCache(features, needs) if features else None
-    baseline.check_features(known)
     scenes, _ = selected_questions(config)
+    known = FeatureCache(features, needs) if features else None
+    if features and control:
+        known = _ControlFeatures(features, needs, control, [scene.scene_index for scene in scenes])
+    baseline.check_features(known)
     parsed, failed = scenes, dict[int, dict[int, NsdrError]]()
     if "program" in needs and (parser := parser_of(config)) is not None:
         parsed, failed = _with_programs(scenes, parse_all(parser, scenes, config.types), config.types)
@@ -72,7 +100,7 @@ def evaluate_baseline(
     return report | {"training": {**_training(folder), "checkpoint": trained}}
 
 
-def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig) -> str:
+def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig, control: str = "") -> str:
     """Of everything that a baseline's numbers depend on.
 
     Raises:
@@ -82,6 +110,7 @@ def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig) 
     settings = {
         "evaluation": evaluation_fingerprint(config),
         "features": FeatureCache(features).fingerprint if features else "",
+        "control": control,
     }
     return fingerprint(config=settings, weights=[find_checkpoint(trained)])
 
@@ -114,6 +143,8 @@ def _training(folder: Path) -> dict[str, Any]:
         known["seed"] = loop["seed"]
         if "texts" in known:
             known["passes"] = loop["steps"] * loop["batch_size"] / known["texts"]
+    if "cpu_s" in details.get("metrics", {}):
+        known["cpu_s"] = details["metrics"]["cpu_s"]
     return known
 
 
@@ -125,4 +156,6 @@ def training_text(training: Mapping[str, Any]) -> str:
     if "texts" in training:
         seen = f" seen {training['passes']:.1f} times" if "passes" in training else ""
         parts.append(f"{training['texts']:,} texts about {training['videos']:,} videos{seen}")
+    if "cpu_s" in training:
+        parts.append(f"{training['cpu_s'] / SECONDS_PER_MINUTE:.0f} minutes of CPU time")
     return ", ".join(parts)

@@ -59,6 +59,7 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
         trained: checkpoint of a trained baseline that answers the questions; "" for others.
         features: folder of the features of the videos for it; "" where it sees no video.
+        control: what is done to the features, one of `nsdr.evaluation.controls.CONTROLS`; "" for nothing.
         evaluation: what is measured; None for published numbers.
         own: settings of `evaluation` that are the row's and not common ones.
     """
@@ -69,6 +70,7 @@ class ExperimentRow(msgspec.Struct, frozen=True):
     published: Published | None = None
     trained: str = ""
     features: str = ""
+    control: Literal["", "blind", "reversed", "shuffled"] = ""
     evaluation: EvaluationConfig | None = None
     own: tuple[str, ...] = ()
 
@@ -78,7 +80,8 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         for name in ("cache", "engine", "workers", "device"):
             evaluation.pop(name, None)
         row: dict[str, Any] = {"name": self.name, "baseline": self.baseline, "training": self.training}
-        row |= {"published": list(self.published or ()), "trained": self.trained, "features": self.features}
+        row |= {"published": list(self.published or ()), "trained": self.trained}
+        row |= {"features": self.features, "control": self.control}
         return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
 
     def fingerprint(self) -> str:
@@ -86,14 +89,14 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         if self.evaluation is None:
             return fingerprint(config=self.settings())
         if self.trained:
-            return baseline_fingerprint(self.trained, self.features, self.evaluation)
+            return baseline_fingerprint(self.trained, self.features, self.evaluation, self.control)
         if self.baseline:
             files = [self.evaluation.questions, *([self.training] if self.training else [])]
             return fingerprint(inputs=[Path(file) for file in files], config=self.settings())
         return evaluation_fingerprint(self.evaluation)
 
 
-OWN_KEYS = ("name", "baseline", "training", "published", "trained", "features")
+OWN_KEYS = ("name", "baseline", "training", "published", "trained", "features", "control")
 """Keys of a row that are no settings of `EvaluationConfig`."""
 
 
@@ -127,6 +130,8 @@ def _row(common: Mapping[str, Any], given: Mapping[str, Any], place: str) -> Exp
             return row
         if row.features and not row.trained:
             raise DataError("features are of a trained baseline; give trained, the folder of its checkpoint, too")
+        if row.control and not row.features:
+            raise DataError(f"control {row.control} is done to features; give their folder, too")
         unused = [k for k in own if row.trained and k not in USED]
         if unused:
             raise DataError(f"{unused[0]} would do nothing for a trained baseline; expected some of {', '.join(USED)}")
@@ -191,7 +196,7 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     start = time.time()
     evaluation = replace(row.evaluation, device=device)
     if row.trained:
-        report = evaluate_baseline(row.trained, row.features, evaluation, row.own, device)
+        report = evaluate_baseline(row.trained, row.features, evaluation, row.own, device, row.control)
     elif row.baseline:
         report = _q_type_report(row, evaluation)
     else:

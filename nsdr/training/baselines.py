@@ -109,7 +109,8 @@ class BaselineTask(Task):
         sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
         network = kind(config.model_config(), sizes)
         self.model: nn.Module = network
-        self.trained = TrainedBaseline(config.system, network, vocabulary)
+        made = features.settings(kind.needs) if features else {}
+        self.trained = TrainedBaseline(config.system, network, vocabulary, made)
         self.possible = vocabulary.possible_answers()
 
     def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int]]:
@@ -139,7 +140,8 @@ class BaselineTask(Task):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Accuracies on the validation videos by question type, for options also per option; programs are the file's."""
-        baseline = TrainedBaseline(self.config.system, cast(Baseline, model), self.trained.vocabulary)
+        of = self.trained
+        baseline = TrainedBaseline(of.system, cast(Baseline, model), of.vocabulary, of.features)
         return accuracies(score_answers(baseline.answer_questions(self.validation, self.features)))
 
 

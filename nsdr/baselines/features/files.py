@@ -1,7 +1,7 @@
 """Features of videos for the baselines: their settings, and the folder that `nsdr extract-features` writes."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -157,6 +157,11 @@ def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
     return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
 
 
+def _differences(mine: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    names = [n for n in {**wanted, **mine} if mine.get(n, "none") != wanted.get(n, "none")]
+    return ", ".join(f"{n} {mine.get(n, 'none')} in place of {wanted.get(n, 'none')}" for n in names)
+
+
 def _plain(values: dict[str, Any], config: FeatureConfig | TruthConfig) -> dict[str, Any]:
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
@@ -199,7 +204,13 @@ class FeatureCache:
             raise DataError(f"{folder}: holds no features; `nsdr extract-features --root DATA -o {folder}` makes them")
         self.manifest: dict[str, Any] = read_json(path)
         shapes = self.manifest.get("shapes") if isinstance(self.manifest, dict) else None
-        if not isinstance(shapes, dict) or not shapes or not set(shapes) <= set(KINDS):
+        settings = self.manifest.get("features") if isinstance(self.manifest, dict) else None
+        if (
+            not isinstance(settings, dict)
+            or not isinstance(shapes, dict)
+            or not shapes
+            or not set(shapes) <= set(KINDS)
+        ):
             raise DataError(f"{path}: not the manifest of a folder of features; extract them again")
         self._shapes = {kind: tuple(shape) for kind, shape in shapes.items()}
         read = [kind for kind in KINDS if kind in needs] if needs is not None else []
@@ -218,13 +229,23 @@ class FeatureCache:
         """
         expected = config.manifest()
         if self.manifest != expected:
-            mine, wanted = self.manifest.get("features", {}), expected["features"]
-            names = [n for n in {**wanted, **mine} if mine.get(n, "none") != wanted.get(n, "none")]
-            different = ", ".join(f"{n} {mine.get(n, 'none')} in place of {wanted.get(n, 'none')}" for n in names)
-            raise DataError(
-                f"{self.folder}: its features have other settings ({different or 'shapes'}); choose another folder, or "
-                "delete it"
-            )
+            different = _differences(self.manifest.get("features", {}), expected["features"]) or "shapes"
+            remedy = "choose another folder, or delete it"
+            raise DataError(f"{self.folder}: its features have other settings ({different}); {remedy}")
+
+    def settings(self, needs: Collection[str]) -> dict[str, Any]:
+        """How the features of these kinds were made, as plain values: as far as networks that learnt from them depend on it."""
+        idle = {"kinds", "precision"} | (set() if "objects" in needs else {"detector", "max_objects"})
+        return {name: value for name, value in self.manifest["features"].items() if name not in idle}
+
+    def check_settings(self, wanted: Mapping[str, Any], needs: Collection[str]) -> None:
+        """Refuse features that were made in another way than `settings` gave it.
+
+        Raises:
+            DataError: names how they differ.
+        """
+        if different := _differences(self.settings(needs), wanted):
+            raise DataError(f"{self.folder}: features have {different}; make them with the settings of the training's")
 
     def _check_kinds(self, kinds: Collection[str]) -> None:
         for kind in kinds:

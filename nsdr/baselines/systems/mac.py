@@ -5,8 +5,8 @@ Collision Events for Video Representation and Reasoning", which adds a temporal 
 information (V+).
 
 Differs from the paper:
-    - The temporal attention unit scores the mean of each frame's cells as MAC's read unit scores cells, anew in each step. Its
-      weights sum the frames to one map, which the read unit attends to. Yi et al. do not describe their unit further.
+    - The temporal attention unit scores the maximum over each frame's cells as MAC's read unit scores cells, anew in each step.
+      Its weights sum the frames to one map, which the read unit attends to. Yi et al. do not describe their unit further.
     - Features are those of `ObjectEncoder` and `MapEncoder`, which see motion and contact; in MAC, of two convolutions over one
       image. Sines and cosines of the frame's index are added, so that the network can tell the order of the frames.
     - MAC (V+) reads detected objects (features and box) of all frames at once instead of feature maps. Yi et al. do not say
@@ -79,7 +79,7 @@ class Mac(Baseline):
         assert batch.maps is not None
         cells = self.encode(batch.maps).flatten(2, 3)
         cells = cells + time_encoding(cells.shape[1], self.reasoning.width, cells)[:, None]
-        summaries = self.over_frames.projected(cells.mean(2)).of(batch.video)
+        summaries = self.over_frames.projected(cells.amax(2)).of(batch.video)
 
         def read(control: Tensor, memory: Tensor) -> Tensor:
             frame_weights = self.over_frames(control, memory, summaries)
