@@ -112,7 +112,7 @@ def built(name: str, scenes, folder) -> tuple[TrainedBaseline, FeatureCache | No
     kind, features = BASELINES[name], features_of(name, folder)
     vocabulary = Vocabulary.from_questions(scenes)
     sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
-    made = features.settings(kind.needs) if features else {}
+    made = features.manifest["features"] if features else {}
     return TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary, made), features
 
 
@@ -329,9 +329,9 @@ def test_features_must_fit_those_of_the_training(scenes, folder) -> None:
     with pytest.raises(DataError, match="needs features"):
         next(baseline.answer_questions(scenes, None))
     manifest = json.loads((folder / MANIFEST).read_text())
-    manifest["features"]["weights"] = "others"
+    manifest["features"]["weights_fingerprint"] = "others"
     (folder / MANIFEST).write_text(json.dumps(manifest))
-    with pytest.raises(DataError, match="weights others in place of none"):
+    with pytest.raises(DataError, match="weights_fingerprint others in place of none"):
         next(baseline.answer_questions(scenes, FeatureCache(folder, ["pooled"])))
     blind, _ = built("lstm", scenes, folder)
     with pytest.raises(DataError, match="does not see the video"):

@@ -168,7 +168,7 @@ def test_features_of_other_settings_are_refused(videos, config, weights, tmp_pat
     FeatureCache(out).check(replace(config, max_objects=3))  # of objects, which there are none of
     state = {name: value + 1 for name, value in FrameClassifier(BackboneConfig()).state_dict().items()}
     save_checkpoint(tmp_path / "trained", "backbone", state, BackboneConfig(), {})
-    with pytest.raises(DataError, match=r"other settings \(weights \w+ in place of \w+\)"):
+    with pytest.raises(DataError, match=r"other settings \(weights_fingerprint \w+ in place of \w+\)"):
         FeatureCache(out).check(replace(config, weights=str(tmp_path / "trained")))
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
 from nsdr.baselines.base import Batch, Sizes
-from nsdr.baselines.features.files import KINDS, FeatureCache
+from nsdr.baselines.features.files import KINDS, Features
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer
@@ -146,7 +146,7 @@ def training_examples(
     return videos
 
 
-def make_batch(examples: Sequence[Example], features: FeatureCache | None, needs: Collection[str]) -> Batch:
+def make_batch(examples: Sequence[Example], features: Features | None, needs: Collection[str]) -> Batch:
     """One batch on the CPU: row b is that of example b, each video has one row.
 
     Args:

@@ -1,19 +1,22 @@
 """A trained baseline: answers the questions of a file about videos whose features are known."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from nsdr.baselines.base import BASELINES, Baseline
 from nsdr.baselines.data import Example, Vocabulary, encoded, make_batch
-from nsdr.baselines.features.files import KINDS, FeatureCache
-from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.baselines.features.extraction import features_of
+from nsdr.baselines.features.files import KINDS, FeatureCache, Features, check_settings
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import CheckpointError, DataError, NsdrError
 from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
+from nsdr.question_parser.base import Parser, read_programs
 from nsdr.types import Answer, ChoiceAnswer
 
 __all__ = ["TrainedBaseline", "masked_scores"]
@@ -29,7 +32,7 @@ class TrainedBaseline(PretrainedPart):
         system: its name in `BASELINES`.
         network: the network.
         vocabulary: of its training.
-        features: how the features were made that it learnt from, as of `FeatureCache.settings`; empty where it sees no video.
+        features: how the features were made that it learnt from, `features` of their manifest; empty where it sees no video.
     """
 
     part: ClassVar[str] = "baseline"
@@ -89,7 +92,7 @@ class TrainedBaseline(PretrainedPart):
             return
         if not wanted:
             raise DataError(f"features {features.folder} would do nothing: {self.system} does not see the video")
-        features.check_settings(self.features, needs)
+        check_settings(features.manifest["features"], self.features, needs, f"{features.folder}: ")
 
     def answer_questions(
         self, scenes: Iterable[SceneQuestions], features: FeatureCache | None, types: Collection[str] = QUESTION_TYPES
@@ -112,8 +115,43 @@ class TrainedBaseline(PretrainedPart):
             asked = [question for question in scene.questions if question.type in types]
             yield scene, self._answered(scene.scene_index, asked, features)
 
+    def answer(
+        self, source: str | Path, question: str, choices: Sequence[str] | None = None, parser: Parser | None = None
+    ) -> Answer:
+        """Answer a question about a video.
+
+        Args:
+            source: the video file, or its annotation for a baseline that learnt from features of the truth.
+            question: the question.
+            choices: options of a multiple-choice question.
+            parser: reads the programs that modular networks run; None for those that need none.
+
+        Raises:
+            QuestionError: a word that did not occur in training, or a text that fits no program.
+            DataError, VideoError: the source cannot be read, or is not what the baseline learnt from.
+            CheckpointError: the weights that features are made with cannot be found, or are others.
+        """
+        needs, texts = self.network.needs, list(choices or ())
+        programs: list[tuple[str, ...] | None] = [None] * (1 + len(texts))
+        if "program" in needs:
+            assert parser is not None, f"{self.system} needs programs"
+            asked, of_choices = read_programs(parser, question, choices)
+            for program in of_choices or ():
+                if isinstance(program, NsdrError):
+                    raise program
+            programs = [p.tokens for p in (asked, *(of_choices or ())) if not isinstance(p, NsdrError)]
+        rows = tuple(
+            Choice(i, text, program) for i, (text, program) in enumerate(zip(texts, programs[1:], strict=True))
+        )
+        row = Question(0, question, "explanatory" if texts else "descriptive", program=programs[0], choices=rows)
+        found = features_of(source, self.features, needs, str(self.device)) if self.features else {}
+        answer = self._answered(0, [row], _OneVideo(found))[0]
+        if isinstance(answer, NsdrError):
+            raise answer
+        return answer
+
     def _answered(
-        self, scene_index: int, questions: Sequence[Question], features: FeatureCache | None
+        self, scene_index: int, questions: Sequence[Question], features: Features | None
     ) -> dict[int, Answer | NsdrError]:
         answers: dict[int, Answer | NsdrError] = {}
         examples: dict[int, list[Example]] = {}
@@ -146,7 +184,7 @@ class TrainedBaseline(PretrainedPart):
         return Answer(question.text, question.program or (), None, choices=choices)
 
     @torch.no_grad()
-    def probabilities(self, examples: Sequence[Example], features: FeatureCache | None) -> Tensor:
+    def probabilities(self, examples: Sequence[Example], features: Features | None) -> Tensor:
         """Probabilities (B, answers) of every answer to each example, on the CPU; impossible answers have 0.
 
         Raises:
@@ -157,6 +195,17 @@ class TrainedBaseline(PretrainedPart):
         moved = batch._replace(**{name: t.to(self.device) for name, t in batch._asdict().items() if t is not None})
         is_choice = torch.tensor([e.is_choice for e in examples])
         return masked_scores(self.network(moved).float().cpu(), is_choice, self._possible).softmax(1)
+
+
+@dataclass(frozen=True)
+class _OneVideo:
+    """`Features` of one video, whatever its index."""
+
+    found: dict[str, NDArray[Any]]
+
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
+        """All of them: they were made for these needs."""
+        return self.found
 
 
 def masked_scores(scores: Tensor, is_choice: Tensor, possible: Tensor) -> Tensor:

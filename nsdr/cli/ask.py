@@ -3,6 +3,7 @@
 import json
 import textwrap
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nsdr.cli.common import (
@@ -34,6 +35,7 @@ def answer_options(parser: Any) -> None:
     add("-q", "--question", required=True, help="in CLEVRER's English")
     add("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
     add("--extensions", action="store_true", help=EXTENSIONS)
+    add("--system", default="", help="answer by a trained baseline: folder or name of its checkpoint, such as mac")
     add("--trace", action="store_true", help="print every executed step")
     add("--json", action="store_true", help="print the answer as JSON")
     shared_options(parser, "failures", "parser", "checkpoint", "pipeline", "video")
@@ -41,24 +43,50 @@ def answer_options(parser: Any) -> None:
 
 def answer(options: Any) -> int:
     """`nsdr answer`: a question about a video or a saved scene."""
-    saved = is_scene(options.video)
-    if saved:
-        refuse_for_scene(options)
     if not options.question.strip():
         raise QuestionError("the question is empty")
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
+    if options.system:
+        return _answer_by_baseline(options)
+    saved = is_scene(options.video)
+    if saved:
+        refuse_for_scene(options)
     source = load(Scene, options.video) if saved else options.video
     parser = question_parser(options)
     pipeline = make_pipeline(options)
     pipeline.question_parser = parser
     found = pipeline.answer(source, options.question, options.choice or None)
+    _print_found(found, options)
+    errors = [f"{choice.choice!r}: {choice.error}" for choice in found.choices if choice.error]
+    return failures_line(len(errors), len(found.choices), "choices", "".join(errors[:1]), options.keep_going)
+
+
+def _answer_by_baseline(options: Any) -> int:
+    from nsdr.baselines.trained import TrainedBaseline
+    from nsdr.frame_parser.check.video import VideoConfig, check_video
+    from nsdr.io.checkpoint import find_checkpoint
+
+    refuse_idle(options, ("extensions", "trace", "keep_going", "dynamics", "config", "set"), " with --system")
+    name = options.system if Path(options.system).is_dir() else f"baselines/{options.system}"
+    baseline = TrainedBaseline.from_pretrained(find_checkpoint(name), options.device)
+    reads = "program" in baseline.network.needs
+    if not reads:
+        refuse_idle(options, ("parser", "parser_model", "checkpoint"), f": {options.system} reads no programs")
+    if is_scene(options.video):
+        refuse_idle(options, ("force", "background"), f": {options.video} is no video")
+    else:
+        check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
+    parser = question_parser(options) if reads else None
+    _print_found(baseline.answer(options.video, options.question, options.choice or None, parser), options)
+    return 0
+
+
+def _print_found(found: Answer, options: Any) -> None:
     if options.json:
         print(json.dumps(asdict(found)))
     else:
         _print_answer(found, options.trace)
-    errors = [f"{choice.choice!r}: {choice.error}" for choice in found.choices if choice.error]
-    return failures_line(len(errors), len(found.choices), "choices", "".join(errors[:1]), options.keep_going)
 
 
 def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:

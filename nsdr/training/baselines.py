@@ -109,7 +109,7 @@ class BaselineTask(Task):
         sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
         network = kind(config.model_config(), sizes)
         self.model: nn.Module = network
-        made = features.settings(kind.needs) if features else {}
+        made = features.manifest["features"] if features else {}
         self.trained = TrainedBaseline(config.system, network, vocabulary, made)
         self.possible = vocabulary.possible_answers()
 

@@ -1,9 +1,9 @@
 """Extraction of features from videos, on many processes and resumable: `nsdr extract-features`."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,10 +20,14 @@ from nsdr.baselines.features import VERSION
 from nsdr.baselines.features.backbone import image_batch, load_backbone
 from nsdr.baselines.features.files import (
     BOX_NUMBERS,
+    KINDS,
     MANIFEST,
+    NAMES,
     FeatureCache,
     FeatureConfig,
     TruthConfig,
+    as_inputs,
+    check_settings,
     feature_file,
     spaced,
 )
@@ -32,6 +36,7 @@ from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.annotations import check_annotation
 from nsdr.errors import DataError
 from nsdr.frame_parser.parser import FrameParser
+from nsdr.io.configuration import config_of
 from nsdr.io.device import limit_threads, resolve_device, resolve_precision
 from nsdr.io.files import atomic_path, find_files, locked, write_json
 from nsdr.io.fingerprint import fingerprint
@@ -43,7 +48,15 @@ from nsdr.validation import Count, PathName, Settings, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES
 
-__all__ = ["FeatureExtraction", "FeatureExtractor", "TruthExtraction", "extract_features", "find_videos", "frames_of"]
+__all__ = [
+    "FeatureExtraction",
+    "FeatureExtractor",
+    "TruthExtraction",
+    "extract_features",
+    "features_of",
+    "find_videos",
+    "frames_of",
+]
 
 REGION_CELLS = 7
 """Cells along each side of a region, of which the mean is taken."""
@@ -123,10 +136,7 @@ class TruthExtraction(_Extraction):
 
     def features_of(self, annotation: Path) -> dict[str, NDArray[Any]]:
         """The features of a video by kind."""
-        content = read_json(annotation)
-        frames = content.get("motion_trajectory") if isinstance(content, dict) else None
-        check_annotation(content, len(frames) if isinstance(frames, list) else 0, f"{annotation}: ")
-        return truth_features(content, self.features)
+        return annotation_features(annotation, self.features)
 
 
 def extract_features(extraction: FeatureExtraction | TruthExtraction, keep_going: bool = False) -> int:
@@ -146,7 +156,8 @@ def extract_features(extraction: FeatureExtraction | TruthExtraction, keep_going
     folder = Path(extraction.output)
     extraction = extraction.resolved(FeatureCache(folder) if (folder / MANIFEST).is_file() else None)
     manifest = extraction.features.manifest()
-    common = fingerprint(config=[VERSION, manifest]).encode()
+    depends_on = {name: value for name, value in manifest["features"].items() if name not in NAMES}
+    common = fingerprint(config=[VERSION, depends_on]).encode()
     jobs = []
     for index, item in extraction.inputs().items():
         output = feature_file(folder, index)
@@ -160,9 +171,58 @@ def extract_features(extraction: FeatureExtraction | TruthExtraction, keep_going
 
 
 def _extract(extraction: FeatureExtraction | TruthExtraction, item: Any, output: Path) -> None:
-    features = {kind: value.astype(np.float16) for kind, value in extraction.features_of(item).items()}
+    features = _rounded(extraction.features_of(item))
     with atomic_path(output) as temporary:
         temporary.write_bytes(safetensors.save(features))
+
+
+def _rounded(features: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float16]]:
+    """As they are stored."""
+    return {kind: value.astype(np.float16) for kind, value in features.items()}
+
+
+def annotation_features(annotation: str | Path, config: TruthConfig) -> dict[str, NDArray[Any]]:
+    """`truth_features` of an annotation file.
+
+    Raises:
+        DataError: it cannot be read; names it.
+    """
+    content = read_json(annotation)
+    frames = content.get("motion_trajectory") if isinstance(content, dict) else None
+    check_annotation(content, len(frames) if isinstance(frames, list) else 0, f"{annotation}: ")
+    return truth_features(content, config)
+
+
+def features_of(
+    source: str | Path, made: Mapping[str, Any], needs: Collection[str], device: str = "auto"
+) -> dict[str, NDArray[Any]]:
+    """The features of one video, made as those that a network learnt from.
+
+    Args:
+        source: the video; its annotation file for features of the truth.
+        made: `features` of the manifest of those.
+        needs: kinds of features.
+        device: where networks run.
+
+    Returns:
+        As of `Features.get`.
+
+    Raises:
+        DataError: the source is none of these, or cannot be read.
+        CheckpointError: the weights that features are made with cannot be found, or are others.
+    """
+    from_truth, is_annotation = made.get("from") == "truth", Path(source).suffix == ".json"
+    if from_truth != is_annotation:
+        expected = "features of the truth: give the video's annotation (JSON)" if from_truth else "pixels: give a video"
+        raise DataError(f"{source}: the baseline learnt from {expected}")
+    config: Any = TruthConfig if from_truth else FeatureConfig
+    values = {f.name: made[f.name] for f in fields(config) if f.name in made}
+    config = config_of(config, values | {"kinds": [kind for kind in KINDS if kind in needs]})
+    if from_truth:
+        return as_inputs(_rounded(annotation_features(source, config)))
+    extractor = FeatureExtractor(config, device)
+    check_settings(extractor.config.manifest()["features"], made, needs, "the weights that are found here: ")
+    return as_inputs(extractor(frames_of(source)))
 
 
 def find_videos(root: str | Path) -> dict[int, Path]:

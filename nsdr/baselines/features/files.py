@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from msgspec import Meta
@@ -22,12 +22,26 @@ from nsdr.io.reading import read_json
 from nsdr.validation import MAX_SIZE, Settings, Size, one_of
 from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
 
-__all__ = ["KINDS", "MANIFEST", "FeatureCache", "FeatureConfig", "TruthConfig", "feature_file", "spaced"]
+__all__ = [
+    "KINDS",
+    "MANIFEST",
+    "NAMES",
+    "FeatureCache",
+    "FeatureConfig",
+    "Features",
+    "TruthConfig",
+    "as_inputs",
+    "check_settings",
+    "feature_file",
+    "spaced",
+]
 
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
 MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
+NAMES = ("weights", "detector")
+"""Settings that name weights. Features depend on their content, of which the manifest has the fingerprints."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
 TRUTH_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
@@ -91,14 +105,14 @@ class FeatureConfig(Settings):
         return self.frames, self.max_objects, third + BOX_NUMBERS
 
     def manifest(self) -> dict[str, Any]:
-        """How features are made, as plain values: the weights by their content, and nothing about objects where there are none.
+        """How features are made, as plain values, with fingerprints of the weights; nothing about objects where there are none.
 
         Raises:
             CheckpointError: there is no such checkpoint.
         """
-        values = asdict(self) | {"weights": _content(self.weights, "backbone")}
+        values = asdict(self) | {"weights_fingerprint": _content(self.weights, "backbone")}
         if "objects" in self.kinds:
-            values["detector"] = _content(self.detector, "frame_parser")
+            values["detector_fingerprint"] = _content(self.detector, "frame_parser")
         else:
             del values["detector"], values["max_objects"]
         return _plain(values, self)
@@ -157,8 +171,25 @@ def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
     return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
 
 
+def check_settings(found: Mapping[str, Any], wanted: Mapping[str, Any], needs: Collection[str], where: str) -> None:
+    """Refuse features that a network which learnt from others cannot read.
+
+    Args:
+        found, wanted: `features` of two manifests.
+        needs: `Baseline.needs` of the network.
+        where: what the error begins with.
+
+    Raises:
+        DataError: names how they differ.
+    """
+    idle = ["kinds", "precision", *([] if "objects" in needs else ["detector_fingerprint", "max_objects"])]
+    different = _differences(*({k: v for k, v in values.items() if k not in idle} for values in (found, wanted)))
+    if different:
+        raise DataError(f"{where}features have {different}; make them with the settings of the training's")
+
+
 def _differences(mine: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    names = [n for n in {**wanted, **mine} if mine.get(n, "none") != wanted.get(n, "none")]
+    names = [n for n in {**wanted, **mine} if n not in NAMES and mine.get(n, "none") != wanted.get(n, "none")]
     return ", ".join(f"{n} {mine.get(n, 'none')} in place of {wanted.get(n, 'none')}" for n in names)
 
 
@@ -178,6 +209,31 @@ def _content(weights: str, part: str) -> str:
 def feature_file(folder: Path, scene_index: int) -> Path:
     """The file with the features of a video, by kind."""
     return folder / f"{scene_index:05d}.safetensors"
+
+
+class Features(Protocol):
+    """Where the features of videos come from."""
+
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
+        """The features of a video.
+
+        Args:
+            scene_index: the video.
+            needs: kinds of features; others, such as "program", are passed over.
+
+        Returns:
+            By kind float32 arrays of the shapes in `nsdr.baselines.base.Batch`, without the axis of the videos; with "objects"
+            also `has_object`, (F, N) bool.
+        """
+
+
+def as_inputs(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What `Features.get` returns, of features as `nsdr extract-features` stores them."""
+    found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
+    if "objects" in found:
+        left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
+        found["has_object"] = right > left
+    return found
 
 
 class FeatureCache:
@@ -228,24 +284,10 @@ class FeatureCache:
             DataError: they differ from the folder's; names how.
         """
         expected = config.manifest()
-        if self.manifest != expected:
-            different = _differences(self.manifest.get("features", {}), expected["features"]) or "shapes"
-            remedy = "choose another folder, or delete it"
-            raise DataError(f"{self.folder}: its features have other settings ({different}); {remedy}")
-
-    def settings(self, needs: Collection[str]) -> dict[str, Any]:
-        """How the features of these kinds were made, as plain values: as far as networks that learnt from them depend on it."""
-        idle = {"kinds", "precision"} | (set() if "objects" in needs else {"detector", "max_objects"})
-        return {name: value for name, value in self.manifest["features"].items() if name not in idle}
-
-    def check_settings(self, wanted: Mapping[str, Any], needs: Collection[str]) -> None:
-        """Refuse features that were made in another way than `settings` gave it.
-
-        Raises:
-            DataError: names how they differ.
-        """
-        if different := _differences(self.settings(needs), wanted):
-            raise DataError(f"{self.folder}: features have {different}; make them with the settings of the training's")
+        different = _differences(self.manifest["features"], expected["features"])
+        if different or self.manifest["shapes"] != expected["shapes"]:
+            why = f"its features have other settings ({different or 'shapes'})"
+            raise DataError(f"{self.folder}: {why}; choose another folder, or delete it")
 
     def _check_kinds(self, kinds: Collection[str]) -> None:
         for kind in kinds:
@@ -259,15 +301,7 @@ class FeatureCache:
         return fingerprint(inputs=[p for p in (self.folder / MANIFEST, self.folder / LEDGER) if p.is_file()])
 
     def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
-        """The features of a video.
-
-        Args:
-            scene_index: the video.
-            needs: kinds of features; others, such as "program", are passed over.
-
-        Returns:
-            By kind float32 arrays of the shapes in `nsdr.baselines.base.Batch`, without the axis of the videos; with "objects"
-            also `has_object`, (F, N) bool.
+        """As of `Features`.
 
         Raises:
             DataError: the folder lacks the kind or the video, or a file is damaged; names it.
@@ -286,8 +320,4 @@ class FeatureCache:
         for kind, value in stored.items():
             if value.shape != self._shapes[kind]:
                 raise DataError(f"{path}: {kind}: expected {self._shapes[kind]}, got {value.shape}; {again}")
-        found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
-        if "objects" in found:
-            left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
-            found["has_object"] = right > left
-        return found
+        return as_inputs(stored)
