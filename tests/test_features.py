@@ -276,6 +276,9 @@ def test_truth_is_extracted_by_the_command_line(annotated, tmp_path, capsys) -> 
     assert {kind: value.shape for kind, value in found.items()} == {
         "maps": (4, 17, 8, 12), "objects": (4, 10, 17), "pooled": (4, 17 * 24), "has_object": (4, 10)
     }  # fmt: skip
+    (annotation,) = (annotated / "annotations").rglob("annotation_00001.json")
+    for kind, value in truth_features(json.loads(annotation.read_text()), TruthConfig(4)).items():
+        np.testing.assert_allclose(found[kind], value, atol=1e-3)
     assert main([*given, "--features.frames", "5"]) == 2  # other features are in the folder
     assert "frames 4 in place of 5" in capsys.readouterr().err
     assert main([*given[:-2], "--features.backbone", "resnet18"]) == 2  # there is no network

@@ -1,4 +1,4 @@
 """Features of videos: the network that makes them, their extraction, and the files that hold them."""
 
-VERSION = 2
+VERSION = 3
 """Of the features of a video: raised when they change."""

@@ -177,8 +177,8 @@ def _extract(extraction: FeatureExtraction | TruthExtraction, item: Any, output:
 
 
 def _rounded(features: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float16]]:
-    """As they are stored."""
-    return {kind: value.astype(np.float16) for kind, value in features.items()}
+    """As they are stored. Safetensors writes an array's memory as it lies, whatever the order of its axes."""
+    return {kind: np.ascontiguousarray(value, np.float16) for kind, value in features.items()}
 
 
 def annotation_features(annotation: str | Path, config: TruthConfig) -> dict[str, NDArray[Any]]:
