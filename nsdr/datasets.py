@@ -275,6 +275,8 @@ def _render_config(manifest: Mapping[str, Any], root: Path) -> RenderConfig:
         config = config_of(RenderConfig, {f.name: values[f.name] for f in fields(RenderConfig) if f.name in values})
     except DataError as e:
         raise DataError(f"{where}: config.render: {e}") from e
+    if config.frames:
+        raise DataError(f"{root}: its videos show {config.frames} frames of each scene; make videos of all (frames: 0)")
     if config.fps != FPS:
         raise DataError(f"{root}: its videos have {config.fps} frames per second; expected {FPS}")
     return config

@@ -20,7 +20,7 @@ from nsdr.baselines.features.extraction import (
     extract_features,
     region_features,
 )
-from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig, feature_file, spaced
+from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig, feature_file
 from nsdr.baselines.features.truth import truth_features
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
@@ -30,7 +30,7 @@ from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.video import write_video
+from nsdr.io.video import spaced, write_video
 from nsdr.training import backbone
 from nsdr.training.backbone import (
     BackboneTask,

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from nsdr import DataError
+from nsdr.baselines.features.extraction import frames_of
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
+from nsdr.datasets import VideoDataset
 from nsdr.generate import dataset
 from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
@@ -434,8 +436,30 @@ def test_blender_renders_every_frame(monkeypatch, scenes) -> None:
             cv2.imwrite(str(path), np.full((8, 12, 3), len(solids), np.uint8))
 
     monkeypatch.setattr(dataset, "_blender", lambda config: Drawing())
-    frames = list(dataset._blender_frames(RenderConfig(), replace(scenes[0], n_frames=3), View()))
+    frames = list(dataset._blender_frames(RenderConfig(), scenes[0], View(), [0, 5, 9]))
     assert [frame.max() for frame in frames] == [len(scenes[0].objects)] * 3
+
+
+def test_videos_may_show_some_frames_alone(tmp_path) -> None:
+    scene, render = SceneConfig(objects={3: 1.0}, n_frames=33), RenderConfig(120, 80)
+
+    def frames(name: str, count: int) -> np.ndarray:
+        config = DatasetConfig(
+            str(tmp_path / name), 1, splits={"train": 1}, scene=scene, render=replace(render, frames=count), masks=False,
+            questions=None, workers=1,
+        )  # fmt: skip
+        generate_dataset(config)
+        return np.stack(frames_of(Files(tmp_path / name, "train", 0).video)).astype(float)
+
+    some, every = frames("some", 5), frames("every", 0)
+    assert len(some) == 5
+    assert np.abs(some - every[::8]).mean() < 3
+    assert CLEVRER(tmp_path / "some").split("train").annotation(0) == CLEVRER(tmp_path / "every").split(
+        "train"
+    ).annotation(0)
+    assert main(["data", "verify", str(tmp_path / "some")]) == 0
+    with pytest.raises(DataError, match="its videos show 5 frames of each scene"):
+        VideoDataset(tmp_path / "some", "train")
 
 
 def test_the_error_for_missing_blender_names_the_package(monkeypatch) -> None:

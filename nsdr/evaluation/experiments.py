@@ -37,7 +37,9 @@ __all__ = ["ExperimentRow", "failed_questions", "markdown_table", "read_experime
 INTERVAL = " ({:.1f}-{:.1f})"
 
 Percent = Annotated[float, Meta(ge=0, le=100)]
-Published = tuple[Percent, Percent, Percent, Percent, Percent, Percent, Percent]
+NUMBERS = 2 * len(QUESTION_TYPES) - 1
+"""Of a row: one for descriptive questions, and one by option and one by question for each other type."""
+Published = Annotated[tuple[Percent, ...], Meta(min_length=1, max_length=NUMBERS)]
 
 
 class ExperimentFile(msgspec.Struct, forbid_unknown_fields=True):
@@ -56,7 +58,8 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         baseline: "random" or "frequent" for Q-type baselines; "" for others.
         training: question file of the training set, whose most frequent answers "frequent" gives; "" counts them on the
             questions that are scored, and the table says so.
-        published: numbers to print instead of measuring (%): one for descriptive and two for each other type.
+        published: numbers to print instead of measuring (%): one for descriptive, and two for each other type that they are
+            known of.
         trained: checkpoint of a trained baseline that answers the questions; "" for others.
         features: folder of the features of the videos for it; "" where it sees no video.
         control: what is done to the features, one of `nsdr.evaluation.controls.CONTROLS`; "" for nothing.
@@ -188,7 +191,8 @@ def _earlier(file: Path) -> dict[str, dict[str, Any]]:
 
 def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     if row.evaluation is None:
-        descriptive, *others = (n / 100 for n in row.published or ())
+        given = [n / 100 for n in row.published or ()]
+        descriptive, *others = given + [None] * (NUMBERS - len(given))
         table: dict[str, Any] = {"descriptive": {"accuracy": descriptive}}
         for kind, option, question in zip(QUESTION_TYPES[1:], others[::2], others[1::2], strict=True):
             table[kind] = {"per_option": option, "per_question": question}

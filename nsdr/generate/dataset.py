@@ -36,7 +36,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
-from nsdr.io.video import write_video
+from nsdr.io.video import spaced, write_video
 from nsdr.validation import Count, Settings, Share, convert, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
@@ -243,13 +243,14 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     # Masks and visibility refer to the release's image size, whatever the video's size is.
     camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
     if config.renderer != "none":
+        shown = spaced(scene.n_frames, config.render.frames or scene.n_frames)
         frames: Iterator[NDArray[np.uint8]]
         if config.renderer == "preview":
             preset = "veryfast"
-            frames = (render_preview(scene.objects, solids_at(scene, f), view) for f in range(scene.n_frames))
+            frames = (render_preview(scene.objects, solids_at(scene, int(f)), view) for f in shown)
         else:
             preset = "slow"
-            frames = _blender_frames(config.render, scene, view)
+            frames = _blender_frames(config.render, scene, view, shown.tolist())
         write_video(files.video, frames, config.render.fps, config.render.crf, preset)
     if config.masks:
         write_json(files.proposals, proposal_document(scene, index, files.video.name, camera))
@@ -259,11 +260,13 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     write_json(files.truth, truth_document(scene, index, camera))
 
 
-def _blender_frames(config: RenderConfig, scene: SimulatedScene, view: View) -> Iterator[NDArray[np.uint8]]:
-    """Frames rendered by Blender."""
+def _blender_frames(
+    config: RenderConfig, scene: SimulatedScene, view: View, shown: Sequence[int]
+) -> Iterator[NDArray[np.uint8]]:
+    """Those frames rendered by Blender."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.png"
-        for f in range(scene.n_frames):
+        for f in shown:
             _blender(config).render(scene.objects, solids_at(scene, f), view, path)
             image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
             if image is None:

@@ -28,6 +28,7 @@ __all__ = [
     "read_frames",
     "read_video",
     "sample_frames",
+    "spaced",
     "video_seconds",
     "write_video",
 ]
@@ -235,6 +236,11 @@ def _scaled(frame: NDArray[np.uint8], most: float = math.inf, stretched: bool = 
     size = (WIDTH_PX, HEIGHT_PX) if stretched else (max(round(width * scale), 1), max(round(height * scale), 1))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(frame, size, interpolation=how), np.uint8)
+
+
+def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
+    """`count` frame indices, evenly spaced from the first to the last one; of a shorter video, some repeatedly."""
+    return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
 
 
 def write_video(

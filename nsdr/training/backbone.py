@@ -24,12 +24,12 @@ from nsdr.baselines.features.backbone import (
     image_batch,
 )
 from nsdr.baselines.features.extraction import frames_of
-from nsdr.baselines.features.files import spaced
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
+from nsdr.io.video import spaced
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import MAX_SIZE, Count, PathName, PositiveCount, Settings, Share, Size

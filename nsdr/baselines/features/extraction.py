@@ -29,7 +29,6 @@ from nsdr.baselines.features.files import (
     as_inputs,
     check_settings,
     feature_file,
-    spaced,
 )
 from nsdr.baselines.features.truth import truth_features
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
@@ -42,7 +41,7 @@ from nsdr.io.files import atomic_path, find_files, locked, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.io.reading import read_json
-from nsdr.io.video import read_frames
+from nsdr.io.video import read_frames, spaced
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -252,9 +251,9 @@ def _extractor(config: FeatureConfig, device: str) -> "FeatureExtractor":
 
 
 def frames_of(video: str | Path) -> list[NDArray[np.uint8]]:
-    """All frames (320, 480, 3) of a video; of another size without a warning, as they are scaled in any case."""
+    """All frames (320, 480, 3) of a video; of another size or number without a warning, as they are scaled and chosen."""
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*resized to")
+        warnings.filterwarnings("ignore", message=".*(resized to|frames, CLEVRER's videos have)")
         return list(read_frames(video))
 
 

@@ -33,7 +33,6 @@ __all__ = [
     "as_inputs",
     "check_settings",
     "feature_file",
-    "spaced",
 ]
 
 KINDS = ("pooled", "maps", "objects")
@@ -164,11 +163,6 @@ def check_kinds(kinds: Collection[str]) -> None:
     """Raises `DataError` unless these are some of `KINDS`, each once."""
     if not kinds or len(set(kinds)) < len(kinds) or not set(kinds) <= set(KINDS):
         raise DataError(f"kinds is {list(kinds)}; expected one or more of {', '.join(KINDS)}, each once")
-
-
-def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
-    """`count` frame indices, evenly spaced from the first to the last one; of a shorter video, some repeatedly."""
-    return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
 
 
 def check_settings(found: Mapping[str, Any], wanted: Mapping[str, Any], needs: Collection[str], where: str) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from nsdr.errors import DataError
-from nsdr.validation import NotNegative, Settings, Size
+from nsdr.validation import Count, NotNegative, Settings, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.physics_constants import FPS
 
@@ -46,6 +46,8 @@ class RenderConfig(Settings):
         samples: Cycles samples per pixel, before denoising.
         assets: folder of CLEVR's Blender files (`image_generation/data` of facebookresearch/clevr-dataset-gen), which the
             renderer "blender" needs.
+        frames: frames of the video, evenly spaced from the scene's first to its last one; 0 for all. Annotations, masks and
+            truth are of all.
         fps: frame rate of the video (1/s).
         crf: H.264 constant rate factor; lower is better quality.
     """
@@ -57,6 +59,7 @@ class RenderConfig(Settings):
     light_jitter: NotNegative = 0.0
     samples: Size = 6
     assets: str = ""
+    frames: Count = 0
     fps: Annotated[int, Meta(ge=1, le=MAX_FPS)] = FPS
     crf: Annotated[int, Meta(ge=0, le=MAX_CRF)] = 20
 
