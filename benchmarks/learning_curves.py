@@ -41,7 +41,7 @@ def main() -> None:
     options = parser.parse_args()
     matplotlib.use("Agg")
     figure, axes = plt.subplots(2, 5, figsize=(18, 7), sharex=True)
-    print("|  | texts | " + " | ".join(PANELS.values()) + " |\n|---|" + "---|" * (1 + len(PANELS)))
+    print("|  | texts | CPU min | " + " | ".join(PANELS.values()) + " |\n|---|" + "---|" * (2 + len(PANELS)))
     for i, run in enumerate(options.runs):
         rows = evaluations(run)
         for axis, (metric, title) in zip(axes.flat, PANELS.items(), strict=False):
@@ -51,7 +51,7 @@ def main() -> None:
             axis.set_title(title)
         last = rows[-1]
         numbers = [f"{100 * last[metric]:.1f}" if metric in last else "-" for metric in PANELS]
-        print(f"| {run.name} | {last['texts']:,} | " + " | ".join(numbers) + " |")
+        print(f"| {run.name} | {last['texts']:,} | {last['cpu_s'] / 60:.0f} | " + " | ".join(numbers) + " |")
     for axis in axes.flat[: len(PANELS)]:
         axis.set_ylabel("right (%)")
         axis.set_xlabel("texts read (millions)")
