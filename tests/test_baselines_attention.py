@@ -11,7 +11,7 @@ from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
 from nsdr.baselines.base import BASELINES, Baseline, Batch, Sizes
 from nsdr.baselines.systems import mac, memory, tvqa
-from nsdr.baselines.systems.layers import masked_softmax, time_encoding
+from nsdr.baselines.systems.layers import MapEncoder, masked_softmax, time_encoding
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
 from nsdr.io.reading import read_yaml
@@ -240,3 +240,9 @@ def test_objects_are_read_in_the_order_of_frames() -> None:
     kept, lengths = tvqa._compact(items, mask)
     assert kept[..., 0].tolist() == [[1, 3, 4], [0, 0, 0]]
     assert lengths.tolist() == [3, 1]
+
+
+def test_the_scale_of_maps_does_not_matter() -> None:
+    torch.manual_seed(0)
+    maps, encode = torch.rand(3, 4, 5, 6, 7), MapEncoder(5, 8)
+    assert torch.allclose(encode(maps), encode(10 * maps - 3), atol=1e-2)

@@ -222,6 +222,9 @@ class TimeConv(nn.Module):
 class MapEncoder(nn.Module):
     """Feature maps in the light of the places around, in space and in time; three more channels hold the coordinates.
 
+    Each channel is standardised first (batch normalisation): an object fills few cells, and its features would be small beside
+    the coordinates. Without it the modular networks and MAC (V) stay at what the texts say.
+
     Args:
         channels: channels C of the maps.
         width: width W of the encoding.
@@ -230,6 +233,7 @@ class MapEncoder(nn.Module):
 
     def __init__(self, channels: int, width: int, dropout: float = 0.0) -> None:
         super().__init__()
+        self.standardise = nn.BatchNorm3d(channels, affine=False)
         self.first = nn.Sequential(nn.Dropout(dropout), nn.Linear(channels + 3, width))
         self.layers = nn.ModuleList(
             nn.Sequential(nn.LayerNorm(width), conv(width, width), nn.ELU())
@@ -240,7 +244,7 @@ class MapEncoder(nn.Module):
 
     def forward(self, maps: Tensor) -> Tensor:
         """(V, F, C, h, w) -> (V, F, h, w, W)."""
-        cells = maps.permute(0, 1, 3, 4, 2)
+        cells = self.standardise(maps.transpose(1, 2)).permute(0, 2, 3, 4, 1)
         axes = [torch.linspace(-1, 1, n, device=maps.device, dtype=maps.dtype) for n in cells.shape[1:4]]
         coordinates = torch.stack(torch.meshgrid(*axes, indexing="ij"), -1)
         x = self.first(torch.cat([cells, coordinates.expand(len(cells), -1, -1, -1, -1)], -1))
