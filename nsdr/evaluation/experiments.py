@@ -39,7 +39,6 @@ INTERVAL = " ({:.1f}-{:.1f})"
 Percent = Annotated[float, Meta(ge=0, le=100)]
 NUMBERS = 2 * len(QUESTION_TYPES) - 1
 """Of a row: one for descriptive questions, and one by option and one by question for each other type."""
-Published = Annotated[tuple[Percent, ...], Meta(min_length=1, max_length=NUMBERS)]
 
 
 class ExperimentFile(msgspec.Struct, forbid_unknown_fields=True):
@@ -58,8 +57,7 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         baseline: "random" or "frequent" for Q-type baselines; "" for others.
         training: question file of the training set, whose most frequent answers "frequent" gives; "" counts them on the
             questions that are scored, and the table says so.
-        published: numbers to print instead of measuring (%): one for descriptive, and two for each other type that they are
-            known of.
+        published: numbers to print instead of measuring (%): one for descriptive, and two for each other type or for none.
         trained: checkpoint of a trained baseline that answers the questions; "" for others.
         features: folder of the features of the videos for it; "" where it sees no video.
         control: what is done to the features, one of `nsdr.evaluation.controls.CONTROLS`; "" for nothing.
@@ -70,7 +68,7 @@ class ExperimentRow(msgspec.Struct, frozen=True):
     name: str
     baseline: Literal["", "random", "frequent"] = ""
     training: str = ""
-    published: Published | None = None
+    published: tuple[Percent, ...] | None = None
     trained: str = ""
     features: str = ""
     control: Literal["", "blind", "reversed", "shuffled"] = ""
@@ -128,6 +126,8 @@ def _row(common: Mapping[str, Any], given: Mapping[str, Any], place: str) -> Exp
         if row.training and row.baseline != "frequent":
             raise DataError(f"training is {row.training!r}; expected a question file, beside `baseline: frequent` only")
         if row.published is not None:
+            if len(row.published) not in (1, NUMBERS):
+                raise DataError(f"published: expected 1 or {NUMBERS} numbers, got {len(row.published)}")
             if given.keys() != {"name", "published"}:
                 raise DataError("published numbers stand alone; leave out the row's other settings")
             return row
