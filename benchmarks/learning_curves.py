@@ -51,7 +51,7 @@ def main() -> None:
             axis.set_title(title)
         last = rows[-1]
         numbers = [f"{100 * last[metric]:.1f}" if metric in last else "-" for metric in PANELS]
-        print(f"| {run.name} | {last['texts']:,} | {last['cpu_s'] / 60:.0f} | " + " | ".join(numbers) + " |")
+        print(f"| {run.name} | {last['texts']:,} | {last['cpu_seconds'] / 60:.0f} | " + " | ".join(numbers) + " |")
     for axis in axes.flat[: len(PANELS)]:
         axis.set_ylabel("right (%)")
         axis.set_xlabel("texts read (millions)")

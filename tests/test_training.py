@@ -39,7 +39,7 @@ def parser_arguments(frames: Path, run: Path, steps: int) -> list[str]:
 def lines(run: Path) -> list[dict]:
     found = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     for line in found:
-        assert line.pop("cpu_s") >= 0
+        assert line.pop("cpu_seconds") >= 0
     return found
 
 
@@ -325,7 +325,7 @@ def test_a_run_that_is_killed_in_an_evaluation_keeps_its_steps(tmp_path) -> None
     assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3]
     task = Line()
     task.draw = None  # no step is repeated
-    assert train(task, config, tmp_path, {}).keys() == {"weight", "cpu_s"}
+    assert train(task, config, tmp_path, {}).keys() == {"weight", "cpu_seconds"}
     assert [line["step"] for line in lines(tmp_path)] == [1, 2, 3, 4]
     assert {"loss", "weight"} <= set(lines(tmp_path)[-1])
     whole = Line()
@@ -344,10 +344,10 @@ def test_a_resumed_run_repeats_no_line(tmp_path) -> None:
     for path in (tmp_path / "short").glob("step_*"):
         shutil.copy(path, tmp_path / "broken")
     metrics = tmp_path / "broken" / "metrics.jsonl"
-    rows = [json.dumps(row | {"cpu_s": 1000.0}) for row in lines(tmp_path / "broken")]
+    rows = [json.dumps(row | {"cpu_seconds": 1000.0}) for row in lines(tmp_path / "broken")]
     metrics.write_text("\n".join([*rows, '{"step": 6, "lo']))
     train(Line(), config, tmp_path / "broken", {})
-    times = [json.loads(row)["cpu_s"] for row in (tmp_path / "broken" / "metrics.jsonl").read_text().splitlines()]
+    times = [json.loads(row)["cpu_seconds"] for row in (tmp_path / "broken" / "metrics.jsonl").read_text().splitlines()]
     assert times[:2] == [1000.0, 1000.0]
     assert all(time >= 1000 for time in times[2:])  # what was spent before is counted
     short = {line["step"]: line for line in lines(tmp_path / "broken")}

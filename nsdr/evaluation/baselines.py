@@ -143,8 +143,8 @@ def _training(folder: Path) -> dict[str, Any]:
         known["seed"] = loop["seed"]
         if "texts" in known:
             known["passes"] = loop["steps"] * loop["batch_size"] / known["texts"]
-    if "cpu_s" in details.get("metrics", {}):
-        known["cpu_s"] = details["metrics"]["cpu_s"]
+    if "cpu_seconds" in details.get("metrics", {}):
+        known["cpu_seconds"] = details["metrics"]["cpu_seconds"]
     return known
 
 
@@ -156,6 +156,6 @@ def training_text(training: Mapping[str, Any]) -> str:
     if "texts" in training:
         seen = f" seen {training['passes']:.1f} times" if "passes" in training else ""
         parts.append(f"{training['texts']:,} texts about {training['videos']:,} videos{seen}")
-    if "cpu_s" in training:
-        parts.append(f"{training['cpu_s'] / SECONDS_PER_MINUTE:.0f} minutes of CPU time")
+    if "cpu_seconds" in training:
+        parts.append(f"{training['cpu_seconds'] / SECONDS_PER_MINUTE:.0f} minutes of CPU time")
     return ", ".join(parts)

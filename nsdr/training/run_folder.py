@@ -191,18 +191,18 @@ class RunFolder:
                 lines = [json.dumps(line) + "\n" for line in self._lines() if line["step"] <= step]
                 with atomic_path(self._metrics) as temporary:
                     temporary.write_text("".join(lines))
-            self._cpu_before += self._cpu_s()
+            self._cpu_before += self._cpu_seconds()
             self._start_events(step)
         return step, record
 
     def write(self, step: int, record: Mapping[str, float]) -> None:
-        """Append a step's losses and metrics to `metrics.jsonl` and to TensorBoard's events, with `cpu_s`, the CPU time so far.
+        """Append losses and metrics, and `cpu_seconds`, the CPU time so far, to `metrics.jsonl` and to TensorBoard's events.
 
         Raises:
             DataError: they cannot be written.
         """
         if self.writes:
-            record = {**record, "cpu_s": round(self._cpu_before + time.process_time(), 1)}
+            record = {**record, "cpu_seconds": round(self._cpu_before + time.process_time(), 1)}
             with writing(self._metrics), open(self._metrics, "a") as file:
                 file.write(json.dumps({"step": step, **record}) + "\n")
             if self._events is not None:
@@ -238,9 +238,9 @@ class RunFolder:
                 return {k: v for k, v in line.items() if k not in LOSSES and not k.startswith("loss/")}
         return None
 
-    def _cpu_s(self) -> float:
+    def _cpu_seconds(self) -> float:
         """CPU time (s) that was spent on the steps in `metrics.jsonl`, over all processes one after another."""
-        return max((float(line.get("cpu_s", 0)) for line in self._lines()), default=0.0)
+        return max((float(line.get("cpu_seconds", 0)) for line in self._lines()), default=0.0)
 
     def _lines(self) -> Iterator[dict[str, Any]]:
         """The lines of `metrics.jsonl`; one that a kill left unfinished is passed over."""
