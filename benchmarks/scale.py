@@ -30,7 +30,7 @@ class Run:
     """Wall and CPU time of a run (s), and its largest process (GiB)."""
 
     wall_s: float
-    cpu_seconds: float
+    cpu_s: float
     peak_gib: float
 
 
@@ -68,7 +68,9 @@ def main() -> None:
         quarter = evaluate(options, options.limit // 4, arguments)
         whole = evaluate(options, options.limit, arguments)
         rate = 3600 * (options.limit - options.limit // 4) / (whole.wall_s - quarter.wall_s)
-        figures = f"{whole.wall_s:.0f} | {whole.cpu_seconds:.0f} | {rate:,.0f} | {whole.peak_gib:.2f} | {quarter.peak_gib:.2f}"
+        figures = (
+            f"{whole.wall_s:.0f} | {whole.cpu_s:.0f} | {rate:,.0f} | {whole.peak_gib:.2f} | {quarter.peak_gib:.2f}"
+        )
         print(f"| {name} | {figures} |", flush=True)
 
 
