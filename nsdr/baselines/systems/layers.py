@@ -223,8 +223,8 @@ class MapEncoder(nn.Module):
     """Feature maps in the light of the places around, in space and in time; three more channels hold the coordinates.
 
     Each channel is standardised first (batch normalisation): an object fills few cells, and its features would be small beside
-    the coordinates. Without it TbD-net learnt nothing of 128,000 texts about features of the truth. Several processes standardise
-    each by its own batch.
+    the coordinates. Without it TbD-net learnt nothing of 128,000 texts about features of the truth. Each of several
+    processes standardises by its own batch.
 
     Args:
         channels: channels C of the maps.
