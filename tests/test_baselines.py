@@ -17,7 +17,7 @@ from nsdr.baselines.base import BASELINES, Batch, Sizes
 from nsdr.baselines.data import PAD, Vocabulary, make_batch, training_examples
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, feature_file
 from nsdr.baselines.trained import TrainedBaseline, masked_scores
-from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
@@ -380,13 +380,33 @@ def test_every_text_of_a_batch_is_one_of_few_videos(scenes, tmp_path) -> None:
     path = str(tmp_path / "questions.json")
     config = BaselineTraining("run", "lstm", path, path, texts_per_video=3)
     task = BaselineTask(config)
-    drawn = task.draw(12, np.random.default_rng(0))
+    drawn = task.draw(12, np.random.default_rng(0), 0)
     assert len(drawn) == 12
     for i in range(0, 12, 3):
-        assert len({video for video, _ in drawn[i : i + 3]}) == 1
-        assert len({text for _, text in drawn[i : i + 3]}) == 3
+        assert len({example.scene_index for example in drawn[i : i + 3]}) == 1
+        assert len({tuple(example.words) for example in drawn[i : i + 3]}) == 3
     batch = task.collate(drawn)
     assert set(task.trained.vocabulary.possible_answers()[batch.is_choice.long()].sum(1).tolist()) == {2, 4}
+
+
+def test_plain_questions_are_learnt_first(scenes, tmp_path) -> None:
+    path = str(tmp_path / "questions.json")
+    config = BaselineTraining("run", "lstm", path, path, plain_steps=2)
+    write_questions(path, scenes)
+    with pytest.raises(
+        DataError, match=r"plain_steps needs questions of subtype 'plain' and others; .*plain_per_video"
+    ):
+        BaselineTask(config)
+    first = scenes[0].questions[0]
+    assert first.subtype is not None
+    plain = replace(first, id=99, text="How many cubes are there?", subtype=PLAIN)
+    write_questions(path, [replace(scenes[0], questions=(*scenes[0].questions, plain)), *scenes[1:]])
+    task = BaselineTask(config)
+    expected = task.trained.vocabulary.encode_text(plain, None)
+    for step in range(4):
+        for example in task.draw(40, np.random.default_rng(step), step):
+            assert example.is_plain == (step < 2)
+            assert (example.words == expected) == (step < 2)
 
 
 @pytest.mark.parametrize("name", BASELINES.names())

@@ -133,7 +133,7 @@ def test_gaps_and_errors_keep_the_rest_of_a_track(tiny_motion: tuple[Path, Path]
         )
         task = training.CollisionTask(config)
         changed = 0
-        for example in task.draw(20, np.random.default_rng(0)):
+        for example in task.draw(20, np.random.default_rng(0), 0):
             before, after = task.arrays[example.scene], task._disturbed(example)
             mirror = -1 if example.mirror else 1
             difference = np.abs(after.location_world * (1, mirror) - before.location_world).max(-1)

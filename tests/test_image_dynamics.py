@@ -202,7 +202,7 @@ def training(root: Path, run: Path, **changed) -> DynamicsTraining:
 
 def test_the_network_learns_a_few_windows(root, tmp_path) -> None:
     task = ImageModelTask(training(root, tmp_path, rollout_steps=1))
-    batch = task.collate(task.draw(2, np.random.default_rng(0)))
+    batch = task.collate(task.draw(2, np.random.default_rng(0), 0))
     optimizer = torch.optim.Adam(task.model.parameters(), 3e-3)
     history = []
     for _ in range(80):
@@ -220,7 +220,7 @@ def test_patches_are_kept_and_mirrored_with_the_boxes(root, tmp_path, monkeypatc
     task = ImageModelTask(training(root, tmp_path))
     monkeypatch.setattr("nsdr.dynamics.propnet.data.read_frames", lambda _: pytest.fail("decoded again"))
     again = ImageModelTask(training(root, tmp_path))
-    (example,) = task.draw(1, np.random.default_rng(0))
+    (example,) = task.draw(1, np.random.default_rng(0), 0)
     first, second = (task.collate([example._replace(mirror=m)]) for m in (1.0, -1.0))
     torch.testing.assert_close(again.collate([example._replace(mirror=1.0)])["patches"], first["patches"])
     torch.testing.assert_close(first["patches"].flip(-1), second["patches"])

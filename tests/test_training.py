@@ -232,7 +232,7 @@ class Line(Task):
         self.model = torch.nn.Linear(1, 1)
         self.explode = explode
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[float]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[float]:
         return rng.normal(size=count).tolist()
 
     def collate(self, examples: Sequence[float]) -> torch.Tensor:

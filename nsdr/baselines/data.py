@@ -12,7 +12,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from nsdr.baselines.base import Batch, Sizes
 from nsdr.baselines.features.files import KINDS, Features
-from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer
 
@@ -85,6 +85,7 @@ class Example(NamedTuple):
         words: word indices, as of `Vocabulary.encode_text`.
         program: program token indices, as of `Batch.program`; empty where they are not needed.
         is_choice: whether the text is an option.
+        is_plain: whether the question is about objects alone.
         answer: index of the answer; -1 where the file has none, or one that did not occur in training.
     """
 
@@ -92,6 +93,7 @@ class Example(NamedTuple):
     words: list[int]
     program: list[int]
     is_choice: bool
+    is_plain: bool
     answer: int
 
 
@@ -109,7 +111,7 @@ def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs:
             program += [] if choice is None else [PROGRAM_SEPARATOR, *_token_indices(choice)]
         answer = question.answer if choice is None else choice.answer
         index = vocabulary.answers.index(answer) if answer in vocabulary.answers else -1
-        examples.append(Example(scene_index, words, program, choice is not None, index))
+        examples.append(Example(scene_index, words, program, choice is not None, question.subtype == PLAIN, index))
     return examples
 
 

@@ -194,7 +194,7 @@ class BackboneTask(Task):
         every = [frame for frames, held in zip(videos.values(), is_held_out, strict=True) if held for frame in frames]
         self.held_out = [every[i] for i in np.unique(spaced(len(every), config.evaluation_frames))]
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int, bool]]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[tuple[int, int, bool]]:
         """The position of each example's video in `training`, its frame, and whether it is flipped."""
         videos = rng.integers(len(self.training), size=count)
         frames = rng.integers(self.config.frames_per_video, size=count)

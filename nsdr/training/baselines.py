@@ -11,17 +11,17 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.baselines.base import BASELINES, Baseline, Batch
-from nsdr.baselines.data import Vocabulary, make_batch, training_examples
+from nsdr.baselines.data import Example, Vocabulary, make_batch, training_examples
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache
 from nsdr.baselines.trained import TrainedBaseline, masked_scores
-from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.questions import PLAIN, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of
 from nsdr.io.fingerprint import fingerprint
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
-from nsdr.validation import PathName, PositiveCount, Settings, expect
+from nsdr.validation import Count, PathName, PositiveCount, Settings, expect
 
 __all__ = ["BaselineTask", "BaselineTraining", "main", "train_baseline"]
 
@@ -37,6 +37,8 @@ class BaselineTraining(Settings):
         validation: such a file about other videos, on which the network is evaluated.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
+        plain_steps: in the first so many steps only questions about objects alone are drawn (subtype "plain"; `nsdr generate`
+            writes them when told to), afterwards only the others; 0 draws both in all steps.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.
         model: settings of the system, as of its `Config`; what is not given has its default.
@@ -49,6 +51,7 @@ class BaselineTraining(Settings):
     validation: PathName
     output: str = ""
     features: str = ""
+    plain_steps: Count = 0
     texts_per_video: PositiveCount = 8
     model: dict[str, Any] = field(default_factory=dict)
     loop: LoopConfig = field(default_factory=LoopConfig)
@@ -104,7 +107,14 @@ class BaselineTask(Task):
         kind = BASELINES[config.system]
         vocabulary = Vocabulary.from_questions(training)
         self.videos = training_examples(training, vocabulary, kind.needs)
-        self.places = [(v, i) for v, examples in enumerate(self.videos) for i in range(len(examples))]
+        self.first = self.later = self.videos
+        if config.plain_steps:
+            self.first, self.later = (_some(self.videos, is_plain) for is_plain in (True, False))
+            if not (self.first and self.later):
+                raise DataError(
+                    f"{config.questions}: plain_steps needs questions of subtype {PLAIN!r} and others; give "
+                    "`nsdr generate questions` --questions.plain_per_video, or leave plain_steps out"
+                )
         self.features = features = FeatureCache(config.features, kind.needs) if config.features else None
         sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
         network = kind(config.model_config(), sizes)
@@ -113,23 +123,22 @@ class BaselineTask(Task):
         self.trained = TrainedBaseline(config.system, network, vocabulary, made)
         self.possible = vocabulary.possible_answers()
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int]]:
-        """Video and text of each example: of random videos up to `texts_per_video` texts each; all texts are equally likely."""
-        drawn: list[tuple[int, int]] = []
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[Example]:
+        """Up to `texts_per_video` texts of each of random videos; all of the stage (see `plain_steps`) are equally likely."""
+        videos = self.first if step < self.config.plain_steps else self.later
+        sizes = np.array([len(texts) for texts in videos])
+        drawn: list[Example] = []
         while len(drawn) < count:
-            video, first = self.places[int(rng.integers(len(self.places)))]
-            others = [i for i in range(len(self.videos[video])) if i != first]
-            chosen = [first, *(int(i) for i in rng.permutation(others))][: self.config.texts_per_video]
-            drawn += [(video, i) for i in chosen]
+            texts = videos[rng.choice(len(videos), p=sizes / sizes.sum())]
+            drawn += [texts[i] for i in rng.permutation(len(texts))[: self.config.texts_per_video]]
         return drawn[:count]
 
-    def collate(self, examples: Sequence[tuple[int, int]]) -> TrainingBatch:
+    def collate(self, examples: Sequence[Example]) -> TrainingBatch:
         """The batch of these texts."""
-        texts = [self.videos[v][i] for v, i in examples]
         return TrainingBatch(
-            make_batch(texts, self.features, self.trained.network.needs),
-            torch.tensor([e.is_choice for e in texts]),
-            torch.tensor([e.answer for e in texts]),
+            make_batch(examples, self.features, self.trained.network.needs),
+            torch.tensor([e.is_choice for e in examples]),
+            torch.tensor([e.answer for e in examples]),
         )
 
     def losses(self, model: nn.Module, batch: TrainingBatch) -> dict[str, LossTerm]:
@@ -143,6 +152,12 @@ class BaselineTask(Task):
         of = self.trained
         baseline = TrainedBaseline(of.system, cast(Baseline, model), of.vocabulary, of.features)
         return accuracies(score_answers(baseline.answer_questions(self.validation, self.features)))
+
+
+def _some(videos: Sequence[Sequence[Example]], is_plain: bool) -> list[list[Example]]:
+    """The texts that are plain, or those that are not, of the videos that have some."""
+    kept = ([text for text in texts if text.is_plain == is_plain] for texts in videos)
+    return [texts for texts in kept if texts]
 
 
 def accuracies(report: Mapping[str, Any]) -> dict[str, float]:
@@ -162,7 +177,11 @@ def train_baseline(config: BaselineTraining) -> str:
         DataError: unreadable questions or features, or the run was started with other ones.
     """
     task = BaselineTask(config)
-    counts = {"videos": len(task.videos), "texts": len(task.places), "validation_videos": len(task.validation)}
+    counts = {
+        "videos": len(task.videos),
+        "texts": sum(map(len, task.videos)),
+        "validation_videos": len(task.validation),
+    }
     inputs = {"data": config.data_fingerprint()}
     return train_part("baseline", task, config, config.model_config(), {**task.trained.details(), **counts}, inputs)
 

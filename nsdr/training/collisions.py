@@ -93,7 +93,7 @@ class CollisionTask(Task):
         self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
         self.arrays = [arrays_from_states(self.data.states(i)[0]) for i in range(len(self.data))]
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[_Example]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[_Example]:
         """Random scenes, half of them mirrored."""
         scenes, mirrored = rng.integers(len(self.data), size=count), rng.random(count) < 0.5
         seeds = rng.integers(2**31, size=count)

@@ -56,7 +56,7 @@ class StateModelTask(TrackTask):
         self.margin = max(config.model.past_steps, config.model.side_steps) * config.model.stride_frames
         self.locations = extrapolate(self.data.location_world, self.margin).astype(np.float32)
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[tuple[_Window, _Window]]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[tuple[_Window, _Window]]:
         """A window of the forward network and one of the observer for each example."""
         c = self.config.model
         scenes, frames = self.draw_windows(count, rng, FORWARD_FRAMES_BEFORE_COLLISION, 0)

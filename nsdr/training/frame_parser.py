@@ -79,7 +79,7 @@ class FrameParserTask(Task):
         self.training_frames = FrameDataset(config.frames, "train", config.augmentation)
         self.evaluation_frames = FrameDataset(config.frames, "evaluation")
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[tuple[int, int]]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[tuple[int, int]]:
         """The index of each example's frame, and the seed of its augmentation."""
         indices = rng.integers(len(self.training_frames), size=count)
         return list(zip(indices.tolist(), rng.integers(MAX_EXAMPLE_SEED, size=count).tolist(), strict=True))

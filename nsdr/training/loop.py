@@ -104,10 +104,11 @@ class Task(Protocol):
 
     model: nn.Module
 
-    def draw(self, count: int, rng: np.random.Generator) -> Sequence[Any]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> Sequence[Any]:
         """The random choices of `count` examples, such as their indices, by `rng` and no other source of randomness.
 
-        Every process draws the examples of all processes and collates its own, so this should be cheap.
+        `step` counts the steps before, for a curriculum. Every process draws the examples of all processes and collates its
+        own, so this should be cheap.
         """
 
     def collate(self, examples: Sequence[Any]) -> Any:
@@ -215,7 +216,7 @@ class _Training:
         """This process's part of a step's batch."""
         rank, processes = self.accelerator.process_index, self.accelerator.num_processes
         rng = np.random.default_rng((self.config.seed, step))
-        return self.task.collate(self.task.draw(self.config.batch_size * processes, rng)[rank::processes])
+        return self.task.collate(self.task.draw(self.config.batch_size * processes, rng, step)[rank::processes])
 
     def _step(self, step: int, batch: Any) -> dict[str, float]:
         """Take a step; returns the means of the loss terms over the batches of all processes."""

@@ -64,7 +64,7 @@ class PatchModelTask(TrackTask):
         """The network, with random weights."""
         return PatchModel(config.patches)
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[_Window]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[_Window]:
         """Windows of scenes that have the same number of objects, as that of a random window."""
         c, steps = self.config.patches, self.config.rollout_steps
         near = STEPS_AROUND_COLLISION * c.stride_frames

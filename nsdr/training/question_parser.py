@@ -152,7 +152,7 @@ class QuestionParserTask(Task):
             words.insert(rng.randrange(len(words) + 1), rng.choice(vocabulary()))
         return " ".join(words) or text
 
-    def draw(self, count: int, rng: np.random.Generator) -> list[int]:
+    def draw(self, count: int, rng: np.random.Generator, step: int) -> list[int]:
         """The seed of each example."""
         return rng.integers(MAX_EXAMPLE_SEED, size=count).tolist()
 

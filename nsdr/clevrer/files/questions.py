@@ -18,6 +18,7 @@ from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHA
 
 __all__ = [
     "OPTION_TAGS",
+    "PLAIN",
     "QUESTION_TYPES",
     "Choice",
     "Question",
@@ -29,6 +30,8 @@ __all__ = [
 
 QUESTION_TYPES = ("descriptive", "explanatory", "predictive", "counterfactual")
 """CLEVRER's question types; all but descriptive questions are multiple choice."""
+PLAIN = "plain"
+"""Subtype of questions about objects alone, which the release does not have; baselines may learn from them first."""
 OPTION_TAGS = ("observational", "inferential")
 """Kinds of counterfactual options: those that the recording without the removed object answers rightly (see
 `nsdr.baselines.recording`), and those where it fails because the removal changes what else happens."""

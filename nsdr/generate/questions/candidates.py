@@ -10,7 +10,7 @@ from itertools import combinations
 from msgspec.structs import replace
 
 from nsdr.baselines.recording import keep_recording
-from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
+from nsdr.clevrer.files.questions import OPTION_TAGS, PLAIN, Choice, Question
 from nsdr.errors import ExecutionError
 from nsdr.language.rules import Chooser, Pair
 from nsdr.language.texts import clevrer, in_words
@@ -21,7 +21,6 @@ from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = [
     "EXTENSION_KINDS",
-    "PLAIN",
     "changed_questions",
     "descriptive_questions",
     "family",
@@ -46,8 +45,6 @@ DESCRIPTION_WEIGHTS = {
 """Relative frequency of each set of attributes in descriptions of a single object; close to the released questions."""
 ABSENT_CLASSES = 4
 """Number of classes without objects that each scene's questions mention ("Are there any green cubes that …?")."""
-PLAIN = "plain"
-"""Subtype of questions about objects alone."""
 PLAIN_TRIES = 10
 """Questions that are drawn for each that is wanted, of which many have no answer, or a frequent one."""
 PLAIN_SAME_ANSWER = 0.25

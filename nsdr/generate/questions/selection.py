@@ -16,11 +16,10 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from nsdr.baselines.q_type import ANSWERS
-from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
     EXTENSION_KINDS,
-    PLAIN,
     changed_questions,
     descriptive_questions,
     family,
