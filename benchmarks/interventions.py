@@ -269,8 +269,8 @@ def known_state(document: dict[str, Any], case: Case) -> list[Event]:
     changes = resolve(changes_of(case), objects, np.ones((len(objects), VIDEO_FRAMES), bool), frame)
     changed = change_bodies(bodies, changes)
     n, rng = len(changed.exists), np.random.default_rng(0)
-    nudges = np.zeros((RUNS - 1, n, 6))
-    nudges[..., :2] = NUDGE_WORLD * rng.normal(size=(RUNS - 1, n, 2))
+    nudges = np.zeros((RUNS - 1, n, 1, 6))
+    nudges[..., 0, :2] = NUDGE_WORLD * rng.normal(size=(RUNS - 1, n, 2))
     runs = Perturbations(nudges, np.ones((RUNS - 1, n)))
     total = horizon_frame(VIDEO_FRAMES) + 1
     frames = simulate(changed.bodies, changed.exists, total, start=frame, perturbations=runs).contacts

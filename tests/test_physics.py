@@ -25,6 +25,7 @@ from nsdr.dynamics.velocity_events import VelocityEvents, velocity_collisions
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout, SceneObject, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
 from .test_dynamics import tracks
@@ -307,7 +308,7 @@ def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
 
 def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
     start = bodies(("sphere", -1.5, 0.33, 1.0, 0.0), ("sphere", 0.3, 0.0, 0.0, 0.0))  # a near miss or a graze
-    config = PhysicsConfig(runs=40, position_noise_world=0.05, velocity_noise_world_per_s=0.1)
+    config = PhysicsConfig(runs=40, position_noise_world=0.15)
     states = seen(run(start, 40), start.shape)
     rollout = PhysicsPredictor(Detector(), config, horizon_frame=150).continue_motion(states)
     [one] = rollout.uncertain
@@ -315,6 +316,24 @@ def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
     assert one.probability * 40 == pytest.approx(round(one.probability * 40))
     assert one.event.frame >= 40
     assert (one.event in rollout.collisions) == (one.probability > 0.5)
+
+
+def test_what_was_seen_briefly_is_known_less_exactly() -> None:
+    """Errors of states are those of a line by least squares: of N frames in a row, N (N² - 1) / 12 is the spread."""
+    start = bodies(("sphere", -1.5, 1.0, 1.0, 0.0), ("cylinder", 1.0, -1.0, 0.0, 0.0), ("sphere", -1.5, -1.0, 1.0, 0.0))
+    states, config = seen(run(start, 60), start.shape), PhysicsConfig(runs=4000)
+    detected = states.detected.copy()
+    detected[2, :50] = False
+    scene = PhysicsPredictor(Detector(), config)._fitted(replace(states, detected=detected), None)
+    errors = scene.perturbations.state  # (R, n, F, 6)
+    scale = config.position_noise_world * np.sqrt(2)  # standard deviation of Student's t with 4 degrees of freedom
+    for i, n in ((0, 60), (2, 10)):
+        velocity = scale / (FRAME_SECONDS * np.sqrt(n * (n**2 - 1) / 12))
+        assert errors[:, i, 0, VELOCITY].std() == pytest.approx(velocity, rel=0.15)
+        last = np.hypot(scale / np.sqrt(n), velocity * FRAME_SECONDS * (n - 1) / 2)
+        assert errors[:, i, -1, POSITION].std() == pytest.approx(last, rel=0.15)
+    assert not errors[:, 1, :, VELOCITY].any()  # it rests
+    assert errors[:, 1, 0, POSITION].std() == pytest.approx(scale / np.sqrt(60), rel=0.15)
 
 
 def test_collisions_from_velocity_alone() -> None:

@@ -169,7 +169,7 @@ def test_a_fit_starts_from_another() -> None:
 def test_perturbed_runs_are_those_of_perturbed_bodies() -> None:
     start, rng = PAIRS["a cube that spins"], np.random.default_rng(0)
     noise = rng.normal(size=(4, 2, 6)) * [0.02, 0.02, 0.1, 0.1, 0.3, 0.0]
-    changes = Perturbations(noise, rng.uniform(0.8, 1.2, (4, 2)))
+    changes = Perturbations(noise[:, :, None], rng.uniform(0.8, 1.2, (4, 2)))
     motion = simulate(start, np.ones(2, bool), 60, perturbations=changes)
     np.testing.assert_array_equal(motion.states, run(start, 60).states)
     noise[~start.state[:, VELOCITY].any(1)[None].repeat(4, 0), VELOCITY] = 0.0

@@ -10,7 +10,7 @@ border objects are far away: fits are better there than masks.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,17 +63,23 @@ OUTSIDE_WORLD = -99.0
 
 @dataclass(frozen=True)
 class SmoothedTracks:
-    """Fitted motion during the video.
+    """Fitted motion during the video, and how much each stretch of it is based on.
 
     Attributes:
         location_world: (n, F, 2) fitted positions, also before and after an object was detected; NaN where nothing fits.
         velocity_world_per_s: (n, F, 2), NaN where nothing fits.
         visible: (n, F) bool, in the image as CLEVRER's annotations count it.
+        weight: (n, F) sum of the weights of the detections in the stretch that a frame belongs to.
+        middle_frame: (n, F) their weighted mean frame; 0 where there are none.
+        spread_frames2: (n, F) weighted sum of the squares of their frames' distances from it; infinite at rest.
     """
 
     location_world: FloatArray
     velocity_world_per_s: FloatArray
     visible: BoolArray
+    weight: FloatArray
+    middle_frame: FloatArray
+    spread_frames2: FloatArray
 
 
 def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> SmoothedTracks:
@@ -81,16 +87,18 @@ def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> Smoothed
     n, frames = states.present.shape
     location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
+    weight, middle, spread = np.zeros((3, n, frames))
     box = states.box_xyxy_px
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
         for k, (start, end) in enumerate(pairwise([0, *hits, frames])):
             after_collision = start if k == 0 else start + COLLISION_MARGIN_FRAMES
-            fitted = _stretch(states, i, after_collision, end, before_first_collision=k == 0)
-            if fitted is not None:
-                location[i, start:end], velocity[i, start:end] = fitted(start, end)
+            stretch = _stretch(states, i, after_collision, end, before_first_collision=k == 0)
+            weight[i, start:end], middle[i, start:end], spread[i, start:end] = stretch.detections
+            if stretch.motion is not None:
+                location[i, start:end], velocity[i, start:end] = stretch.motion(start, end)
         visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
-    return SmoothedTracks(location, velocity, visible)
+    return SmoothedTracks(location, velocity, visible, weight, middle, spread)
 
 
 def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
@@ -111,23 +119,35 @@ def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: 
     return np.stack([in_image(shape, on_ground(row), yaw, camera) for shape, row in zip(shapes, known, strict=True)])
 
 
-def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> Motion | None:
-    """The motion that fits a stretch of an object's track, or None where no fit is good."""
+class _Stretch(NamedTuple):
+    """A stretch of an object's track: its motion, None where no fit is good, and what it is based on.
+
+    `detections` are their weight, weighted mean frame and spread, as of `SmoothedTracks`.
+    """
+
+    motion: Motion | None
+    detections: tuple[float, float, float]
+
+
+def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> _Stretch:
     shape = states.objects[i].shape
     last = end if end == states.present.shape[1] else end - COLLISION_MARGIN_FRAMES
     detected = np.flatnonzero(states.detected[i, start:last]) + start
-    if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
-        return None
-    positions = states.location_world[i, detected]
     weight = states.weight[i, detected]
+    total = float(weight.sum())
+    middle = float(weight @ detected) / total if total else 0.0
+    based_on = total, middle, float(weight @ (detected - middle) ** 2)
+    if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
+        return _Stretch(None, based_on)
+    positions = states.location_world[i, detected]
     reference = float(detected[0])
     position, velocity, residual = fit_sliding(shape, detected, positions, weight, reference)
     if residual > MAX_RESIDUAL_WORLD:
-        return None
+        return _Stretch(None, based_on)
     speed = float(np.hypot(*velocity))
     if before_first_collision and speed < REST_SPEED_WORLD_PER_S:
         rest = np.average(positions, axis=0, weights=weight)
-        return lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2)))
+        return _Stretch(lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2))), (total, middle, np.inf))
     direction = velocity / max(speed, 1e-9)
 
     def sliding(a: int, b: int) -> tuple[FloatArray, FloatArray]:
@@ -135,7 +155,7 @@ def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_co
         distance, speeds = slide(shape, np.array(speed), seconds)
         return position + distance[:, None] * direction, speeds[:, None] * direction
 
-    return sliding
+    return _Stretch(sliding, based_on)
 
 
 def frames_in_image(

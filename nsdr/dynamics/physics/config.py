@@ -17,16 +17,14 @@ MAX_RUNS = 10_000
 class PhysicsConfig(Settings):
     """How a video is explained by fits, and how the fitted scene is simulated on.
 
-    Noise levels were set on left-out scenes of `train`; `python benchmarks/continued.py` compares them. Perturbations drawn
-    from the posterior of the fit were tried in place of fixed ones: on cut videos they are better calibrated, but they decide
-    fewer counterfactuals of simulated scenes rightly.
+    States are as exact as the detections between two collisions allow. Noise levels were set on left-out scenes of `train`;
+    `python benchmarks/continued.py` compares them.
 
     Attributes:
         runs: simulations of each rollout; the first is not perturbed.
-        position_noise_world: standard deviation of perturbed positions (world units).
-        velocity_noise_world_per_s: standard deviation of perturbed velocities (world units/s).
-        yaw_noise: standard deviation of perturbed yaws (radians).
-        mass_noise: standard deviation of perturbed log masses of objects that were seen to collide; that of others is
+        position_noise_world: standard error of a detection's position (world units).
+        yaw_noise: standard error of yaws (radians).
+        mass_noise: standard error of log masses of objects that were seen to collide; that of others is
             `LOG_MASS_STD`.
         collision_threshold: share of runs above which a collision counts.
         seed: of the perturbations.
@@ -34,10 +32,9 @@ class PhysicsConfig(Settings):
         restarts: maximum number of restarts of each fit, for each window of frames.
     """
 
-    runs: Annotated[int, Meta(ge=1, le=MAX_RUNS)] = 30
-    position_noise_world: NotNegative = 0.004
-    velocity_noise_world_per_s: NotNegative = 0.015
-    yaw_noise: NotNegative = 0.1
+    runs: Annotated[int, Meta(ge=1, le=MAX_RUNS)] = 90
+    position_noise_world: NotNegative = 0.005
+    yaw_noise: NotNegative = 0.2
     mass_noise: NotNegative = 0.08
     collision_threshold: Share = 0.5
     seed: Count = 0

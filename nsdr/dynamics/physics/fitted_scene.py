@@ -26,7 +26,13 @@ from nsdr.dynamics.physics.simulator import (
 )
 from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image, with_smoothed_tracks
 from nsdr.types import Event, Remove, Rollout, UncertainCollision
-from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, LOG_MASS_STD, OBJECT_RADIUS_WORLD, STEPS_PER_FRAME
+from nsdr.world.physics_constants import (
+    CONTACT_PAUSE_STEPS,
+    FRAME_SECONDS,
+    LOG_MASS_STD,
+    OBJECT_RADIUS_WORLD,
+    STEPS_PER_FRAME,
+)
 
 __all__ = ["FittedScene"]
 
@@ -35,6 +41,11 @@ IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 MIN_PROBABILITY = 0.005
 """Collisions that are less probable count as ruled out, and those that are more probable than 1 minus this as certain."""
+DEGREES_OF_FREEDOM = 4
+"""Of Student's t distribution, from which errors are drawn: few are much larger than others. The largest errors below, this and
+the noise of `PhysicsConfig` were set on real scenes of `train` that were cut, and on generated ones without an object."""
+MAX_POSITION_ERROR_WORLD, MAX_VELOCITY_ERROR_WORLD_PER_S = 0.05, 0.4
+"""Largest standard errors of states: of objects that were hardly seen, the fit still tells something."""
 CLOSENESS_WORLD = 0.4
 """Scale on which the closest approach tells pairs apart that collide in equally many runs (world units)."""
 
@@ -71,16 +82,31 @@ class FittedScene:
         self.motion[known, VELOCITY] = smoothed.velocity_world_per_s[known]
         met = {i for e in observed for i in e.objects}
         # Each run draws its masses, positions, velocities and yaws in this order.
-        noise = np.random.default_rng(config.seed).normal(size=(config.runs - 1, 6 * n))
-        state = np.zeros((config.runs - 1, n, 6))
-        state[..., POSITION] = config.position_noise_world * noise[:, n : 3 * n].reshape(-1, n, 2)
-        state[..., VELOCITY] = config.velocity_noise_world_per_s * noise[:, 3 * n : 5 * n].reshape(-1, n, 2)
-        state[..., YAW] = config.yaw_noise * noise[:, 5 * n :]
+        noise = np.random.default_rng(config.seed).standard_t(DEGREES_OF_FREEDOM, size=(config.runs - 1, 6 * n))
         mass_noise = np.array([config.mass_noise if i in met else LOG_MASS_STD for i in range(n)])
+        place, velocity = (part.reshape(-1, n, 1, 2) for part in np.split(noise[:, n : 5 * n], 2, axis=1))
+        state = self._state_errors(place, velocity, noise[:, 5 * n :, None])
         self.perturbations = Perturbations(state, np.exp(mass_noise * noise[:, :n]))
         self.uncertain = [
             UncertainCollision(event, p) for event, p in found.candidates if MIN_PROBABILITY <= p <= 1 - MIN_PROBABILITY
         ]
+
+    def _state_errors(self, place: FloatArray, velocity: FloatArray, yaw: FloatArray) -> FloatArray:
+        """(R, n, F, 6) errors of the states, of standardised ones of positions and velocities (R, n, 1, 2) and yaws (R, n, 1).
+
+        Those of a line fitted to a stretch's detections by least squares: its place in their middle and its velocity.
+        """
+        smoothed, noise = self.smoothed, self.config.position_noise_world
+        with np.errstate(divide="ignore"):
+            place_error = np.minimum(noise / np.sqrt(smoothed.weight), MAX_POSITION_ERROR_WORLD)
+            velocity_error = noise / (FRAME_SECONDS * np.sqrt(smoothed.spread_frames2))
+        velocity_error = np.minimum(velocity_error, MAX_VELOCITY_ERROR_WORLD_PER_S)
+        since_middle = FRAME_SECONDS * (np.arange(self.frames) - smoothed.middle_frame)
+        errors = np.zeros((len(yaw), *since_middle.shape, 6))
+        errors[..., VELOCITY] = velocity_error[..., None] * velocity
+        errors[..., POSITION] = place_error[..., None] * place + since_middle[..., None] * errors[..., VELOCITY]
+        errors[..., YAW] = self.config.yaw_noise * yaw
+        return errors
 
     def rollout(self, removed: int | None = None) -> Rollout:
         """The scene as it is (None), or without an object from the first frame on."""
@@ -238,9 +264,11 @@ class FittedScene:
         else:
             rebound[:old, :old] = self.fitted.rebound
         # Added objects and what interventions give exactly are not perturbed.
-        state, mass = np.zeros((self.config.runs - 1, n, 6)), np.ones((self.config.runs - 1, n))
+        runs = self.config.runs - 1
+        state, mass = np.zeros((runs, n, self.frames, 6)), np.ones((runs, n))
         state[:, :old], mass[:, :old] = self.perturbations.state, self.perturbations.mass
-        state[:, changed.exact], mass[:, changed.exact_mass] = 0.0, 1.0
+        state *= ~changed.exact[:, None]
+        mass[:, changed.exact_mass] = 1.0
         perturbations = Perturbations(state, mass)
         return simulate(changed.bodies, changed.exists, self.total, rebound, prescribed, from_frame, perturbations)
 

@@ -77,7 +77,8 @@ class Perturbations:
     """Changes of the start of further runs.
 
     Attributes:
-        state: (R, n, 6) added to rows, also at all frames where motion is prescribed; bodies at rest get no velocity.
+        state: (R, n, F, 6) added to rows at each frame, where motion is prescribed, and at the start; the last is that of later
+            frames, too. Bodies at rest get no velocity.
         mass: (R, n) factors.
     """
 
@@ -123,7 +124,7 @@ def simulate(
     n, mass = len(bodies.shape), np.asarray(bodies.mass, float)
     rebound = np.full((n, n), np.nan) if rebound is None else rebound
     kept = prescribed or PrescribedMotion(np.zeros((n, 1, 6)), np.zeros(n, int), np.zeros((0, 3), int))
-    runs = [(np.zeros((n, 6)), mass)]
+    runs = [(np.zeros((n, 1, 6)), mass)]
     if perturbations is not None:
         runs += zip(perturbations.state, mass * perturbations.mass, strict=True)
     shape, until, collisions = (np.ascontiguousarray(a, np.int64) for a in (bodies.shape, kept.until, kept.collisions))
@@ -175,16 +176,17 @@ def _steps_apart(state, i, j, distance):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _changed(row, change, i, out):  # type: ignore[no-untyped-def]
-    """Write a state (6,) with body i's change of `change` (n, 6) to row i of `out`; a body at rest stays so."""
+def _changed(row, change, i, frame, out):  # type: ignore[no-untyped-def]
+    """Write a state (6,) with body i's change at a frame, of `change` (n, F, 6), to row i of `out`; a body at rest stays so."""
     rests = row[2] == 0.0 and row[3] == 0.0
+    frame = min(frame, change.shape[1] - 1)
     for k in range(6):
-        out[i, k] = row[k] if rests and (k == 2 or k == 3) else row[k] + change[i, k]
+        out[i, k] = row[k] if rests and (k == 2 or k == 3) else row[k] + change[i, frame, k]
 
 
 @cached_njit
 def _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from):  # type: ignore[no-untyped-def]
-    """Bring a frame's prescribed collisions and states, with the run's change (n, 6), to the bodies."""
+    """Bring a frame's prescribed collisions and states, with the run's change (n, F, 6), to the bodies."""
     for e in range(len(collisions)):
         i, j, when = collisions[e, 0], collisions[e, 1], collisions[e, 2]
         if when - 1 == frame:
@@ -196,19 +198,19 @@ def _follow_prescribed(rows, change, collisions, until, frame, exists, state, co
                 free_from[j] = min(free_from[j], frame)
     for i in range(len(until)):
         if frame <= free_from[i] and until[i] > 0:
-            _changed(rows[i, frame], change, i, state)
+            _changed(rows[i, frame], change, i, frame, state)
 
 
 @cached_njit
 def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, start, n_frames):  # type: ignore[no-untyped-def]
-    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion, all with a change (n, 6) of states."""
+    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion, with a change (n, F, 6) of states."""
     n = len(shape)
     states = np.zeros((n, n_frames, 6))
     contact, touched = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.bool_)
     next_look = np.zeros((n, n), np.int64)
     free_from, given, state = until.copy(), state, np.empty((n, 6))
     for i in range(n):
-        _changed(given[i], change, i, state)
+        _changed(given[i], change, i, start, state)
     step_number = start * STEPS_PER_FRAME
     for frame in range(start, n_frames):
         _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from)

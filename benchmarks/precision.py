@@ -1,0 +1,308 @@
+"""How precisely must states be known to say what happens without an object? Bullet, our simulator and the default compared.
+
+`python benchmarks/precision.py DATA FOLDER [--scenes 300] [--runs 30] [-o results/precision]`
+
+DATA is a data set of `nsdr generate dataset` with questions; FOLDER keeps what was found, one file a scene, so a second call
+goes on. Each world without an object that a counterfactual question of the validation split removes is told
+
+- by Bullet from the true states, one run, from the frame before the removed object's first collision;
+- by Bullet and by our simulator from states measured with an error: each of `--runs` runs starts from the measured states with
+  another such error, and what happens in most of them counts;
+- by the default, fitted to the tracks of exact masks.
+
+Whatever the removal cannot influence is as in the video, for all. Velocities, yaws and masses have errors in proportion to those
+of positions. The questions are then answered in the true scene with these worlds. About 10 seconds of a
+core a scene.
+"""
+
+import argparse
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from msgspec import structs
+from numpy.typing import NDArray
+
+from nsdr import Event, Scene, load_backend, track
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.proposals import parse_proposals
+from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
+from nsdr.clevrer.files.scenes import scene_from_truth
+from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
+from nsdr.evaluation.score import evaluate
+from nsdr.generate.physics.bullet import Body, BulletMotion, Contact, Simulator
+from nsdr.generate.physics.scene import SimulatedScene
+from nsdr.generate.scene_files import proposal_document
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.files import find_files, write_json
+from nsdr.io.jobs import Job, run_jobs
+from nsdr.io.reading import read_json
+from nsdr.symbolic import Executor
+from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, MOVING_SPEED_WORLD_PER_S, STEPS_PER_FRAME
+from nsdr.world.vocabulary import ATTRIBUTES, SHAPES
+
+ERRORS_WORLD = (0.001, 0.003, 0.01)
+"""Standard deviations of the errors of positions (world units; objects are 0.4 wide)."""
+VELOCITY_ERROR_PER_S, YAW_ERROR_PER_WORLD, LOG_MASS_ERROR_PER_WORLD = 1.5, 40.0, 25.0
+"""Errors of velocities (world units/s), yaws (radians) and log masses, of one of 1 world unit in positions: about the ratios of
+the default's errors, which the benchmark prints, and of `PhysicsConfig`'s yaws."""
+Collisions = list[list[int]]
+"""Rows (i, j, frame)."""
+UNITS = {"position": " world units", "velocity": " world units/s", "log mass": ""}
+"""Of the errors of the default's states."""
+EXACT, DEFAULT = "Bullet, true states", "default, from tracks"
+MEASURED = ("Bullet", "our simulator")
+
+
+class World(NamedTuple):
+    """A scene without an object.
+
+    Attributes:
+        collisions: (i, j, frame) of the video and after it, with the object.
+        removed: id of the object.
+        start: frame before its first collision.
+        states: (n, 13) location, Euler angles, velocity, angular velocity and mass of all objects at that frame.
+        shapes: of all objects.
+    """
+
+    collisions: Collisions
+    removed: int
+    start: int
+    states: NDArray[np.float64]
+    shapes: list[str]
+
+    @property
+    def kept(self) -> list[int]:
+        """Ids of the other objects."""
+        return [i for i in range(len(self.shapes)) if i != self.removed]
+
+
+def world_of(truth: Mapping[str, Any], removed: int) -> World:
+    """The scene of a truth file without an object that collides."""
+    collisions = [[*sorted(c["object_ids"]), c["frame_id"]] for c in truth["collisions"]]
+    start = max(min((f for i, j, f in collisions if removed in (i, j)), default=1) - 1, 0)
+    rows = sorted(truth["frames"][start]["objects"], key=lambda row: row["object_id"])
+    states = [
+        [*r["location"], *r["orientation"], *r["velocity"], *r["angular_velocity"], o["mass"]]
+        for r, o in zip(rows, truth["objects"], strict=True)
+    ]
+    return World(collisions, removed, start, np.array(states), [o["shape"] for o in truth["objects"]])
+
+
+def disturbed(world: World, error: float, rng: np.random.Generator) -> World:
+    """The world with states that are off by such errors; what rests is known to rest."""
+    states, n = world.states.copy(), len(world.shapes)
+    moves = np.linalg.norm(states[:, 6:8], axis=1, keepdims=True) > 0
+    states[:, 0:2] += error * rng.normal(size=(n, 2))
+    states[:, 6:8] += error * VELOCITY_ERROR_PER_S * rng.normal(size=(n, 2)) * moves
+    states[:, 5] += error * YAW_ERROR_PER_WORLD * rng.normal(size=n)
+    states[:, 12] *= np.exp(error * LOG_MASS_ERROR_PER_WORLD * rng.normal(size=n))
+    return world._replace(states=states)
+
+
+def by_bullet(world: World, frames: int, simulator: Simulator) -> Collisions:
+    """What Bullet finds from the world's start on."""
+    bodies = [
+        Body(
+            world.shapes[i], *(tuple(world.states[i, k : k + 3]) for k in (0, 3, 6, 9)), mass=float(world.states[i, 12])
+        )
+        for i in world.kept
+    ]
+    found = simulator.run(bodies, frames - world.start).contacts
+    return [[*(world.kept[k] for k in c.bodies), c.frame + world.start] for c in found]
+
+
+def by_ours(world: World, frames: int) -> Collisions:
+    """What our simulator finds."""
+    s = world.states
+    bodies = BodyStates(
+        np.array([SHAPES.index(shape) for shape in world.shapes]), s[:, [0, 1, 6, 7, 5, 11]].copy(), s[:, 12].copy()
+    )
+    bodies.state[[shape != "cube" for shape in world.shapes], 4:] = 0.0
+    exists = np.ones(len(s), bool)
+    exists[world.removed] = False
+    contacts = simulate(bodies, exists, frames, start=world.start).contacts[0]
+    return [[i, j, int(contacts[i, j])] for i, j in combinations(world.kept, 2) if contacts[i, j] != NO_CONTACT]
+
+
+def with_video(world: World, found: Collisions) -> Collisions:
+    """A run's collisions, with those of the video instead where neither object is influenced by the removal until then."""
+    since = dict.fromkeys(range(len(world.shapes)), math.inf) | {world.removed: -1.0}
+    for i, j, frame in sorted([*world.collisions, *found], key=lambda row: row[2]):
+        if min(since[i], since[j]) <= frame:  # also in a collision that does not take place any more
+            since[i], since[j] = min(since[i], frame), min(since[j], frame)
+
+    def is_changed(row: list[int]) -> bool:
+        return min(since[row[0]], since[row[1]]) < row[2] or world.removed in row[:2]
+
+    pause = CONTACT_PAUSE_STEPS // STEPS_PER_FRAME
+    rows = [row for row in world.collisions if not is_changed(row)]
+    before = {(i, j): frame for i, j, frame in rows}
+    rows += [row for row in found if is_changed(row) and row[2] > before.get((row[0], row[1]), -math.inf) + pause]
+    return sorted(rows, key=lambda row: row[2])
+
+
+def most(runs: Sequence[Collisions]) -> Collisions:
+    """The first collision of each pair that collides in most runs, at the median of its frames."""
+    frames: dict[tuple[int, int], list[int]] = {}
+    for rows in runs:
+        first: dict[tuple[int, int], int] = {}
+        for i, j, frame in rows:
+            first.setdefault((i, j), frame)
+        for pair, frame in first.items():
+            frames.setdefault(pair, []).append(frame)
+    return [[*pair, int(np.median(at))] for pair, at in frames.items() if len(at) > len(runs) / 2]
+
+
+def simulated_scene(truth: Mapping[str, Any]) -> SimulatedScene:
+    """What a truth file was made of."""
+    scene = scene_from_truth(truth)
+    names = ("location", "orientation", "velocity", "angular_velocity")
+    arrays = [np.array([[o[name] for o in f["objects"]] for f in truth["frames"]]).swapaxes(0, 1) for name in names]
+    contacts = tuple(Contact(c["frame_id"], tuple(c["object_ids"]), tuple(c["location"])) for c in truth["collisions"])
+    mass = np.array([o["mass"] for o in truth["objects"]])
+    return SimulatedScene(truth["seed"], scene.objects, mass, scene.n_frames, BulletMotion(*arrays, contacts), {})
+
+
+def by_default(
+    truth: Mapping[str, Any], removed: Sequence[int], backend: Any
+) -> tuple[dict[int, Collisions], dict[str, list[float]]]:
+    """The default's collisions without each object, and the errors of its states where the worlds start.
+
+    They are those of positions and velocities (lengths) of moving objects, and of the log masses, relative to their mean, of
+    objects that collide in the video.
+    """
+    document = proposal_document(simulated_scene(truth), truth["scene_index"], "", CLEVRER_CAMERA)
+    predicted = backend.predict(track(parse_proposals(json.dumps(document).encode(), "proposals")))
+    numbers = {o.name: o.id for o in scene_from_truth(truth).objects}
+    true_id = [numbers.get(o.name, -1) for o in predicted.objects]
+    worlds, errors = {}, {name: list[float]() for name in UNITS}
+    met = {t for c in truth["collisions"] if c["frame_id"] < predicted.n_frames for t in c["object_ids"]}
+    for i in removed:
+        if i not in true_id:
+            continue
+        rollout = predicted.counterfactual[true_id.index(i)]
+        rows = [[*sorted(true_id[k] for k in e.objects), e.frame] for e in rollout.collisions]
+        worlds[i] = [row for row in rows if -1 not in row[:2]]
+        world = world_of(truth, i)
+        if world.start >= predicted.n_frames:
+            continue
+        place = predicted.observed.location_world[:, world.start]
+        velocity = predicted.physics.velocity_world_per_s[:, world.start]
+        for k, t in enumerate(true_id):
+            is_moving = t in world.kept and np.hypot(*world.states[t, 6:8]) > MOVING_SPEED_WORLD_PER_S
+            if is_moving and np.isfinite([place[k], velocity[k]]).all():
+                errors["position"].append(math.dist(place[k], world.states[t, 0:2]))
+                errors["velocity"].append(math.dist(velocity[k], world.states[t, 6:8]))
+        weighed = [k for k, t in enumerate(true_id) if t in met]
+        if weighed:
+            off = predicted.physics.log_mass[weighed] - np.log(world.states[[true_id[k] for k in weighed], 12])
+            errors["log mass"] += (off - off.mean()).tolist()
+    return worlds, errors
+
+
+def explore(runs: int, truth_path: Path, removed: Sequence[int], output: Path) -> None:
+    """Write what every source finds of a scene without each of some objects."""
+    truth = read_truth_file(truth_path)
+    rng, frames = np.random.default_rng(truth["seed"]), len(truth["frames"])
+    found: dict[str, dict[int, Collisions]] = {EXACT: {}}
+    with Simulator() as simulator:
+        for i in removed:
+            world = world_of(truth, i)
+            told = partial(by_bullet, frames=frames, simulator=simulator), partial(by_ours, frames=frames)
+            found[EXACT][i] = most([with_video(world, told[0](world))])
+            found.setdefault(f"{MEASURED[1]}, true states", {})[i] = most([with_video(world, told[1](world))])
+            for error in ERRORS_WORLD:
+                measured = disturbed(world, error, rng)
+                starts = [measured, *(disturbed(measured, error, rng) for _ in range(runs - 1))]
+                for name, tell in zip(MEASURED, told, strict=True):
+                    of_runs = [with_video(world, tell(start)) for start in starts]
+                    found.setdefault(f"{name}, {error:g}", {})[i] = most(of_runs)
+    backend = load_backend(find_checkpoint("default"), "physics")
+    found[DEFAULT], errors = by_default(truth, removed, backend)
+    write_json(output, {"found": found, "errors": errors})
+
+
+def removed_by(question: Question, scene: Scene) -> int:
+    """Id of the object that a counterfactual question removes."""
+    assert question.program is not None
+    before = question.program[: question.program.index("get_counterfact")]
+    words = {word for known in ATTRIBUTES.values() for word in known} & set(before)
+    (one,) = [o.id for o in scene.objects if words <= {o.color, o.material, o.shape}]
+    return one
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--scenes", type=int, default=300)
+    parser.add_argument("--runs", type=int, default=30)
+    parser.add_argument("--workers", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path, help="without an extension")
+    options = parser.parse_args()
+    truths, jobs, asked = {}, [], []
+    for scene in read_questions(options.data / "questions" / "validation.json")[: options.scenes]:
+        (path,) = find_files(options.data / "truth" / "validation", f"truth_{scene.scene_index:05d}.json")
+        truths[scene.scene_index] = true = scene_from_truth(read_truth_file(path))
+        questions = tuple(q for q in scene.questions if q.type == "counterfactual")
+        asked.append(structs.replace(scene, questions=questions))
+        removed = sorted({removed_by(q, true) for q in questions})
+        jobs.append(
+            Job(f"scene {scene.scene_index}", (path, removed), options.folder / f"{scene.scene_index}.json", "1")
+        )
+    run_jobs(partial(_explore, options.runs), jobs, options.folder, workers=options.workers).succeeded(
+        jobs, options.folder, keep_going=False
+    )
+    documents = {scene.scene_index: read_json(job.output) for scene, job in zip(asked, jobs, strict=True)}
+    rows = list(table(asked, truths, documents))
+    text = "\n".join(rows) + "\n"
+    print(text)
+    if options.output:
+        options.output.with_suffix(".md").write_text(text)
+
+
+def _explore(runs: int, item: tuple[Path, list[int]], output: Path) -> None:
+    explore(runs, *item, output)
+
+
+def answers(
+    asked: Sequence[SceneQuestions], truths: Mapping[int, Scene], documents: Mapping[int, Any], name: str
+) -> Any:
+    """The report of all questions in the true scenes with a source's worlds."""
+    executors = []
+    for scene in asked:
+        worlds = {
+            int(i): tuple(Event("collision", f, (a, b)) for a, b, f in rows)
+            for i, rows in documents[scene.scene_index]["found"][name].items()
+        }
+        executors.append(Executor(replace(truths[scene.scene_index], counterfactual=worlds)))
+    return evaluate(zip(asked, executors, strict=True))["counterfactual"]
+
+
+def table(asked: Sequence[SceneQuestions], truths: Mapping[int, Scene], documents: Mapping[int, Any]) -> Iterator[str]:
+    """Lines of the table in Markdown."""
+    yield "| worlds | options (%) | questions (%) |\n|---|---|---|"
+    for name in next(iter(documents.values()))["found"]:
+        report = answers(asked, truths, documents, name)
+        cells = []
+        for kind in ("per_option", "per_question"):
+            low, high = report[f"{kind}_interval"]
+            cells.append(f"{100 * report[kind]:.1f} ({100 * low:.1f}-{100 * high:.1f})")
+        yield f"| {name} | {' | '.join(cells)} |"
+    for name, unit in UNITS.items():
+        values = [abs(value) for document in documents.values() for value in document["errors"][name]]
+        middle, most_of = np.nanquantile(values, [0.5, 0.68])
+        yield f"\nErrors of the default's {name}: median {middle:.4f}, 68 % below {most_of:.4f}{unit} (of {len(values)})."
+
+
+if __name__ == "__main__":
+    main()
