@@ -10,15 +10,17 @@ goes on. Each world without an object that a counterfactual question of the vali
   another such error, and what happens in most of them counts;
 - by the default, fitted to the tracks of exact masks.
 
-Whatever the removal cannot influence is as in the video, for all. Velocities, yaws and masses have errors in proportion to those
-of positions. The questions are then answered in the true scene with these worlds. About 10 seconds of a
-core a scene.
+Whatever the removal cannot influence is as in the video, for all. Velocities, yaws and masses have errors in proportion to
+those of positions. The questions are then answered in the true scene with these worlds; `-o` writes the table and a figure.
+About 0.35 seconds of a core a run and scene.
 """
 
 import argparse
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -35,13 +37,14 @@ from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import parse_proposals
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
-from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
+from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, simulate
 from nsdr.evaluation.score import evaluate
 from nsdr.generate.physics.bullet import Body, BulletMotion, Contact, Simulator
 from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.generate.scene_files import proposal_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import find_files, write_json
+from nsdr.io.fingerprint import code_revision
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.symbolic import Executor
@@ -58,6 +61,7 @@ Collisions = list[list[int]]
 """Rows (i, j, frame)."""
 UNITS = {"position": " world units", "velocity": " world units/s", "log mass": ""}
 """Of the errors of the default's states."""
+KINDS = ("per_option", "per_question")
 EXACT, DEFAULT = "Bullet, true states", "default, from tracks"
 MEASURED = ("Bullet", "our simulator")
 
@@ -263,11 +267,15 @@ def main() -> None:
         jobs, options.folder, keep_going=False
     )
     documents = {scene.scene_index: read_json(job.output) for scene, job in zip(asked, jobs, strict=True)}
-    rows = list(table(asked, truths, documents))
-    text = "\n".join(rows) + "\n"
+    reports = {name: answers(asked, truths, documents, name) for name in next(iter(documents.values()))["found"]}
+    errors = {
+        name: [abs(value) for document in documents.values() for value in document["errors"][name]] for name in UNITS
+    }
+    text = table(reports, errors, len(jobs), options.runs)
     print(text)
     if options.output:
         options.output.with_suffix(".md").write_text(text)
+        draw(reports, float(np.median(errors["position"]))).savefig(options.output.with_suffix(".png"), dpi=100)
 
 
 def _explore(runs: int, item: tuple[Path, list[int]], output: Path) -> None:
@@ -288,20 +296,42 @@ def answers(
     return evaluate(zip(asked, executors, strict=True))["counterfactual"]
 
 
-def table(asked: Sequence[SceneQuestions], truths: Mapping[int, Scene], documents: Mapping[int, Any]) -> Iterator[str]:
-    """Lines of the table in Markdown."""
-    yield "| worlds | options (%) | questions (%) |\n|---|---|---|"
-    for name in next(iter(documents.values()))["found"]:
-        report = answers(asked, truths, documents, name)
-        cells = []
-        for kind in ("per_option", "per_question"):
-            low, high = report[f"{kind}_interval"]
-            cells.append(f"{100 * report[kind]:.1f} ({100 * low:.1f}-{100 * high:.1f})")
-        yield f"| {name} | {' | '.join(cells)} |"
+def table(reports: Mapping[str, Any], errors: Mapping[str, list[float]], scenes: int, runs: int) -> str:
+    """Markdown."""
+    lines = ["# How precisely states must be known", "", "| worlds without an object | options (%) | questions (%) |"]
+    lines.append("|---" * 3 + "|")
+    for name, report in reports.items():
+        cells = [f"{100 * report[k]:.1f} ({_interval(report, k)})" for k in KINDS]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    of = next(iter(reports.values()))
+    lines += [
+        "",
+        f"{of['n_questions']} counterfactual questions about {scenes} generated scenes; {runs} runs. 95 % intervals.",
+    ]
     for name, unit in UNITS.items():
-        values = [abs(value) for document in documents.values() for value in document["errors"][name]]
-        middle, most_of = np.nanquantile(values, [0.5, 0.68])
-        yield f"\nErrors of the default's {name}: median {middle:.4f}, 68 % below {most_of:.4f}{unit} (of {len(values)})."
+        middle, most_of = np.quantile(errors[name], [0.5, 0.68])
+        lines.append(f"Errors of the default's {name}: median {middle:.4f}, 68 % below {most_of:.4f}{unit}.")
+    command = shlex.join(["python", *sys.argv])
+    return "\n".join([*lines, "", f"Made by `{command}`, revision {code_revision()}."]) + "\n"
+
+
+def _interval(report: Mapping[str, Any], kind: str) -> str:
+    low, high = report[f"{kind}_interval"]
+    return f"{100 * low:.1f}-{100 * high:.1f}"
+
+
+def draw(reports: Mapping[str, Any], position_error: float) -> Figure:
+    """Right answers over the error of positions; the default is at its median one."""
+    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    for axis, kind, title in zip(figure.subplots(1, 2), KINDS, ("options", "questions"), strict=True):
+        for name, marker in zip(MEASURED, "os", strict=True):
+            found = [100 * reports[f"{name}, {error:g}"][kind] for error in ERRORS_WORLD]
+            axis.plot(ERRORS_WORLD, found, marker=marker, label=name)
+        axis.plot(position_error, 100 * reports[DEFAULT][kind], "*", markersize=12, label=DEFAULT)
+        axis.set(xscale="log", xlabel="error of positions (world units)", ylabel="right (%)", title=title)
+        axis.grid(alpha=0.3)
+        axis.legend()
+    return figure
 
 
 if __name__ == "__main__":
