@@ -12,7 +12,7 @@ MOTION := --proposals $(DATA)/real/proposals_train.npz --truth $(DATA)/real/trut
 FRAMES := --frames $(DATA)/frames
 run = $(NSDR) train $(1) --config configs/$(2).yaml --run_dir $(WEIGHTS)/$(3) $(4) $(TRY)
 
-PARTS := $(addprefix weights-,frame-parser dynamics dynamics-paper dynamics-images collisions question-parser)
+PARTS := $(addprefix weights-,frame-parser dynamics dynamics-paper dynamics-images collisions question-parser baselines)
 
 .PHONY: weights $(PARTS)
 
@@ -24,6 +24,7 @@ weights-dynamics-paper: $(WEIGHTS)/dynamics_paper/dynamics.json
 weights-dynamics-images: $(WEIGHTS)/dynamics_paper_images/dynamics.json
 weights-collisions: $(WEIGHTS)/default/collisions.json
 weights-question-parser: $(WEIGHTS)/default/question_parser.json
+weights-baselines: $(foreach name,tbd mac mac_objects,$(WEIGHTS)/baselines/truth/$(name)/baseline.json)
 
 $(WEIGHTS)/frame_parser/checkpoint/frame_parser.json:
 	$(call run,frame-parser,frame_parser/default,frame_parser,$(FRAMES))
@@ -57,3 +58,17 @@ $(WEIGHTS)/default/collisions.json:
 
 $(WEIGHTS)/default/question_parser.json:
 	$(call run,question-parser,question_parser/default,question_parser,--output $(@D))
+
+TRUTH := $(WEIGHTS)/truth_data/statistics.md
+QUESTIONS := --questions $(WEIGHTS)/truth_data/questions/train.json --validation $(WEIGHTS)/truth_data/questions/validation.json
+ifdef STEPS
+FEW := --videos 4 --splits '{"train": 0.5, "validation": 0.5}'
+endif
+$(TRUTH):
+	$(NSDR) generate dataset --config configs/generate/truth.yaml -o $(@D) $(FEW)
+
+$(WEIGHTS)/truth_features/features.json: $(TRUTH)
+	$(NSDR) extract-features --from truth --root $(<D) -o $(@D)
+
+$(WEIGHTS)/baselines/truth/%/baseline.json: $(WEIGHTS)/truth_features/features.json $(TRUTH)
+	$(call run,baseline,baselines/truth/$*,baselines/truth_$*,--output $(@D) --features $(<D) $(QUESTIONS))

@@ -104,7 +104,8 @@ def test_the_recipes_make_every_shipped_weight(tiny_frames, tiny_motion, tmp_pat
         program, *arguments = shlex.split(command)
         assert program == "nsdr"
         assert main([*arguments, *SMALLER.get(arguments[1], "").split()]) == 0
-    for shipped in ("default", "dynamics_paper", "dynamics_paper_images"):
+    baselines = [f"baselines/truth/{name}" for name in ("mac", "mac_objects", "tbd")]
+    for shipped in ("default", "dynamics_paper", "dynamics_paper_images", *baselines):
         made = {path.name for path in (weights / shipped).iterdir()}
         assert made == {path.name for path in (root / "checkpoints" / shipped).iterdir()} - {"README.md"}
     card = json.loads((weights / "default" / "frame_parser.json").read_text())
