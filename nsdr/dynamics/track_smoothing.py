@@ -69,9 +69,9 @@ class SmoothedTracks:
         location_world: (n, F, 2) fitted positions, also before and after an object was detected; NaN where nothing fits.
         velocity_world_per_s: (n, F, 2), NaN where nothing fits.
         visible: (n, F) bool, in the image as CLEVRER's annotations count it.
-        weight: (n, F) sum of the weights of the detections in the stretch that a frame belongs to.
-        middle_frame: (n, F) their weighted mean frame; 0 where there are none.
-        spread_frames2: (n, F) weighted sum of the squares of their frames' distances from it; infinite at rest.
+        weight: (n, F) sum of the weights of the detections in the stretch that a frame belongs to; NaN where nothing fits.
+        middle_frame: (n, F) their weighted mean frame, or NaN.
+        spread_frames2: (n, F) weighted sum of the squares of their frames' distances from it, or NaN; infinite at rest.
     """
 
     location_world: FloatArray
@@ -87,16 +87,17 @@ def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> Smoothed
     n, frames = states.present.shape
     location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
-    weight, middle, spread = np.zeros((3, n, frames))
+    weight, middle, spread = np.full((3, n, frames), np.nan)
     box = states.box_xyxy_px
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
         for k, (start, end) in enumerate(pairwise([0, *hits, frames])):
             after_collision = start if k == 0 else start + COLLISION_MARGIN_FRAMES
             stretch = _stretch(states, i, after_collision, end, before_first_collision=k == 0)
-            weight[i, start:end], middle[i, start:end], spread[i, start:end] = stretch.detections
-            if stretch.motion is not None:
+            if stretch is not None:
                 location[i, start:end], velocity[i, start:end] = stretch.motion(start, end)
+                weight[i, start:end], middle[i, start:end] = stretch.weight, stretch.middle_frame
+                spread[i, start:end] = stretch.spread_frames2
         visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
     return SmoothedTracks(location, velocity, visible, weight, middle, spread)
 
@@ -120,34 +121,32 @@ def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: 
 
 
 class _Stretch(NamedTuple):
-    """A stretch of an object's track: its motion, None where no fit is good, and what it is based on.
+    """A fitted stretch of an object's track, and what it is based on, as of `SmoothedTracks`."""
 
-    `detections` are their weight, weighted mean frame and spread, as of `SmoothedTracks`.
-    """
+    motion: Motion
+    weight: float
+    middle_frame: float
+    spread_frames2: float
 
-    motion: Motion | None
-    detections: tuple[float, float, float]
 
-
-def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> _Stretch:
+def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> _Stretch | None:
+    """The stretch of an object between two frames; None where no fit is good."""
     shape = states.objects[i].shape
     last = end if end == states.present.shape[1] else end - COLLISION_MARGIN_FRAMES
     detected = np.flatnonzero(states.detected[i, start:last]) + start
-    weight = states.weight[i, detected]
-    total = float(weight.sum())
-    middle = float(weight @ detected) / total if total else 0.0
-    based_on = total, middle, float(weight @ (detected - middle) ** 2)
     if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
-        return _Stretch(None, based_on)
-    positions = states.location_world[i, detected]
+        return None
+    positions, weight = states.location_world[i, detected], states.weight[i, detected]
     reference = float(detected[0])
     position, velocity, residual = fit_sliding(shape, detected, positions, weight, reference)
     if residual > MAX_RESIDUAL_WORLD:
-        return _Stretch(None, based_on)
+        return None
+    total = float(weight.sum())
+    middle = float(weight @ detected) / total
     speed = float(np.hypot(*velocity))
     if before_first_collision and speed < REST_SPEED_WORLD_PER_S:
         rest = np.average(positions, axis=0, weights=weight)
-        return _Stretch(lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2))), (total, middle, np.inf))
+        return _Stretch(lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2))), total, middle, np.inf)
     direction = velocity / max(speed, 1e-9)
 
     def sliding(a: int, b: int) -> tuple[FloatArray, FloatArray]:
@@ -155,7 +154,7 @@ def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_co
         distance, speeds = slide(shape, np.array(speed), seconds)
         return position + distance[:, None] * direction, speeds[:, None] * direction
 
-    return _Stretch(sliding, based_on)
+    return _Stretch(sliding, total, middle, float(weight @ (detected - middle) ** 2))
 
 
 def frames_in_image(

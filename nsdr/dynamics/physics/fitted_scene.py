@@ -45,7 +45,7 @@ DEGREES_OF_FREEDOM = 4
 """Of Student's t distribution, from which errors are drawn: few are much larger than others. The largest errors below, this and
 the noise of `PhysicsConfig` were set on real scenes of `train` that were cut, and on generated ones without an object."""
 MAX_POSITION_ERROR_WORLD, MAX_VELOCITY_ERROR_WORLD_PER_S = 0.05, 0.4
-"""Largest standard errors of states: of objects that were hardly seen, the fit still tells something."""
+"""Largest standard errors of states."""
 CLOSENESS_WORLD = 0.4
 """Scale on which the closest approach tells pairs apart that collide in equally many runs (world units)."""
 
@@ -94,14 +94,16 @@ class FittedScene:
     def _state_errors(self, place: FloatArray, velocity: FloatArray, yaw: FloatArray) -> FloatArray:
         """(R, n, F, 6) errors of the states, of standardised ones of positions and velocities (R, n, 1, 2) and yaws (R, n, 1).
 
-        Those of a line fitted to a stretch's detections by least squares: its place in their middle and its velocity.
+        Those of a line fitted to a stretch's detections by least squares: its place in their middle and its velocity. Where
+        nothing fits they are the largest.
         """
         smoothed, noise = self.smoothed, self.config.position_noise_world
-        with np.errstate(divide="ignore"):
-            place_error = np.minimum(noise / np.sqrt(smoothed.weight), MAX_POSITION_ERROR_WORLD)
-            velocity_error = noise / (FRAME_SECONDS * np.sqrt(smoothed.spread_frames2))
-        velocity_error = np.minimum(velocity_error, MAX_VELOCITY_ERROR_WORLD_PER_S)
-        since_middle = FRAME_SECONDS * (np.arange(self.frames) - smoothed.middle_frame)
+        velocity_error = noise / (FRAME_SECONDS * np.sqrt(smoothed.spread_frames2))
+        place_error = np.fmin(
+            noise / np.sqrt(smoothed.weight), MAX_POSITION_ERROR_WORLD
+        )  # NaN becomes the largest, too
+        velocity_error = np.fmin(velocity_error, MAX_VELOCITY_ERROR_WORLD_PER_S)
+        since_middle = FRAME_SECONDS * np.nan_to_num(np.arange(self.frames) - smoothed.middle_frame)
         errors = np.zeros((len(yaw), *since_middle.shape, 6))
         errors[..., VELOCITY] = velocity_error[..., None] * velocity
         errors[..., POSITION] = place_error[..., None] * place + since_middle[..., None] * errors[..., VELOCITY]
