@@ -23,7 +23,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +38,7 @@ from nsdr.clevrer.files.proposals import parse_proposals
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, simulate
+from nsdr.evaluation.measures import wilson_interval
 from nsdr.evaluation.score import evaluate
 from nsdr.generate.physics.bullet import Body, BulletMotion, Contact, Simulator
 from nsdr.generate.physics.scene import SimulatedScene
@@ -61,6 +62,8 @@ Collisions = list[list[int]]
 """Rows (i, j, frame)."""
 UNITS = {"position": " world units", "velocity": " world units/s", "log mass": ""}
 """Of the errors of the default's states."""
+CERTAINTIES = (0.5, 0.7, 0.85, 0.95, 0.999, math.inf)
+"""Borders of the table of what the default states (0-1)."""
 KINDS = ("per_option", "per_question")
 EXACT, DEFAULT = "Bullet, true states", "default, from tracks"
 MEASURED = ("Bullet", "our simulator")
@@ -178,17 +181,20 @@ def simulated_scene(truth: Mapping[str, Any]) -> SimulatedScene:
 
 def by_default(
     truth: Mapping[str, Any], removed: Sequence[int], backend: Any
-) -> tuple[dict[int, Collisions], dict[str, list[float]]]:
-    """The default's collisions without each object, and the errors of its states where the worlds start.
+) -> tuple[dict[int, Collisions], list[tuple[float, bool]], dict[str, list[float]]]:
+    """The default's collisions without each object, what it states, and the errors of its states where the worlds start.
 
-    They are those of positions and velocities (lengths) of moving objects, and of the log masses, relative to their mean, of
-    objects that collide in the video.
+    Stated are the probability of each pair that it saw, and whether that collides. Errors are those of places and velocities
+    (lengths) of moving objects, and of the log masses, relative to their mean, of objects that collide in the video.
     """
     document = proposal_document(simulated_scene(truth), truth["scene_index"], "", CLEVRER_CAMERA)
     predicted = backend.predict(track(parse_proposals(json.dumps(document).encode(), "proposals")))
-    numbers = {o.name: o.id for o in scene_from_truth(truth).objects}
+    scene = scene_from_truth(truth)
+    assert scene.counterfactual is not None
+    numbers = {o.name: o.id for o in scene.objects}
     true_id = [numbers.get(o.name, -1) for o in predicted.objects]
-    worlds, errors = {}, {name: list[float]() for name in UNITS}
+    seen = [i for i in range(len(scene.objects)) if i in true_id]
+    worlds, stated, errors = {}, list[tuple[float, bool]](), {name: list[float]() for name in UNITS}
     met = {t for c in truth["collisions"] if c["frame_id"] < predicted.n_frames for t in c["object_ids"]}
     for i in removed:
         if i not in true_id:
@@ -196,6 +202,10 @@ def by_default(
         rollout = predicted.counterfactual[true_id.index(i)]
         rows = [[*sorted(true_id[k] for k in e.objects), e.frame] for e in rollout.collisions]
         worlds[i] = [row for row in rows if -1 not in row[:2]]
+        p = {(row[0], row[1]): 1.0 for row in rows}
+        p |= {tuple(sorted(true_id[k] for k in one.event.objects)): one.probability for one in rollout.uncertain}
+        happens = {e.objects for e in scene.counterfactual[i]}
+        stated += [(p.get(pair, 0.0), pair in happens) for pair in combinations([k for k in seen if k != i], 2)]
         world = world_of(truth, i)
         if world.start >= predicted.n_frames:
             continue
@@ -210,7 +220,7 @@ def by_default(
         if weighed:
             off = predicted.physics.log_mass[weighed] - np.log(world.states[[true_id[k] for k in weighed], 12])
             errors["log mass"] += (off - off.mean()).tolist()
-    return worlds, errors
+    return worlds, stated, errors
 
 
 def explore(runs: int, truth_path: Path, removed: Sequence[int], output: Path) -> None:
@@ -231,8 +241,8 @@ def explore(runs: int, truth_path: Path, removed: Sequence[int], output: Path) -
                     of_runs = [with_video(world, tell(start)) for start in starts]
                     found.setdefault(f"{name}, {error:g}", {})[i] = most(of_runs)
     backend = load_backend(find_checkpoint("default"), "physics")
-    found[DEFAULT], errors = by_default(truth, removed, backend)
-    write_json(output, {"found": found, "errors": errors})
+    found[DEFAULT], stated, errors = by_default(truth, removed, backend)
+    write_json(output, {"found": found, "stated": stated, "errors": errors})
 
 
 def removed_by(question: Question, scene: Scene) -> int:
@@ -261,7 +271,12 @@ def main() -> None:
         asked.append(structs.replace(scene, questions=questions))
         removed = sorted({removed_by(q, true) for q in questions})
         jobs.append(
-            Job(f"scene {scene.scene_index}", (path, removed), options.folder / f"{scene.scene_index}.json", "1")
+            Job(
+                f"scene {scene.scene_index}",
+                (path, removed),
+                options.folder / f"{scene.scene_index}.json",
+                str(options.runs),
+            )
         )
     run_jobs(partial(_explore, options.runs), jobs, options.folder, workers=options.workers).succeeded(
         jobs, options.folder, keep_going=False
@@ -271,7 +286,8 @@ def main() -> None:
     errors = {
         name: [abs(value) for document in documents.values() for value in document["errors"][name]] for name in UNITS
     }
-    text = table(reports, errors, len(jobs), options.runs)
+    stated = [row for document in documents.values() for row in document["stated"]]
+    text = table(reports, errors, stated, len(jobs), options.runs)
     print(text)
     if options.output:
         options.output.with_suffix(".md").write_text(text)
@@ -296,7 +312,13 @@ def answers(
     return evaluate(zip(asked, executors, strict=True))["counterfactual"]
 
 
-def table(reports: Mapping[str, Any], errors: Mapping[str, list[float]], scenes: int, runs: int) -> str:
+def table(
+    reports: Mapping[str, Any],
+    errors: Mapping[str, list[float]],
+    stated: Sequence[tuple[float, bool]],
+    scenes: int,
+    runs: int,
+) -> str:
     """Markdown."""
     lines = ["# How precisely states must be known", "", "| worlds without an object | options (%) | questions (%) |"]
     lines.append("|---" * 3 + "|")
@@ -311,6 +333,23 @@ def table(reports: Mapping[str, Any], errors: Mapping[str, list[float]], scenes:
     for name, unit in UNITS.items():
         middle, most_of = np.quantile(errors[name], [0.5, 0.68])
         lines.append(f"Errors of the default's {name}: median {middle:.4f}, 68 % below {most_of:.4f}{unit}.")
+    lines += [
+        "",
+        "What the default states of pairs of objects in these worlds:",
+        "",
+        "| certainty (%) | pairs | right (%) |",
+    ]
+    lines.append("|---" * 3 + "|")
+    probability, happens = np.array(stated, float).T
+    certainty, right = np.maximum(probability, 1 - probability), (probability > 0.5) == happens
+    for low, high in pairwise(CERTAINTIES):
+        inside = (low <= certainty) & (certainty < high)
+        n = int(inside.sum())
+        if n:
+            share = float(right[inside].mean())
+            bounds = wilson_interval(share, n)
+            cells = f"{n} | {100 * share:.2f} ({100 * bounds[0]:.2f}-{100 * bounds[1]:.2f})"
+            lines.append(f"| {100 * low:g} to {100 * min(high, 1):g} | {cells} |")
     command = shlex.join(["python", *sys.argv])
     return "\n".join([*lines, "", f"Made by `{command}`, revision {code_revision()}."]) + "\n"
 
