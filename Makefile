@@ -28,7 +28,7 @@ browser: .venv/installed-browser
 bench: .venv/installed-dev
 	$(BIN)/python benchmarks/speed.py -o results/speed.md $(if $(DATA),--data $(DATA))
 
-# Makes every shipped weight: about seven hours, the sum of the times in docs/training.md. WHAT=weights-dynamics-paper makes one part
+# Makes every shipped weight: about ten hours, the sum of the times in docs/training.md. WHAT=weights-dynamics-paper makes one part
 # (configs/weights.mk).
 # DATA is a folder with frames/ and real/; STEPS=2 only tries the commands.
 WHAT ?= weights

@@ -6,7 +6,7 @@ DATA is a data set of `nsdr generate dataset` with questions; FOLDER keeps what 
 goes on. Each world without an object that a counterfactual question of the validation split removes is told
 
 - by Bullet from the true states, one run, from the frame before the removed object's first collision;
-- by Bullet and by our simulator from states measured with an error: each of `--runs` runs starts from the measured states with
+- by Bullet and by our simulator from states measured with an error: `--runs` runs start from them, all but the first with
   another such error, and what happens in most of them counts;
 - by the default, fitted to the tracks of exact masks.
 
@@ -37,6 +37,7 @@ from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import parse_proposals
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
+from nsdr.dynamics.physics import VERSION
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, simulate
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.evaluation.score import evaluate
@@ -45,7 +46,7 @@ from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.generate.scene_files import proposal_document
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import find_files, write_json
-from nsdr.io.fingerprint import code_revision
+from nsdr.io.fingerprint import code_revision, fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.symbolic import Executor
@@ -128,7 +129,7 @@ def by_bullet(world: World, frames: int, simulator: Simulator) -> Collisions:
 
 
 def by_ours(world: World, frames: int) -> Collisions:
-    """What our simulator finds."""
+    """What our simulator finds: the first contact of each pair."""
     s = world.states
     bodies = BodyStates(
         np.array([SHAPES.index(shape) for shape in world.shapes]), s[:, [0, 1, 6, 7, 5, 11]].copy(), s[:, 12].copy()
@@ -268,14 +269,17 @@ def main() -> None:
         (path,) = find_files(options.data / "truth" / "validation", f"truth_{scene.scene_index:05d}.json")
         truths[scene.scene_index] = true = scene_from_truth(read_truth_file(path))
         questions = tuple(q for q in scene.questions if q.type == "counterfactual")
+        if not questions:
+            continue
         asked.append(structs.replace(scene, questions=questions))
         removed = sorted({removed_by(q, true) for q in questions})
+        key = fingerprint(inputs=[path], config=[VERSION, options.runs, removed, ERRORS_WORLD])
         jobs.append(
             Job(
                 f"scene {scene.scene_index}",
                 (path, removed),
                 options.folder / f"{scene.scene_index}.json",
-                str(options.runs),
+                key,
             )
         )
     run_jobs(partial(_explore, options.runs), jobs, options.folder, workers=options.workers).succeeded(

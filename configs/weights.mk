@@ -62,13 +62,12 @@ $(WEIGHTS)/default/question_parser.json:
 TRUTH := $(WEIGHTS)/truth_data/statistics.md
 QUESTIONS := --questions $(WEIGHTS)/truth_data/questions/train.json --validation $(WEIGHTS)/truth_data/questions/validation.json
 ifdef STEPS
+QUESTIONS += --plain_steps 1
 FEW := --videos 4 --splits '{"train": 0.5, "validation": 0.5}'
 endif
 $(TRUTH):
 	$(NSDR) generate dataset --config configs/generate/truth.yaml -o $(@D) $(FEW)
 
-$(WEIGHTS)/truth_features/features.json: $(TRUTH)
-	$(NSDR) extract-features --from truth --root $(<D) -o $(@D)
-
-$(WEIGHTS)/baselines/truth/%/baseline.json: $(WEIGHTS)/truth_features/features.json $(TRUTH)
-	$(call run,baseline,baselines/truth/$*,baselines/truth_$*,--output $(@D) --features $(<D) $(QUESTIONS))
+$(WEIGHTS)/baselines/truth/%/baseline.json: $(TRUTH)
+	$(NSDR) extract-features --from truth --root $(<D) -o $(WEIGHTS)/truth_features
+	$(call run,baseline,baselines/truth/$*,baselines/truth_$*,--output $(@D) --features $(WEIGHTS)/truth_features $(QUESTIONS))

@@ -81,12 +81,13 @@ SMALLER = {
     "frame-parser": "--model.widths [16,16,16,16] --model.blocks 1 --model.fpn_channels 16 --model.mask_channels 16",
     "dynamics": "--model.hidden 8 --patches.hidden 8 --loop.batch_size 2",
     "collisions": "--model.width 8 --loop.batch_size 2",
+    "baseline": "--loop.batch_size 4",
     "question-parser": "--model.hidden 16 --loop.batch_size 2 --evaluation_texts 2",
 }
 """Options that make two steps of a recipe quick."""
 
 
-@pytest.mark.robustness  # half a minute
+@pytest.mark.robustness  # a minute
 def test_the_recipes_make_every_shipped_weight(tiny_frames, tiny_motion, tmp_path, monkeypatch) -> None:
     """The commands of `make weights`, two steps each, on tiny data and with small networks."""
     root = Path(__file__).parent.parent

@@ -393,6 +393,8 @@ def test_plain_questions_are_learnt_first(scenes, tmp_path) -> None:
     path = str(tmp_path / "questions.json")
     config = BaselineTraining("run", "lstm", path, path, plain_steps=2)
     write_questions(path, scenes)
+    with pytest.raises(DataError, match="plain_steps: expected fewer than the 1000 steps of the training, got 1000"):
+        BaselineTraining("run", "lstm", path, path, plain_steps=1000)
     with pytest.raises(
         DataError, match=r"plain_steps needs questions of subtype 'plain' and others; .*plain_per_video"
     ):

@@ -73,7 +73,7 @@ def step(task: Task, device: Any) -> tuple[dict[str, float], dict[str, float]]:
     optimizer = torch.optim.AdamW(task.model.parameters(), 1e-3)
     task.model.train()
     torch.manual_seed(0)
-    batch = send_to_device(task.collate(task.draw(2, np.random.default_rng(0))), device)
+    batch = send_to_device(task.collate(task.draw(2, np.random.default_rng(0), 0)), device)
     means = {name: term.total / term.items for name, term in task.losses(task.model, batch).items()}
     torch.stack(list(means.values())).sum().backward()
     optimizer.step()

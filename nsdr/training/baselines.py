@@ -60,6 +60,8 @@ class BaselineTraining(Settings):
         super().__post_init__()
         expect(self.system in BASELINES.names(), "system", f"one of {', '.join(BASELINES.names())}", repr(self.system))
         self.model_config()
+        below = f"fewer than the {self.loop.steps} steps of the training"
+        expect(self.plain_steps < self.loop.steps, "plain_steps", below, self.plain_steps)
         wanted = ", ".join(sorted(BASELINES[self.system].needs & set(KINDS)))
         if wanted and not self.features:
             raise DataError(f"features: {self.system} needs {wanted} of the videos; give the folder of their features")
@@ -124,7 +126,7 @@ class BaselineTask(Task):
         self.possible = vocabulary.possible_answers()
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[Example]:
-        """Up to `texts_per_video` texts of each of random videos; all of the stage (see `plain_steps`) are equally likely."""
+        """Up to `texts_per_video` texts each of random videos, drawn by their numbers of texts; see `plain_steps`."""
         videos = self.first if step < self.config.plain_steps else self.later
         sizes = np.array([len(texts) for texts in videos])
         drawn: list[Example] = []

@@ -9,7 +9,7 @@ from nsdr.validation import Count, NotNegative, Settings, Share
 
 __all__ = ["PhysicsConfig"]
 
-MAX_RUNS = 10_000
+MAX_RUNS = 1000
 """Largest `PhysicsConfig.runs`."""
 
 
@@ -22,9 +22,9 @@ class PhysicsConfig(Settings):
 
     Attributes:
         runs: simulations of each rollout; the first is not perturbed.
-        position_noise_world: standard error of a detection's position (world units).
-        yaw_noise: standard error of yaws (radians).
-        mass_noise: standard error of log masses of objects that were seen to collide; that of others is
+        position_noise_world: error of a detection's position (world units). This and the others are scales of Student's t.
+        yaw_noise: error of yaws (radians).
+        mass_noise: error of log masses of objects that were seen to collide; that of others is
             `LOG_MASS_STD`.
         collision_threshold: share of runs above which a collision counts.
         seed: of the perturbations.

@@ -45,7 +45,7 @@ DEGREES_OF_FREEDOM = 4
 """Of Student's t distribution, from which errors are drawn: few are much larger than others. The largest errors below, this and
 the noise of `PhysicsConfig` were set on real scenes of `train` that were cut, and on generated ones without an object."""
 MAX_POSITION_ERROR_WORLD, MAX_VELOCITY_ERROR_WORLD_PER_S = 0.05, 0.4
-"""Largest standard errors of states."""
+"""Largest errors of a stretch's place and velocity."""
 CLOSENESS_WORLD = 0.4
 """Scale on which the closest approach tells pairs apart that collide in equally many runs (world units)."""
 
@@ -95,7 +95,7 @@ class FittedScene:
         """(R, n, F, 6) errors of the states, of standardised ones of positions and velocities (R, n, 1, 2) and yaws (R, n, 1).
 
         Those of a line fitted to a stretch's detections by least squares: its place in their middle and its velocity. Where
-        nothing fits they are the largest.
+        nothing fits, both have the largest errors.
         """
         smoothed, noise = self.smoothed, self.config.position_noise_world
         velocity_error = noise / (FRAME_SECONDS * np.sqrt(smoothed.spread_frames2))
