@@ -321,19 +321,24 @@ def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
 def test_what_was_seen_briefly_is_known_less_exactly() -> None:
     """Errors of states are those of a line by least squares: of N frames in a row, N (N² - 1) / 12 is the spread."""
     start = bodies(("sphere", -1.5, 1.0, 1.0, 0.0), ("cylinder", 1.0, -1.0, 0.0, 0.0), ("sphere", -1.5, -1.0, 1.0, 0.0))
-    states, config = seen(run(start, 60), start.shape), PhysicsConfig(runs=4000)
+    states, config = seen(run(start, 60), start.shape), PhysicsConfig(runs=1000)
     detected = states.detected.copy()
     detected[2, :50] = False
     scene = PhysicsPredictor(Detector(), config)._fitted(replace(states, detected=detected), None)
     errors = scene.perturbations.state  # (R, n, F, 6)
-    scale = config.position_noise_world * np.sqrt(2)  # standard deviation of Student's t with 4 degrees of freedom
+
+    def scale(values: np.ndarray) -> float:
+        """Of Student's t with 4 degrees of freedom, by its median."""
+        return float(np.median(abs(values))) / 0.741
+
+    noise = config.position_noise_world
     for i, n in ((0, 60), (2, 10)):
-        velocity = scale / (FRAME_SECONDS * np.sqrt(n * (n**2 - 1) / 12))
-        assert errors[:, i, 0, VELOCITY].std() == pytest.approx(velocity, rel=0.15)
-        last = np.hypot(scale / np.sqrt(n), velocity * FRAME_SECONDS * (n - 1) / 2)
-        assert errors[:, i, -1, POSITION].std() == pytest.approx(last, rel=0.15)
+        velocity = noise / (FRAME_SECONDS * np.sqrt(n * (n**2 - 1) / 12))
+        assert scale(errors[:, i, 0, VELOCITY]) == pytest.approx(velocity, rel=0.15)
+        last = np.hypot(noise / np.sqrt(n), velocity * FRAME_SECONDS * (n - 1) / 2)
+        assert scale(errors[:, i, -1, POSITION]) == pytest.approx(last, rel=0.2)
     assert not errors[:, 1, :, VELOCITY].any()  # it rests
-    assert errors[:, 1, 0, POSITION].std() == pytest.approx(scale / np.sqrt(60), rel=0.15)
+    assert scale(errors[:, 1, 0, POSITION]) == pytest.approx(noise / np.sqrt(60), rel=0.15)
 
 
 def test_collisions_from_velocity_alone() -> None:
