@@ -99,9 +99,9 @@ class FittedScene:
         """
         smoothed, noise = self.smoothed, self.config.position_noise_world
         velocity_error = noise / (FRAME_SECONDS * np.sqrt(smoothed.spread_frames2))
-        place_error = np.fmin(
-            noise / np.sqrt(smoothed.weight), MAX_POSITION_ERROR_WORLD
-        )  # NaN becomes the largest, too
+        place_error = noise / np.sqrt(smoothed.weight)
+        # NaN becomes the largest, too.
+        place_error = np.fmin(place_error, MAX_POSITION_ERROR_WORLD)
         velocity_error = np.fmin(velocity_error, MAX_VELOCITY_ERROR_WORLD_PER_S)
         since_middle = FRAME_SECONDS * np.nan_to_num(np.arange(self.frames) - smoothed.middle_frame)
         errors = np.zeros((len(yaw), *since_middle.shape, 6))
