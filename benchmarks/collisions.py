@@ -6,6 +6,7 @@ whose index 5 divides: those of `train` that the collision network was not train
 """
 
 import argparse
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -98,7 +99,7 @@ def print_errors(videos: list[Video], backend: Any) -> None:
     """Table of errors, their numbers, and the calibration of the detector."""
     print("video pair frame error network_p searched hidden cost_with cost_without gap fit")
     counts = dict.fromkeys(("missing", "extra", "frame", "found", "network missing", "network extra"), 0)
-    no_candidate = 0
+    no_candidate, off = 0, Counter[int]()
     for video in videos:
         config = backend.config
         search = CollisionSearch(video.states, video.candidates, config)
@@ -109,6 +110,7 @@ def print_errors(videos: list[Video], backend: Any) -> None:
         counts["network extra"] += len(search.probable - video.true.keys())
         for pair in sorted(frames.keys() | video.true.keys()):
             if pair in frames and pair in video.true:
+                off[frames[pair] - video.true[pair]] += 1
                 counts["frame"] += abs(frames[pair] - video.true[pair]) > TOLERANCE_FRAMES
                 continue
             error = "missing" if pair in video.true else "extra"
@@ -126,6 +128,7 @@ def print_errors(videos: list[Video], backend: Any) -> None:
     print(
         f"missing {100 * low:.2f}-{100 * high:.2f} %, {lost} of them with a lost object, {no_candidate} never near each other"
     )
+    print("frames off:", ", ".join(f"{d:+d}: {k}" for d, k in sorted(off.items())))
     missing, spurious = sum(len(v.missing) for v in videos), sum(len(v.spurious) for v in videos)
     print(f"objects: {missing} missing, {spurious} too many, {sum(len(v.states.objects) for v in videos)} found")
     found_p = np.array([p for v in videos for _, p in v.candidates])

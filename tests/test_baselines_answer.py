@@ -8,16 +8,16 @@ import torch
 
 from nsdr.baselines.base import BASELINES
 from nsdr.baselines.data import Vocabulary
-from nsdr.baselines.features.backbone import BackboneConfig, FrameClassifier
 from nsdr.baselines.features.extraction import FeatureExtraction, TruthExtraction, extract_features
 from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
+from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.frame_parser.parser import FrameParser
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
-from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import config_of
 
 from .test_baselines import SMALL
@@ -34,7 +34,7 @@ NEXT = Question(1, "What will happen next?", "predictive", None, ("unseen_events
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    """A data set of one video with its annotation, features of both kinds, and a backbone of random weights."""
+    """A data set of one video with its annotation, and features of both kinds."""
     root = tmp_path_factory.mktemp("one")
     scene = SceneConfig(objects={2: 1.0})
     generate_dataset(
@@ -43,10 +43,11 @@ def data(tmp_path_factory) -> Path:
             render=RenderConfig(96, 64), workers=1,
         )
     )  # fmt: skip
-    torch.manual_seed(0)
-    state = FrameClassifier(BackboneConfig()).state_dict()
-    save_checkpoint(root / "backbone", "backbone", state, BackboneConfig(), {}, half=True)
-    pixels = FeatureConfig("resnet18", str(root / "backbone"), FRAMES, (32, 48), kinds=("pooled", "maps"))
+    small = FrameParserConfig(widths=(16, 16, 16, 16), blocks=1, fpn_channels=16, box_features=16, mask_channels=16)
+    FrameParser(build_frame_parser(small)).save_pretrained(root / "parser")
+    pixels = FeatureConfig(
+        "frame_parser", FRAMES, (320, 480), (2, 3), kinds=("pooled", "maps"), detector=str(root / "parser")
+    )
     extract_features(FeatureExtraction(str(root), str(root / "pixels"), features=pixels, workers=1, device="cpu"))
     extract_features(TruthExtraction(str(root), str(root / "truth"), features=TruthConfig(FRAMES), workers=1))
     return root
@@ -96,6 +97,5 @@ def test_what_a_baseline_cannot_answer_from_is_refused(data, tmp_path, monkeypat
     assert "--trace would do nothing with --system" in refusal(video, "small", "--trace")
     assert "--parser would do nothing: small reads no programs" in refusal(video, "small", "--parser", "http://x")
     assert "pyramids" in refusal(video, "small", "--force", "-q", "Are there any pyramids?")
-    other = {k: v + 1 for k, v in FrameClassifier(BackboneConfig()).state_dict().items()}
-    save_checkpoint(data / "backbone", "backbone", other, BackboneConfig(), {}, half=True)
-    assert "the weights that are found here: features have weights_fingerprint" in refusal(video, "small", "--force")
+    FrameParser(build_frame_parser(FrameParserConfig(fpn_channels=16))).save_pretrained(data / "parser")
+    assert "the weights that are found here: features have detector_fingerprint" in refusal(video, "small", "--force")

@@ -1,4 +1,4 @@
-"""Features of videos for the baselines, and the training of their backbone."""
+"""Features of videos for the baselines."""
 
 import json
 import urllib.error
@@ -13,55 +13,48 @@ from torchvision import models
 
 from nsdr import DataError
 from nsdr.baselines.features import extraction
-from nsdr.baselines.features.backbone import BackboneConfig, FrameClassifier, image_batch, load_backbone
+from nsdr.baselines.features.backbone import image_batch
 from nsdr.baselines.features.extraction import (
     FeatureExtraction,
     FeatureExtractor,
     extract_features,
     region_features,
 )
-from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig, feature_file
+from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig, check_settings, feature_file
 from nsdr.baselines.features.truth import truth_features
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
+from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
+from nsdr.frame_parser.parser import FrameParser
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
-from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.generate.render.view import RenderConfig
-from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.video import spaced, write_video
-from nsdr.training import backbone
-from nsdr.training.backbone import (
-    BackboneTask,
-    BackboneTraining,
-    Frame,
-    decode_videos,
-    frame_targets,
-)
 from nsdr.types import VideoProposals
 from nsdr.world.vocabulary import ATTRIBUTES
 
 from .conftest import draw_frame
 from .second_device import second_device
-from .test_devices import step
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128:UserWarning")
 
 
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory) -> str:
-    """A checkpoint of a backbone with random weights."""
-    folder = tmp_path_factory.mktemp("backbone")
-    torch.manual_seed(0)
-    config = BackboneConfig("resnet18")
-    save_checkpoint(folder, "backbone", FrameClassifier(config).state_dict(), config, {}, half=True)
-    return str(folder)
+@pytest.fixture(autouse=True)
+def imagenet(monkeypatch) -> None:
+    """torchvision's networks have random weights in place of ImageNet's."""
+    get_model = models.get_model
+
+    def untrained(name: str, weights: str) -> torch.nn.Module:
+        torch.manual_seed(0)
+        return get_model(name, weights=None)
+
+    monkeypatch.setattr(models, "get_model", untrained)
+    extraction._extractor.cache_clear()
 
 
 @pytest.fixture
-def config(weights) -> FeatureConfig:
-    return FeatureConfig("resnet18", weights, 3, (32, 48), grid=(1, 3), kinds=("pooled", "maps"), precision="float32")
+def config() -> FeatureConfig:
+    return FeatureConfig("resnet18", 3, (32, 48), grid=(1, 3), kinds=("pooled", "maps"), precision="float32")
 
 
 def moving(shift: float, count: int = 8) -> list[np.ndarray]:
@@ -81,7 +74,7 @@ def videos(tmp_path: Path) -> Path:
 def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, capsys) -> None:
     settings = tmp_path / "features.yaml"
     fields = {"frames": 3, "image_size": [32, 48], "grid": [1, 3], "kinds": ["pooled", "maps"], "precision": "float32"}
-    settings.write_text(json.dumps({"features": {"backbone": "resnet18", "weights": config.weights, **fields}}))
+    settings.write_text(json.dumps({"features": {"backbone": "resnet18", **fields}}))
     arguments = ["extract-features", "--config", str(settings), "--root", str(videos), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--workers", "1"]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'out'}: features of 2 videos\n"
@@ -154,7 +147,7 @@ def test_a_killed_extraction_goes_on_where_it_stopped(videos, config, tmp_path, 
     assert FeatureCache(tmp_path / "out").fingerprint != before
 
 
-def test_features_of_other_settings_are_refused(videos, config, weights, tmp_path) -> None:
+def test_features_of_other_settings_are_refused(videos, config, tmp_path) -> None:
     out = str(tmp_path / "out")
     extract_features(FeatureExtraction(str(videos), out, features=config, workers=1))
     other = replace(config, grid=(2, 3))
@@ -166,10 +159,6 @@ def test_features_of_other_settings_are_refused(videos, config, weights, tmp_pat
     with pytest.raises(DataError, match=message):
         FeatureCache(out).check(other)
     FeatureCache(out).check(replace(config, max_objects=3))  # of objects, which there are none of
-    state = {name: value + 1 for name, value in FrameClassifier(BackboneConfig()).state_dict().items()}
-    save_checkpoint(tmp_path / "trained", "backbone", state, BackboneConfig(), {})
-    with pytest.raises(DataError, match=r"other settings \(weights_fingerprint \w+ in place of \w+\)"):
-        FeatureCache(out).check(replace(config, weights=str(tmp_path / "trained")))
 
 
 def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
@@ -244,14 +233,37 @@ def test_the_frame_parser_finds_the_objects(config, tmp_path) -> None:
     assert not found["objects"][~found["has_object"]].any()
 
 
-def test_a_region_has_the_mean_of_its_part_of_the_map() -> None:
+def test_a_region_has_the_mean_of_its_part_of_each_map() -> None:
     maps = torch.zeros(1, 2, 4, 8)
     maps[0, 0, :, :4], maps[0, 1, :, 4:] = 3, 5
+    coarse = torch.full((1, 1, 2, 2), 7.0)
     left, right = [0, 0, 0.4, 1], [0.6, 0, 1, 1]
-    features = region_features(maps, np.array([[left, right, [0] * 4]], np.float32))[0]
-    torch.testing.assert_close(features[:2], torch.tensor([[3, 0, *left], [0, 5, *right]]))
+    features = region_features([maps, coarse], np.array([[left, right, [0] * 4]], np.float32))[0]
+    torch.testing.assert_close(features[:2], torch.tensor([[3, 0, 7, *left], [0, 5, 7, *right]]))
     assert not features[2].any()
-    assert not region_features(maps, np.zeros((1, 3, 4), np.float32)).any()
+    assert not region_features([maps], np.zeros((1, 3, 4), np.float32)).any()
+
+
+def test_the_frame_parser_is_a_backbone(tmp_path) -> None:
+    c = FeatureConfig("frame_parser", 2, (320, 480), (4, 6), (1, 2), ("pooled", "maps"), precision="float32")
+    found = FeatureExtractor(c, "cpu")(extraction.frames_of(VIDEO))
+    assert {kind: value.shape for kind, value in found.items()} == {kind: c.shape(kind) for kind in c.kinds}
+    assert c.shape("maps") == (2, 192, 4, 6)
+    halves = found["maps"].astype(np.float32).reshape(2, 192, 4, 2, 3).mean((2, 4))
+    np.testing.assert_allclose(found["pooled"].reshape(2, 192, 2), halves, atol=0.02)
+    settings = c.manifest()
+    assert "max_objects" not in settings["features"]
+    small = FrameParserConfig(widths=(16, 16, 16, 16), blocks=1, fpn_channels=16, box_features=16, mask_channels=16)
+    FrameParser(build_frame_parser(small)).save_pretrained(tmp_path / "other")
+    other = replace(c, detector=str(tmp_path / "other"))
+    assert other.shape("maps") == (2, 48, 4, 6)
+    with pytest.raises(DataError, match=r"detector_fingerprint \w+ in place of \w+"):
+        check_settings(other.manifest()["features"], settings["features"], {"maps"}, "")
+    for wrong in ({"grid": None}, {"image_size": (224, 224)}):
+        with pytest.raises(DataError, match=r"backbone frame_parser needs a grid, and image_size \[320, 480\]"):
+            replace(c, **wrong)
+    with pytest.raises(DataError, match=r"pooled_grid is \[5, 1\]; expected at most the maps' height and width"):
+        replace(c, pooled_grid=(5, 1))
 
 
 @pytest.fixture(scope="module")
@@ -336,16 +348,15 @@ def test_settings_out_of_range_are_refused(values, message) -> None:
         FeatureConfig(**values)
 
 
-def test_weights_that_cannot_be_had_are_named(weights, monkeypatch) -> None:
-    with pytest.raises(CheckpointError, match="expected a resnet50, got a resnet18"):
-        load_backbone("resnet50", weights)
-
+def test_weights_that_cannot_be_had_are_named(config, monkeypatch) -> None:
     def without_network(name: str, weights: str) -> None:
         raise urllib.error.URLError("no route")
 
     monkeypatch.setattr(models, "get_model", without_network)
-    with pytest.raises(CheckpointError, match=r"cannot be downloaded .*no route.*; connect .* `nsdr train backbone`"):
-        load_backbone("resnet50", "imagenet")
+    with pytest.raises(
+        CheckpointError, match=r"cannot be downloaded .*no route.*; connect .* backbone to frame_parser"
+    ):
+        FeatureExtractor(config, "cpu")
 
 
 def test_images_are_scaled_and_normalised() -> None:
@@ -355,107 +366,15 @@ def test_images_are_scaled_and_normalised() -> None:
     torch.testing.assert_close(images[0, :, 5, 7], expected)
 
 
-def test_targets_say_where_objects_are_and_how_they_look() -> None:
-    """The camera projects objects 0 and 1 to the middle of the image; 2 and 3 are not in it."""
-
-    def row(number: int, location: list[float], inside: bool = True) -> dict:
-        return {"object_id": number, "location": location, "inside_camera_view": inside}
-
-    words = [("gray", "metal", "cylinder"), ("blue", "metal", "cube"), *[("red", "rubber", "sphere")] * 2]
-    names = [dict(zip(ATTRIBUTES, w, strict=True)) | {"object_id": i} for i, w in enumerate(words)]
-    rows = [row(0, [0, 0, 0]), row(1, [0.1, 0, 0]), row(2, [0, 0.5, 0.2], False), row(3, [0, 9.0, 0.2])]
-    for objects in (rows, rows[::-1]):
-        annotation = {"object_property": names, "motion_trajectory": [{"objects": objects}]}
-        targets = frame_targets(annotation, 0, (5, 3))
-        assert torch.argwhere(targets["centre"]).tolist() == [[2, 1]]
-        assert targets["attributes"][:, 2, 1].tolist() == [2, 0, 0]  # the nearest one's
-        assert torch.where(targets["present"])[0].tolist() == [0, 2, 8, 10, 12]
-        assert targets["number"] == 2
-
-
-def drawn_frames() -> list[Frame]:
-    """Two frames of 32x48 px, with one red metal sphere left, then two further objects."""
-    images = np.full((2, 32, 48, 3), 128, np.uint8)
-    images[:, 4:12, 4:12] = (173, 35, 35)
-    images[1, 20:28, 36:44] = (42, 75, 215)
-    targets = []
-    for objects in ([(0, 0, 1, 0, 1)], [(0, 0, 1, 0, 1), (1, 2, 2, 1, 0)]):
-        centre, attributes = torch.zeros(2, 3, dtype=torch.bool), torch.zeros(3, 2, 3, dtype=torch.int64)
-        present = torch.zeros(13, dtype=torch.bool)
-        for y, x, color, material, shape in objects:
-            centre[y, x] = True
-            attributes[:, y, x] = torch.tensor([color, material, shape])
-            present[[color, 8 + material, 10 + shape]] = True
-        number = torch.tensor(len(objects))
-        targets.append({"centre": centre, "attributes": attributes, "present": present, "number": number})
-    return list(map(Frame, images, targets))
-
-
-def test_the_backbone_learns_a_few_frames(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(backbone, "decode_videos", lambda *_: {1: drawn_frames(), 2: drawn_frames()})
-    loop = ["--loop.steps", "25", "--loop.batch_size", "8", "--loop.learning_rate", "3e-3", "--loop.device", "cpu"]
-    sizes = ["--image_size", "[32, 48]", "--frames_per_video", "2", "--held_out_every", "2"]
-    output = backbone.main(["--root", str(tmp_path), "--run_dir", str(tmp_path / "run"), *sizes, *loop])
-    metrics = json.loads((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()[-1])
-    assert metrics["right"] == 1
-    assert metrics["count"] == 1
-    assert metrics["false_centres"] == 0
-    features = FeatureExtractor(FeatureConfig("resnet18", output, 2, (32, 48), kinds=("pooled",)), "cpu")
-    assert features([frame.image for frame in drawn_frames()])["pooled"].shape == (2, 512)
-
-
-def test_the_backbone_is_trained_and_used_where_its_weights_are(config, monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(backbone, "decode_videos", lambda *_: {1: drawn_frames(), 2: drawn_frames()})
-    task = BackboneTask(
-        BackboneTraining("data", str(tmp_path), image_size=(32, 48), frames_per_video=2, held_out_every=2)
-    )
-    start = {name: value.clone() for name, value in task.model.state_dict().items()}
-    expected = step(task, "cpu")
-    task.model.load_state_dict(start)
-    frames, c = moving(0.0), replace(config, precision="float32")
+@pytest.mark.parametrize("backbone", ["resnet18", "frame_parser"])
+def test_features_are_the_same_on_another_device(backbone, config) -> None:
+    size = {"image_size": (320, 480)} if backbone == "frame_parser" else {}
+    frames, c = extraction.frames_of(VIDEO), replace(config, backbone=backbone, frames=2, **size)
     features = FeatureExtractor(c, "cpu")(frames)
     with second_device() as device:
-        for ours, theirs in zip(step(task, device), expected, strict=True):
-            assert ours == pytest.approx(theirs, rel=1e-3, abs=1e-5)
         moved = FeatureExtractor(c, str(device))(frames)
     for kind, values in features.items():
         np.testing.assert_allclose(moved[kind].astype(np.float32), values.astype(np.float32), atol=0.02)
-
-
-def test_flipped_frames_have_flipped_targets(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(backbone, "decode_videos", lambda *_: {1: drawn_frames(), 2: drawn_frames()})
-    task = BackboneTask(
-        BackboneTraining("data", str(tmp_path), image_size=(32, 48), frames_per_video=2, held_out_every=2)
-    )
-    plain, flipped = (task.collate([(0, 1, flip)]) for flip in (False, True))
-    for name in ("images", "centre", "attributes"):
-        assert torch.equal(plain[name].flip(-1), flipped[name])
-        assert not torch.equal(plain[name], flipped[name])
-
-
-def test_videos_are_decoded_once(tmp_path, monkeypatch) -> None:
-    scene, render = SceneConfig(objects={2: 1.0}, n_frames=20), RenderConfig(width=48, height=32)
-    root = str(tmp_path / "data")
-    config = DatasetConfig(root, 2, first_scene=500300, scene=scene, render=render, splits={"train": 1}, workers=1)
-    generate_dataset(replace(config, questions=None, masks=False))
-    monkeypatch.setattr("nsdr.training.backbone.run_jobs", in_this_process)
-    first = decode_videos(root, tmp_path / "frames", (32, 48), 3)
-    assert {index: [f.image.shape for f in frames] for index, frames in first.items()} == dict.fromkeys(
-        (0, 1), [(32, 48, 3)] * 3
-    )
-    assert all(frame.targets["number"] <= 2 for frame in first[0])
-    monkeypatch.setattr("nsdr.training.backbone.frames_of", lambda _: pytest.fail("decoded again"))
-    again = decode_videos(root, tmp_path / "frames", (32, 48), 3, limit=1)
-    assert list(again) == [0]
-    np.testing.assert_array_equal(again[0][1].image, first[0][1].image)
-    with pytest.raises(DataError, match="has no training videos with annotations"):
-        decode_videos(tmp_path, tmp_path / "frames", (32, 48), 3)
-
-
-def in_this_process(*arguments, **options):
-    from nsdr.io.jobs import run_jobs
-
-    return run_jobs(*arguments, **{**options, "workers": 1})
 
 
 CONFIGS = Path(__file__).parent.parent / "configs" / "baselines"
@@ -464,8 +383,7 @@ CONFIGS = Path(__file__).parent.parent / "configs" / "baselines"
 def test_the_settings_in_the_repository_are_valid() -> None:
     paper, small = (
         parse_config(FeatureExtraction, ["--config", str(CONFIGS / name), "--root", "data", "--output", "out"], "test")
-        for name in ("features.yaml", "reference/features.yaml")
+        for name in ("features_paper.yaml", "features.yaml")
     )
     assert paper.features == FeatureConfig()
-    training = parse_config(BackboneTraining, ["--config", str(CONFIGS / "backbone.yaml")], "test")
-    assert (small.features.backbone, small.features.image_size) == (training.model.name, training.image_size)
+    assert sum(np.prod(small.features.shape(kind)) * 2 for kind in small.features.kinds) < 1e6

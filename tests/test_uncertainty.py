@@ -14,7 +14,7 @@ from nsdr.evaluation import calibration, evaluate, format_table
 from nsdr.evaluation.experiments import markdown_table
 from nsdr.symbolic import format_probability
 from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
-from nsdr.types import DynamicsPrediction, Rollout, SceneObject
+from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject
 from nsdr.types.answers import ChoiceAnswer
 
 HIT = Event("collision", 20, (0, 1))
@@ -268,3 +268,76 @@ def test_tables_of_experiments_say_how_calibrated_their_rows_are() -> None:
     text = markdown_table("title", "command", [row, plain])
     assert text.endswith("(Brier score):\n\n- ours: descriptive 1.2 % (0.050)\n")
     assert "calibration" not in markdown_table("title", "command", [plain])
+
+
+@pytest.fixture
+def perceived(small_scene: Scene) -> Scene:
+    """The scene as it was seen: all objects are certain."""
+    return replace(small_scene, uncertain=(), existence=np.ones(4))
+
+
+def drawn_share(scene: Scene, has) -> float:
+    return sum(n for n, one in possible_scenes(scene) if has(one)) / N_DRAWS
+
+
+def test_in_a_perceived_scene_frames_of_events_may_be_off(perceived: Scene) -> None:
+    hits = [e.frame for e in perceived.events if e.objects == HIT.objects]
+    assert hits == [HIT.frame]
+
+    def frame(scene: Scene) -> int:
+        return next(e.frame for e in scene.events if e.objects == HIT.objects)
+
+    assert drawn_share(perceived, lambda s: frame(s) == HIT.frame) == pytest.approx(0.82, abs=0.002)
+    assert drawn_share(perceived, lambda s: frame(s) == HIT.frame + 1) == pytest.approx(0.083, abs=0.002)
+    entrance = next(e for e in perceived.events if e.kind == "in")
+    (i,), f = entrance.objects, entrance.frame
+    later = drawn_share(perceived, lambda s: Event("in", f + 1, (i,)) in s.events and not s.visible[i, f])
+    assert later == pytest.approx(0.083, abs=0.002)
+    earlier = drawn_share(perceived, lambda s: Event("in", f - 1, (i,)) in s.events and s.visible[i, f - 1])
+    assert earlier == pytest.approx(0.083, abs=0.002)
+    exact = possible_scenes(perceived, collisions_only=True)
+    assert [n for n, _ in exact] == [N_DRAWS]
+    assert exact[0][1].events == perceived.events
+
+
+def test_an_entrance_before_the_second_frame_is_none() -> None:
+    objects = (SceneObject(0, "red", "metal", "cube"),)
+    visible = np.ones((1, 9), bool)
+    visible[0, 0] = False
+    scene = Scene(objects, 9, visible, None, (Event("in", 1, (0,)),), uncertain=(), existence=np.ones(1))
+    there = drawn_share(scene, lambda s: not s.events and s.visible.all())
+    assert there == pytest.approx(0.09, abs=0.002)
+    answer = Executor(scene).answer("events objects filter_in count")
+    assert (answer.answer, answer.probability) == ("1", pytest.approx(0.91, abs=0.002))
+
+
+def test_an_object_may_not_be_there(perceived: Scene) -> None:
+    """The last object; with it, its events go, and the others keep their ids."""
+    unsure = replace(perceived, existence=np.array([1, 1, 1, 0.75]))
+    gone = [s for _, s in possible_scenes(unsure) if len(s.objects) == 3]
+    assert gone
+    assert all(3 not in e.objects for s in gone for e in s.events)
+    assert all(s.visible.shape[0] == 3 and set(s.counterfactual) == set(perceived.counterfactual) - {3} for s in gone)
+    assert drawn_share(unsure, lambda s: len(s.objects) == 3) == 0.25
+    answer = Executor(unsure).answer("objects count")
+    assert (answer.answer, answer.probability) == ("4", 0.75)
+
+
+def test_motion_near_the_limit_is_uncertain() -> None:
+    objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(("red", "blue", "green")))
+    speed = np.array([0.03, 0.5, 0.0])[:, None] * np.ones(6)
+    physics = ObjectPhysics(np.stack([speed, np.zeros((3, 6))], -1), 0.02)
+    scene = Scene(objects, 6, np.ones((3, 6), bool), speed > 0.02, (), uncertain=(), physics=physics)
+    assert Executor(scene).answer("objects null filter_moving count").probability == 1.0
+    seen = replace(scene, existence=np.ones(3))
+    answer = Executor(seen).answer("objects null filter_moving count")
+    assert (answer.answer, answer.probability) == ("2", pytest.approx(0.6, abs=0.002))
+
+
+def test_objects_that_enter_at_the_end_are_uncertain() -> None:
+    objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(("red", "blue", "green", "gray")))
+    visible = np.ones((4, 12), bool)
+    visible[1, :9], visible[2, :8], visible[3] = False, False, False
+    rollout = Rollout(np.zeros((4, 12, 2)), visible, (), uncertain=())
+    scene = scene_from_prediction(DynamicsPrediction(objects, 10, rollout))
+    assert scene.existence.tolist() == [1, 0.6, 0.8, 1]

@@ -12,7 +12,7 @@ __all__ = ["PARTS", "extract_features", "train"]
 
 PARTS = {
     name: f"nsdr.training.{name.replace('-', '_')}"
-    for name in ("frame-parser", "dynamics", "collisions", "question-parser", "backbone", "average")
+    for name in ("frame-parser", "dynamics", "collisions", "question-parser", "average")
 } | {"baseline": "nsdr.training.baselines"}
 """Module with the `main(argv)` of each part, and of the mean of several runs."""
 

@@ -178,7 +178,7 @@ class Detector:
 
     def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> list[dict[str, Tensor]]:
         """Detections in RGB frames (H, W, 3) of one size, as `AttributeRoIHeads` describes them; on the CPU."""
-        images, sizes = self._normalized(frames), [frame.shape[:2] for frame in frames]
+        images, sizes = self.normalized(frames), [frame.shape[:2] for frame in frames]
         levels = self.backbone(images)
         proposals, _ = self.rpn(ImageList(images, sizes), levels)
         # RoIAlign wants contiguous features; conversion and copy in one step take a quarter of the time of two.
@@ -186,7 +186,7 @@ class Detector:
         detections = self.roi_heads(pooled, proposals, sizes)[0]
         return [{name: value.cpu() for name, value in found.items()} for found in detections]
 
-    def _normalized(self, frames: Sequence[NDArray[np.uint8]]) -> Tensor:
+    def normalized(self, frames: Sequence[NDArray[np.uint8]]) -> Tensor:
         """The network's input (B, 3, H, W), channels last."""
         pixels = torch.from_numpy(np.stack(frames)).to(self.device)
         # Whole rows at a time: arithmetic along an axis of three channels takes three times as long.

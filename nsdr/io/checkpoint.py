@@ -32,7 +32,7 @@ Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
 Model = TypeVar("Model", bound="nn.Module")
 
-PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "backbone", "baseline")
+PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "baseline")
 """Parts of a checkpoint, by the names of their files."""
 RESTORE = "restore the file, or train the part (`nsdr train`)"
 

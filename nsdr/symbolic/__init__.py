@@ -18,5 +18,5 @@ __all__ = [
     "format_tree",
 ]
 
-VERSION = 2
+VERSION = 3
 """Of the answers of programs: raised when they change."""

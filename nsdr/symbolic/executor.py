@@ -199,20 +199,26 @@ class Executor:
 
     @cached_property
     def _worlds(self) -> "list[tuple[int, Executor]]":
-        """Executors of the worlds that the scene's uncertain collisions leave possible, with their numbers of draws."""
+        """Executors of the worlds that the scene's doubts leave possible, with their numbers of draws."""
         return [(n, Executor(drawn)) for n, drawn in possible_scenes(self.scene)]
 
-    def _in_worlds(self, run: "Callable[[Executor], Found]") -> list[tuple[int, Found]]:
+    @cached_property
+    def _other_courses(self) -> "list[tuple[int, Executor]]":
+        """The same of its uncertain collisions alone: what is supposed has the frames that were found."""
+        return [(n, Executor(drawn)) for n, drawn in possible_scenes(self.scene, collisions_only=True)]
+
+    @staticmethod
+    def _in_worlds(worlds: "list[tuple[int, Executor]]", run: "Callable[[Executor], Found]") -> list[tuple[int, Found]]:
         """What a run gives in each world where it does not fail, with the world's number of draws."""
         runs = []
-        for n, executor in self._worlds:
+        for n, executor in worlds:
             with suppress(ExecutionError):
                 runs.append((n, run(executor)))
         return runs
 
     def _supposed(self, run: "Callable[[Executor], Found]") -> Found | None:
         """What a run gives in the most probable world where it does not fail; None where such worlds are too improbable."""
-        runs = [] if self.scene.uncertain is None else self._in_worlds(run)
+        runs = [] if self.scene.uncertain is None else self._in_worlds(self._other_courses, run)
         if sum(n for n, _ in runs) < MIN_SUPPOSED * N_DRAWS:
             return None
         return max(runs, key=lambda row: row[0])[1]
@@ -230,13 +236,13 @@ class Executor:
     def _probability(self, program: Program, value: Any) -> float | None:
         """How probable a program's value is; None where that is not known.
 
-        Uncertain collisions say nothing about speeds and masses, nor about entrances and exits that would have to be simulated.
+        Doubts about a scene say nothing about speeds and masses, nor about entrances and exits that would have to be simulated.
         """
         tokens = frozenset(program.tokens)
         beyond_simulation = not SIMULATED.isdisjoint(tokens) and not BORDER_EVENTS.isdisjoint(tokens)
         if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens) or beyond_simulation:
             return None
-        runs = self._in_worlds(lambda e: e._values(program.steps)[-1])
+        runs = self._in_worlds(self._worlds, lambda e: e._values(program.steps)[-1])
         total = sum(n for n, _ in runs)
         return sum(n for n, found in runs if found == value) / total if total else 0.0
 

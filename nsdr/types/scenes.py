@@ -170,6 +170,8 @@ class Scene(ArrayHolder):
         uncertain: collisions that are uncertain: observed, unseen (those after the video) and counterfactual ones; None where
             nothing is known about that.
         physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
+        existence: (n_objects,) float, how probable it is that each object is there, in a scene that was perceived: one whose
+            events may be a frame off. None for true scenes.
     """
 
     objects: tuple[SceneObject, ...]
@@ -183,6 +185,7 @@ class Scene(ArrayHolder):
     dynamics: DynamicsPrediction | None = None
     uncertain: tuple[UncertainCollision, ...] | None = None
     physics: ObjectPhysics | None = None
+    existence: Annotated[FloatArray, Array("objects", low=0, high=1)] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

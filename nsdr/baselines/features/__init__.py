@@ -1,4 +1,4 @@
 """Features of videos: the network that makes them, their extraction, and the files that hold them."""
 
-VERSION = 3
+VERSION = 4
 """Of the features of a video: raised when they change."""

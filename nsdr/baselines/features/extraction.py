@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -17,7 +16,7 @@ from torch.nn.functional import adaptive_avg_pool2d
 from torchvision.ops import roi_align
 
 from nsdr.baselines.features import VERSION
-from nsdr.baselines.features.backbone import image_batch, load_backbone
+from nsdr.baselines.features.backbone import FRAME_PARSER, ParserViews, ResnetViews
 from nsdr.baselines.features.files import (
     BOX_NUMBERS,
     KINDS,
@@ -34,7 +33,7 @@ from nsdr.baselines.features.truth import truth_features
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.annotations import check_annotation
 from nsdr.errors import DataError
-from nsdr.frame_parser.parser import FrameParser
+from nsdr.frame_parser.parser import Detector, FrameParser
 from nsdr.io.configuration import config_of
 from nsdr.io.device import limit_threads, resolve_device, resolve_precision
 from nsdr.io.files import atomic_path, find_files, locked, write_json
@@ -95,7 +94,7 @@ class FeatureExtraction(_Extraction):
         if config.precision == "auto":
             best = str(resolve_precision("auto", device)).removeprefix("torch.")
             config = replace(config, precision=kept.manifest["features"].get("precision", best) if kept else best)
-        load_backbone(config.backbone, config.weights)  # what is wrong with the weights is found before the work
+        FeatureExtractor(config, str(device))  # what is wrong with the weights is found before the work
         return replace(self, features=config, device=str(device))
 
     def inputs(self) -> dict[int, Path]:
@@ -270,12 +269,15 @@ class FeatureExtractor:
     """
 
     def __init__(self, config: FeatureConfig, device: str = "auto") -> None:
-        self.config, self.device = config, resolve_device(device)
-        backbone = load_backbone(config.backbone, config.weights).eval()
-        self.backbone: Any = backbone.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.precision = resolve_precision(config.precision, self.device)
-        detects = "objects" in config.kinds
-        self.parser = FrameParser.from_pretrained(config.detector, device) if detects else None
+        self.config, where = config, resolve_device(device)
+        precision = resolve_precision(config.precision, where)
+        self.parser = FrameParser.from_pretrained(config.detector, device) if config.reads_detector else None
+        self.look: ParserViews | ResnetViews
+        if config.backbone == FRAME_PARSER:
+            assert self.parser is not None
+            self.look = ParserViews(Detector(self.parser.model, precision))
+        else:
+            self.look = ResnetViews(config.backbone, config.image_size, precision, where)
 
     @limit_threads()
     @torch.no_grad()
@@ -293,23 +295,21 @@ class FeatureExtractor:
         """
         c = self.config
         chosen = np.stack([frames[i] for i in spaced(len(frames), c.frames)])
-        images = image_batch(list(chosen), c.image_size).to(self.device)
-        mixed = self.precision != torch.float32  # some devices have no autocast, even to be disabled
-        with torch.autocast(self.device.type, self.precision) if mixed else nullcontext():
-            third, last = self.backbone(images)
-        maps = third.float()
+        views = self.look(list(chosen))
+        maps = torch.cat([m if c.grid is None else adaptive_avg_pool2d(m, c.grid) for m in views.maps], 1)
         features: dict[str, Tensor] = {}
         if "pooled" in c.kinds:
-            features["pooled"] = last.float().mean((2, 3))
+            last = maps if views.last is None else views.last
+            features["pooled"] = adaptive_avg_pool2d(last, c.pooled_grid).flatten(1)
         if "maps" in c.kinds:
-            features["maps"] = maps if c.grid is None else adaptive_avg_pool2d(maps, c.grid)
-        if self.parser is not None:
-            boxes = linked_boxes(self.parser.parse(chosen), c.max_objects)
-            features["objects"] = region_features(maps, boxes)
+            features["maps"] = maps
+        if "objects" in c.kinds:
+            assert self.parser is not None
+            features["objects"] = region_features(views.maps, linked_boxes(self.parser.parse(chosen), c.max_objects))
         half = {kind: value.to("cpu", torch.float16).contiguous() for kind, value in features.items()}
         for kind, value in half.items():
             if not bool(value.isfinite().all()):
-                raise DataError(f"{kind}: features beyond the range of float16; give other weights")
+                raise DataError(f"{kind}: features beyond the range of float16; choose another backbone")
         return {kind: value.numpy() for kind, value in half.items()}
 
 
@@ -331,21 +331,25 @@ def linked_boxes(proposals: VideoProposals, max_objects: int) -> NDArray[np.floa
     return np.ascontiguousarray(seen[order].swapaxes(0, 1))
 
 
-def region_features(maps: Tensor, boxes: NDArray[np.float32]) -> Tensor:
+def region_features(maps: Sequence[Tensor], boxes: NDArray[np.float32]) -> Tensor:
     """Mean features of regions, and their boxes.
 
     Args:
-        maps: (F, C, h, w) float32.
+        maps: of each level, (F, C, h, w) float32.
         boxes: (F, N, 4) left, top, right and bottom as shares of the image, zeros for none.
 
     Returns:
-        (F, N, C + 4), zeros where there is no box.
+        (F, N, all C + 4), zeros where there is no box.
     """
-    height, width = maps.shape[2:]
-    shares = torch.from_numpy(boxes).to(maps.device)
+    shares = torch.from_numpy(boxes).to(maps[0].device)
     frame, place = torch.nonzero(shares.any(2), as_tuple=True)
-    regions = torch.cat([frame[:, None], shares[frame, place] * maps.new_tensor([width, height, width, height])], 1)
-    pooled = roi_align(maps.contiguous(), regions, REGION_CELLS, 1.0, REGION_SAMPLES, aligned=True).mean((2, 3))
-    features = maps.new_zeros(*shares.shape[:2], maps.shape[1] + BOX_NUMBERS)
-    features[frame, place] = torch.cat([pooled, shares[frame, place]], 1)
+    found = []
+    for level in maps:
+        height, width = level.shape[2:]
+        regions = torch.cat([frame[:, None], shares[frame, place] * level.new_tensor([width, height] * 2)], 1)
+        cells = roi_align(level.contiguous(), regions, REGION_CELLS, 1.0, REGION_SAMPLES, aligned=True)
+        found.append(cells.mean((2, 3)))
+    channels = sum(level.shape[1] for level in maps)
+    features = maps[0].new_zeros(*shares.shape[:2], channels + BOX_NUMBERS)
+    features[frame, place] = torch.cat([*found, shares[frame, place]], 1)
     return features

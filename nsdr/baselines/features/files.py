@@ -12,14 +12,15 @@ from msgspec import Meta
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
-from nsdr.baselines.features.backbone import CHANNELS, IMAGENET, STRIDE
+from nsdr.baselines.features.backbone import CHANNELS, FRAME_PARSER, PYRAMID_LEVELS, STRIDE
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import LEDGER
 from nsdr.io.reading import read_json
 from nsdr.validation import MAX_SIZE, Settings, Size, one_of
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
 
 __all__ = [
@@ -39,8 +40,8 @@ KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
 MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
-NAMES = ("weights", "detector")
-"""Settings that name weights. Features depend on their content, of which the manifest has the fingerprints."""
+NAMES = ("detector",)
+"""Settings that name weights. Features depend on their content, of which the manifest has the fingerprint."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
 TRUTH_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
@@ -56,12 +57,15 @@ class FeatureConfig(Settings):
     """How features are made of a video. The defaults are the paper's settings.
 
     Attributes:
-        backbone: "resnet18" or "resnet50".
-        weights: "imagenet" (torchvision's, downloaded when first used), or a checkpoint of `nsdr train backbone`.
+        backbone: "resnet50" (paper) or "resnet18" with torchvision's weights, downloaded when first used, or "frame_parser",
+            the backbone of the detector.
         frames: number of frames, evenly spaced from the first to the last one.
-        image_size: height and width to which frames are scaled (pixels).
-        grid: height and width to which the maps are pooled by means; None leaves them as they are.
-        kinds: what is written: "pooled" (the mean of the last stage, pool5), "maps" (of the third stage) and "objects".
+        image_size: height and width to which frames are scaled (pixels); the frame parser's is 320 and 480.
+        grid: height and width to which the maps are pooled by means; None leaves them as they are. The frame parser's, of
+            several sizes, need it.
+        pooled_grid: height and width of a coarser grid, over whose cells the last maps are averaged for "pooled"; 1 and 1 are
+            pool5 of a ResNet.
+        kinds: what is written: "pooled", "maps" (of a ResNet's third stage, or of the frame parser's pyramid) and "objects".
         detector: checkpoint of the frame parser that finds the objects.
         max_objects: objects of a video; those that are seen in most frames.
         precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
@@ -70,11 +74,11 @@ class FeatureConfig(Settings):
         DataError: a value out of its range; names it.
     """
 
-    backbone: Annotated[str, one_of(CHANNELS)] = "resnet50"
-    weights: str = IMAGENET
+    backbone: Annotated[str, one_of((*CHANNELS, FRAME_PARSER))] = "resnet50"
     frames: Size = 25
     image_size: tuple[Side, Side] = (224, 224)
     grid: tuple[Size, Size] | None = None
+    pooled_grid: tuple[Size, Size] = (1, 1)
     kinds: tuple[str, ...] = KINDS
     detector: str = "default"
     max_objects: Objects = 10
@@ -83,37 +87,61 @@ class FeatureConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_kinds(self.kinds)
-        if self.grid is not None:
-            height, width = self.map_size
-            if self.grid[0] > height or self.grid[1] > width:
-                raise DataError(f"grid is {list(self.grid)}; expected at most the maps' {height} and {width}")
+        if self.backbone == FRAME_PARSER and (self.grid is None or self.image_size != (HEIGHT_PX, WIDTH_PX)):
+            raise DataError(f"backbone {FRAME_PARSER} needs a grid, and image_size [{HEIGHT_PX}, {WIDTH_PX}]")
+        height, width = self.map_size
+        if self.grid is not None and (self.grid[0] > height or self.grid[1] > width):
+            raise DataError(f"grid is {list(self.grid)}; expected at most the maps' {height} and {width}")
+        if any(coarse > cells for coarse, cells in zip(self.pooled_grid, self.grid or (height, width), strict=True)):
+            raise DataError(f"pooled_grid is {list(self.pooled_grid)}; expected at most the maps' height and width")
 
     @property
     def map_size(self) -> tuple[int, int]:
-        """Height and width of the maps before they are pooled."""
+        """Height and width of the coarsest maps before they are pooled."""
         height, width = (math.ceil(side / STRIDE) for side in self.image_size)
         return height, width
 
+    @property
+    def reads_detector(self) -> bool:
+        """Whether features depend on the detector."""
+        return self.backbone == FRAME_PARSER or "objects" in self.kinds
+
+    def channels(self) -> tuple[int, int]:
+        """Channels of the maps, and of the last ones.
+
+        Raises:
+            CheckpointError: there is no such frame parser.
+        """
+        if self.backbone != FRAME_PARSER:
+            return CHANNELS[self.backbone]
+        described = load_description(find_checkpoint(self.detector), "frame_parser")["config"]
+        of_maps = len(PYRAMID_LEVELS) * int(described["fpn_channels"])
+        return of_maps, of_maps
+
     def shape(self, kind: str) -> tuple[int, ...]:
         """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
-        third, last = CHANNELS[self.backbone]
+        of_maps, last = self.channels()
         if kind == "pooled":
-            return self.frames, last
+            return self.frames, last * math.prod(self.pooled_grid)
         if kind == "maps":
-            return self.frames, third, *(self.grid or self.map_size)
-        return self.frames, self.max_objects, third + BOX_NUMBERS
+            return self.frames, of_maps, *(self.grid or self.map_size)
+        return self.frames, self.max_objects, of_maps + BOX_NUMBERS
 
     def manifest(self) -> dict[str, Any]:
-        """How features are made, as plain values, with fingerprints of the weights; nothing about objects where there are none.
+        """How features are made, as plain values, with a fingerprint of the weights, and nothing that they do not depend on.
 
         Raises:
             CheckpointError: there is no such checkpoint.
         """
-        values = asdict(self) | {"weights_fingerprint": _content(self.weights, "backbone")}
-        if "objects" in self.kinds:
-            values["detector_fingerprint"] = _content(self.detector, "frame_parser")
+        values = asdict(self)
+        if self.reads_detector:
+            folder = find_checkpoint(self.detector)
+            files = [folder / f"frame_parser.{suffix}" for suffix in ("safetensors", "json")]
+            values["detector_fingerprint"] = fingerprint(weights=files)
         else:
-            del values["detector"], values["max_objects"]
+            del values["detector"]
+        if "objects" not in self.kinds:
+            del values["max_objects"]
         return _plain(values, self)
 
 
@@ -176,7 +204,9 @@ def check_settings(found: Mapping[str, Any], wanted: Mapping[str, Any], needs: C
     Raises:
         DataError: names how they differ.
     """
-    idle = ["kinds", "precision", *([] if "objects" in needs else ["detector_fingerprint", "max_objects"])]
+    idle = ["kinds", "precision", *([] if "objects" in needs else ["max_objects"])]
+    if "objects" not in needs and wanted.get("backbone") != FRAME_PARSER:
+        idle.append("detector_fingerprint")
     different = _differences(*({k: v for k, v in values.items() if k not in idle} for values in (found, wanted)))
     if different:
         raise DataError(f"{where}features have {different}; make them with the settings of the training's")
@@ -190,14 +220,6 @@ def _differences(mine: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
 def _plain(values: dict[str, Any], config: FeatureConfig | TruthConfig) -> dict[str, Any]:
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
-
-
-def _content(weights: str, part: str) -> str:
-    """What stands for weights in a manifest: `IMAGENET`, or the fingerprint of a checkpoint's part."""
-    if weights == IMAGENET:
-        return weights
-    folder = find_checkpoint(weights)
-    return fingerprint(weights=[folder / f"{part}.{suffix}" for suffix in ("safetensors", "json")])
 
 
 def feature_file(folder: Path, scene_index: int) -> Path:
