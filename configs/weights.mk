@@ -59,15 +59,15 @@ $(WEIGHTS)/default/collisions.json:
 $(WEIGHTS)/default/question_parser.json:
 	$(call run,question-parser,question_parser/default,question_parser,--output $(@D))
 
-TRUTH := $(WEIGHTS)/truth_data/statistics.md
-QUESTIONS := --questions $(WEIGHTS)/truth_data/questions/train.json --validation $(WEIGHTS)/truth_data/questions/validation.json
+ASKED := $(WEIGHTS)/baseline_data/statistics.md
+QUESTIONS := --questions $(WEIGHTS)/baseline_data/questions/train.json --validation $(WEIGHTS)/baseline_data/questions/validation.json
 ifdef STEPS
 QUESTIONS += --plain_steps 1
 FEW := --videos 4 --splits '{"train": 0.5, "validation": 0.5}'
 endif
-$(TRUTH):
-	$(NSDR) generate dataset --config configs/generate/truth.yaml -o $(@D) $(FEW)
+$(ASKED):
+	$(NSDR) generate dataset --config configs/generate/baselines.yaml -o $(@D) $(FEW)
 
-$(WEIGHTS)/baselines/truth/%/baseline.json: $(TRUTH)
+$(WEIGHTS)/baselines/truth/%/baseline.json: $(ASKED)
 	$(NSDR) extract-features --from truth --root $(<D) -o $(WEIGHTS)/truth_features
-	$(call run,baseline,baselines/truth/$*,baselines/truth_$*,--output $(@D) --features $(WEIGHTS)/truth_features $(QUESTIONS))
+	$(call run,baseline,baselines/small/$*,baselines/truth_$*,--output $(@D) --features $(WEIGHTS)/truth_features $(QUESTIONS))
