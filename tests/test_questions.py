@@ -330,6 +330,7 @@ def test_frequent_answers_are_those_of_the_training_set() -> None:
         question("explanatory", None, ("correct", "correct")),
         question("explanatory", None, ("wrong", "wrong", "wrong")),
         question("predictive", None, ("correct", "wrong")),
+        *[question("plain", "yes")] * 5,  # of the curriculum, not of the data set
     )
     assert q_type_baselines(scenes)["frequent"] == {"descriptive": 1.0, "explanatory": (2 / 3, 0.0)}
     assert q_type_baselines(scenes, training=training)["frequent"] == {"descriptive": 0.0, "explanatory": (1 / 3, 0.0)}

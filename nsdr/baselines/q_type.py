@@ -5,7 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import PLAIN, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -51,14 +51,16 @@ def q_type_answers(
         scenes: questions with answers.
         name: "random" or "frequent".
         seed: seed of the random answers.
-        training: the training set, with answers; None counts the frequencies on `scenes`, which is not the paper's baseline.
+        training: the training set, with answers, of which plain questions are left out; None counts the frequencies on `scenes`,
+            which is not the paper's baseline.
 
     Raises:
         DataError: a question without its answer, an unknown subtype, or a type or subtype that the training set lacks.
     """
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for question in (q for scene in (scenes if training is None else training) for q in scene.questions):
-        counts[_key(question)].update(_answers(question))
+        if question.subtype != PLAIN:
+            counts[_key(question)].update(_answers(question))
     rng = random.Random(seed)
     for scene in scenes:
         given = {}

@@ -157,5 +157,6 @@ def training_text(training: Mapping[str, Any]) -> str:
         seen = f" seen {training['passes']:.1f} times" if "passes" in training else ""
         parts.append(f"{training['texts']:,} texts about {training['videos']:,} videos{seen}")
     if "cpu_seconds" in training:
-        parts.append(f"{training['cpu_seconds'] / SECONDS_PER_MINUTE:.0f} minutes of CPU time")
+        minutes = round(training["cpu_seconds"] / SECONDS_PER_MINUTE)
+        parts.append(f"{minutes} minute{'s' if minutes != 1 else ''} of CPU time")
     return ", ".join(parts)
