@@ -1,13 +1,17 @@
 # The commands a newcomer needs. Each makes .venv when it is missing.
 PYTHON ?= python3
-BIN := .venv/bin
+BIN ?= .venv/bin
 
-.PHONY: demo test robustness browser docs bench weights clean
+.PHONY: demo test check robustness browser docs bench weights clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
 
 test: .venv/installed-dev
+	$(MAKE) check
+
+# The steps of `make test`, with the tools in BIN.
+check:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 
 import nsdr
 from nsdr import CheckpointError
@@ -34,6 +35,21 @@ def test_all_names_of_every_module_exist() -> None:
 
 def test_version_is_the_packages() -> None:
     assert version("nsdr") == nsdr.__version__
+    citation = yaml.safe_load((Path(__file__).parents[1] / "CITATION.cff").read_text())
+    assert str(citation["version"]) == nsdr.__version__
+
+
+def test_other_machines_run_the_same_steps() -> None:
+    root = Path(__file__).parents[1]
+    jobs = yaml.safe_load((root / ".github" / "workflows" / "ci.yml").read_text())["jobs"]
+    commands = " ".join(step.get("run", "") for job in jobs.values() for step in job["steps"])
+    targets = set(re.findall(r"make (\w+)", commands))
+    assert targets == {"check", "docs", "robustness", "browser"}
+    makefile = (root / "Makefile").read_text()
+    assert all(f"\n{target}:" in makefile for target in targets)
+    hooks = yaml.safe_load((root / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    tools = {hook["entry"].split()[0].removeprefix(".venv/bin/") for hook in hooks}
+    assert all(f"$(BIN)/{tool}" in makefile for tool in tools)
 
 
 def test_import_is_light() -> None:
