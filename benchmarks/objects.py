@@ -30,7 +30,7 @@ from nsdr.types import Scene
 LISTED_FRAMES = 2
 """Errors of more frames are listed."""
 LATE_FRAMES = 4
-"""Objects that are seen in up to so many frames, the last ones, are counted by their number."""
+"""Objects that are seen in up to so many frames, the last ones, are counted by that number."""
 BORDERS = ("left", "top", "right", "bottom")
 
 

@@ -24,7 +24,7 @@ weights-dynamics-paper: $(WEIGHTS)/dynamics_paper/dynamics.json
 weights-dynamics-images: $(WEIGHTS)/dynamics_paper_images/dynamics.json
 weights-collisions: $(WEIGHTS)/default/collisions.json
 weights-question-parser: $(WEIGHTS)/default/question_parser.json
-weights-baselines: $(foreach name,tbd mac mac_objects,$(WEIGHTS)/baselines/truth/$(name)/baseline.json)
+weights-baselines: $(foreach name,truth/tbd truth/mac truth/mac_objects pixels/mac_objects,$(WEIGHTS)/baselines/$(name)/baseline.json)
 
 $(WEIGHTS)/frame_parser/checkpoint/frame_parser.json:
 	$(call run,frame-parser,frame_parser/default,frame_parser,$(FRAMES))
@@ -71,3 +71,7 @@ $(ASKED):
 $(WEIGHTS)/baselines/truth/%/baseline.json: $(ASKED)
 	$(NSDR) extract-features --from truth --root $(<D) -o $(WEIGHTS)/truth_features
 	$(call run,baseline,baselines/small/$*,baselines/truth_$*,--output $(@D) --features $(WEIGHTS)/truth_features $(QUESTIONS))
+
+$(WEIGHTS)/baselines/pixels/%/baseline.json: $(ASKED)
+	$(NSDR) extract-features --config configs/baselines/features.yaml --root $(<D) -o $(WEIGHTS)/pixel_features
+	$(call run,baseline,baselines/small/$*,baselines/pixels_$*,--output $(@D) --features $(WEIGHTS)/pixel_features $(QUESTIONS))

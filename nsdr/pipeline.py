@@ -27,7 +27,7 @@ from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.localization import size_warning
-from nsdr.tracking.tracker import TrackerConfig, track
+from nsdr.tracking.tracker import TrackerConfig, existence, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
@@ -268,10 +268,12 @@ class Pipeline:
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
             proposals = self.frame_parser.parse(self.frames(video), progress=self.progress)
+        probable = None
         if dynamics is None:
             if tracks is None:
                 assert proposals is not None
                 tracks = track(proposals, self.tracker, self.camera)
+                probable = existence(tracks)
             if not tracks.tracks:
                 what, least = video or "the proposals", self.tracker.min_frames
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
@@ -286,7 +288,7 @@ class Pipeline:
                     raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
                 more = [observed, VideoPixels(self.frames(video), proposals)]
             dynamics = self.dynamics.predict(tracks, *more)
-        perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics))
+        perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics, probable))
         if key is not None:
             self._kept[key] = (parts, perception)
             while len(self._kept) > KEPT_VIDEOS:

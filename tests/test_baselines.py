@@ -150,7 +150,7 @@ def test_a_baseline_overfits_eight_questions(name: str, scenes, folder) -> None:
 @pytest.mark.parametrize(("name", "least"), [("mac", 0.0015), ("mac_objects", 0.01), ("memory", 0.001), ("tbd", 0.03)])
 def test_before_training_the_scores_depend_on_text_and_video_together(name: str, least: float) -> None:
     """By PyTorch's own initialisation a third to a fiftieth of `least` of the scores' variance does."""
-    config = parse_training(BaselineTraining, ["--config", f"configs/baselines/reference/{name}.yaml"], "baseline")
+    config = parse_training(BaselineTraining, ["--config", f"configs/baselines/small/{name}.yaml"], "baseline")
     kind, rng = BASELINES[name], torch.Generator().manual_seed(0)
     texts, videos, frames, objects, channels = 20, 6, 25, 5, 256
     torch.manual_seed(0)

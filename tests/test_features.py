@@ -20,7 +20,7 @@ from nsdr.baselines.features.extraction import (
     extract_features,
     region_features,
 )
-from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig, check_settings, feature_file
+from nsdr.baselines.features.files import KINDS, FeatureCache, FeatureConfig, TruthConfig, check_settings, feature_file
 from nsdr.baselines.features.truth import truth_features
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
@@ -245,14 +245,15 @@ def test_a_region_has_the_mean_of_its_part_of_each_map() -> None:
 
 
 def test_the_frame_parser_is_a_backbone(tmp_path) -> None:
-    c = FeatureConfig("frame_parser", 2, (320, 480), (4, 6), (1, 2), ("pooled", "maps"), precision="float32")
+    c = FeatureConfig("frame_parser", 2, (320, 480), (4, 6), (1, 2), KINDS, precision="float32")
     found = FeatureExtractor(c, "cpu")(extraction.frames_of(VIDEO))
     assert {kind: value.shape for kind, value in found.items()} == {kind: c.shape(kind) for kind in c.kinds}
     assert c.shape("maps") == (2, 192, 4, 6)
     halves = found["maps"].astype(np.float32).reshape(2, 192, 4, 2, 3).mean((2, 4))
     np.testing.assert_allclose(found["pooled"].reshape(2, 192, 2), halves, atol=0.02)
     settings = c.manifest()
-    assert "max_objects" not in settings["features"]
+    assert "max_objects" not in replace(c, kinds=("maps",)).manifest()["features"]
+    assert found["objects"][-1, 0, :-4].any()
     small = FrameParserConfig(widths=(16, 16, 16, 16), blocks=1, fpn_channels=16, box_features=16, mask_channels=16)
     FrameParser(build_frame_parser(small)).save_pretrained(tmp_path / "other")
     other = replace(c, detector=str(tmp_path / "other"))
@@ -262,8 +263,10 @@ def test_the_frame_parser_is_a_backbone(tmp_path) -> None:
     for wrong in ({"grid": None}, {"image_size": (224, 224)}):
         with pytest.raises(DataError, match=r"backbone frame_parser needs a grid, and image_size \[320, 480\]"):
             replace(c, **wrong)
-    with pytest.raises(DataError, match=r"pooled_grid is \[5, 1\]; expected at most the maps' height and width"):
+    with pytest.raises(DataError, match=r"pooled_grid is \[5, 1\]; expected at most 4 and 6"):
         replace(c, pooled_grid=(5, 1))
+    with pytest.raises(DataError, match=r"pooled_grid is \[8, 8\]; expected at most 7 and 7"):
+        FeatureConfig(pooled_grid=(8, 8))
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,14 @@ import pytest
 from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainCollision, load, narrate, save
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.evaluation import calibration, evaluate, format_table
 from nsdr.evaluation.experiments import markdown_table
 from nsdr.symbolic import format_probability
 from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
-from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject
+from nsdr.tracking.tracker import existence
+from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject, Track, VideoTracks
 from nsdr.types.answers import ChoiceAnswer
 
 HIT = Event("collision", 20, (0, 1))
@@ -311,16 +313,46 @@ def test_an_entrance_before_the_second_frame_is_none() -> None:
     assert (answer.answer, answer.probability) == ("1", pytest.approx(0.91, abs=0.002))
 
 
+def test_events_and_visibility_of_a_drawn_scene_agree(perceived: Scene) -> None:
+    """An object is seen in two frames, and hits another one where it enters."""
+    visible = perceived.visible.copy()
+    visible[3] = False
+    visible[3, 50:52] = True
+    meets = Event("collision", 50, (2, 3))
+    border = (Event("in", 50, (3,)), Event("out", 52, (3,)), Event("out", 60, (1,)))
+    scene = replace(perceived, visible=visible, events=(*border, HIT, meets))
+    for _, world in possible_scenes(scene):
+        at_border = [e for e in world.events if e.kind != "collision"]
+        assert sorted(map(str, at_border)) == sorted(map(str, enter_exit_events(world.visible)))
+        for event in world.events:
+            assert event.kind == "out" or world.visible[list(event.objects), event.frame].all()
+    assert drawn_share(scene, lambda s: any(e.objects == meets.objects for e in s.events)) > 0.9
+
+
 def test_an_object_may_not_be_there(perceived: Scene) -> None:
-    """The last object; with it, its events go, and the others keep their ids."""
-    unsure = replace(perceived, existence=np.array([1, 1, 1, 0.75]))
+    """With it, its events go; the other objects are renumbered."""
+    unsure = replace(perceived, existence=np.array([1, 0.75, 1, 1]))
     gone = [s for _, s in possible_scenes(unsure) if len(s.objects) == 3]
     assert gone
-    assert all(3 not in e.objects for s in gone for e in s.events)
-    assert all(s.visible.shape[0] == 3 and set(s.counterfactual) == set(perceived.counterfactual) - {3} for s in gone)
+    for world in gone:
+        assert [o.name for o in world.objects] == ["red metal cube", "green rubber cylinder", "red rubber sphere"]
+        assert [(e.kind, e.objects) for e in world.events] == [("in", (2,))]
+        assert [e.objects for e in world.unseen] == [(1, 2)]
+        assert {k: [e.objects for e in of] for k, of in world.counterfactual.items()} == {0: [(1, 2)], 1: [], 2: []}
     assert drawn_share(unsure, lambda s: len(s.objects) == 3) == 0.25
     answer = Executor(unsure).answer("objects count")
     assert (answer.answer, answer.probability) == ("4", 0.75)
+
+
+def test_lists_of_events_are_right_whatever_ids_and_frames_are(perceived: Scene) -> None:
+    unsure = replace(perceived, existence=np.array([0.75, 1, 1, 1]))
+    answer = Executor(unsure).answer(f"events {GREEN} filter_collision")
+    assert (answer.answer, answer.probability) == (
+        "the blue rubber sphere and the green rubber cylinder collide (frame 40)",
+        1.0,
+    )
+    answer = Executor(unsure).answer("events objects filter_collision")
+    assert answer.probability == 0.75
 
 
 def test_motion_near_the_limit_is_uncertain() -> None:
@@ -335,9 +367,16 @@ def test_motion_near_the_limit_is_uncertain() -> None:
 
 
 def test_objects_that_enter_at_the_end_are_uncertain() -> None:
-    objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(("red", "blue", "green", "gray")))
-    visible = np.ones((4, 12), bool)
-    visible[1, :9], visible[2, :8], visible[3] = False, False, False
-    rollout = Rollout(np.zeros((4, 12, 2)), visible, (), uncertain=())
-    scene = scene_from_prediction(DynamicsPrediction(objects, 10, rollout))
-    assert scene.existence.tolist() == [1, 0.6, 0.8, 1]
+    def track(color: str, frames: list[int]) -> Track:
+        n = len(frames)
+        thing = SceneObject(["red", "blue", "green", "gray"].index(color), color, "metal", "cube")
+        box = np.tile([10, 10, 50, 50], (n, 1))
+        return Track(thing, np.array(frames), np.zeros((n, 2)), np.full((n, 2), 30.0), box, np.ones(n))
+
+    every_third = track("red", [0, 3, 6, 9, 11]), track("blue", [11]), track("green", [9, 11]), track("gray", [3])
+    found = existence(VideoTracks(12, every_third))
+    np.testing.assert_allclose(found, [1, 0.6, 0.8, 1])
+    rollout = Rollout(np.zeros((4, 12, 2)), np.ones((4, 12), bool), (), uncertain=())
+    prediction = DynamicsPrediction(tuple(t.object for t in every_third), 12, rollout)
+    assert scene_from_prediction(prediction).existence is None
+    assert (scene_from_prediction(prediction, found).existence == found).all()

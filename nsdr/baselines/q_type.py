@@ -51,7 +51,7 @@ def q_type_answers(
         scenes: questions with answers.
         name: "random" or "frequent".
         seed: seed of the random answers.
-        training: the training set, with answers, of which plain questions are left out; None counts the frequencies on `scenes`,
+        training: the training set, with answers, whose plain questions do not count; None counts the frequencies on `scenes`,
             which is not the paper's baseline.
 
     Raises:

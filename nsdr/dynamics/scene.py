@@ -14,20 +14,20 @@ __all__ = ["scene_from_prediction"]
 PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
 """Where no speed was fitted, an object moves above this speed: noisy positions make resting objects seem to creep. Set on ten
 annotation files."""
-MISTAKEN_SHARE = 0.8
-"""Halved for each frame in which an object is seen, how often one that is seen only in the video's last frames is not there, or
-another one: 2 of 5 that are seen once, 2 of 8 that are seen twice and none of 8 that are seen three times, in scenes of `train`
-whose index ends in 1 or 2 (`python benchmarks/objects.py --every 10 --first 1`, `--first 2`)."""
 SPEED_WINDOW_FRAMES = 11
 """Frames of the line whose slope is that speed. Set on ten annotation files."""
 
 
-def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
+def scene_from_prediction(prediction: DynamicsPrediction, existence: NDArray[np.floating[Any]] | None = None) -> Scene:
     """Scene of a dynamics backend's output: observed, unseen and counterfactual events, and motion.
 
     An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, it moves when it is
     faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the current one and in those from it on: so it is
     at rest until it is hit, and as soon as it has stopped.
+
+    Args:
+        prediction: of the backend.
+        existence: (n,) how probable it is that each object is there, in a video that was perceived (`Scene.existence`).
     """
     n_frames = prediction.n_frames
     visible = prediction.observed.visible[:, :n_frames]
@@ -52,19 +52,8 @@ def scene_from_prediction(prediction: DynamicsPrediction) -> Scene:
         scores,
         uncertain=uncertain,
         physics=prediction.physics,
-        existence=_existence(visible),
+        existence=existence,
     )
-
-
-def _existence(visible: NDArray[np.bool_]) -> NDArray[np.floating[Any]]:
-    """How probable it is that objects visible in frames (n, F) are there (n,): certain but for those that enter at the end.
-
-    The words for an object in different frames, and their scores, tell those that are mistaken from others no better.
-    """
-    seen = visible.sum(1)
-    frames = np.arange(visible.shape[1])
-    enters_late = (visible == (frames >= len(frames) - seen[:, None])).all(1) & (seen < len(frames))
-    return np.where(enters_late & (seen > 0), 1 - MISTAKEN_SHARE * 0.5**seen, 1.0)
 
 
 def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[UncertainCollision, ...] | None:

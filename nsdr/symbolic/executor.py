@@ -199,12 +199,12 @@ class Executor:
 
     @cached_property
     def _worlds(self) -> "list[tuple[int, Executor]]":
-        """Executors of the worlds that the scene's doubts leave possible, with their numbers of draws."""
+        """Executors of the worlds that are possible as far as the scene is known, with their numbers of draws."""
         return [(n, Executor(drawn)) for n, drawn in possible_scenes(self.scene)]
 
     @cached_property
     def _other_courses(self) -> "list[tuple[int, Executor]]":
-        """The same of its uncertain collisions alone: what is supposed has the frames that were found."""
+        """The same where its collisions alone are uncertain: what is supposed has the frames that were found."""
         return [(n, Executor(drawn)) for n, drawn in possible_scenes(self.scene, collisions_only=True)]
 
     @staticmethod
@@ -236,15 +236,21 @@ class Executor:
     def _probability(self, program: Program, value: Any) -> float | None:
         """How probable a program's value is; None where that is not known.
 
-        Doubts about a scene say nothing about speeds and masses, nor about entrances and exits that would have to be simulated.
+        What is uncertain says nothing of speeds and masses, nor of entrances and exits that would have to be simulated.
         """
         tokens = frozenset(program.tokens)
         beyond_simulation = not SIMULATED.isdisjoint(tokens) and not BORDER_EVENTS.isdisjoint(tokens)
         if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens) or beyond_simulation:
             return None
-        runs = self._in_worlds(self._worlds, lambda e: e._values(program.steps)[-1])
-        total = sum(n for n, _ in runs)
-        return sum(n for n, found in runs if found == value) / total if total else 0.0
+        runs = self._in_worlds(self._worlds, lambda e: e._said(e._values(program.steps)[-1]))
+        total, said = sum(n for n, _ in runs), self._said(value)
+        return sum(n for n, found in runs if found == said) / total if total else 0.0
+
+    def _said(self, value: Any) -> Any:
+        """What an answer says: of a list of events their kinds and the names of their objects, whatever their frames."""
+        if not isinstance(value, tuple):
+            return value
+        return [(e.kind, *(self.world.object(i).name for i in e.objects)) for e in value]
 
     def _values(self, steps: Sequence[Step], choice_name: str = "", n_choice_steps: int = 0) -> list[Any]:
         """Value of every step; an error in one of the first `n_choice_steps` names the choice."""

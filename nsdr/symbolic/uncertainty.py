@@ -1,20 +1,21 @@
-"""Scenes that a scene's doubts leave possible: about collisions, objects, frames of events, and motion."""
+"""Scenes that are possible as far as a scene is known: collisions, objects, frames of events and motion may be uncertain."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.types import Event, Scene
+from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
+from nsdr.types import Event, Scene, UncertainCollision
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
 __all__ = ["MIN_SUPPOSED", "N_DRAWS", "possible_scenes"]
 
 N_DRAWS = 512
-"""Draws of possible scenes. Probabilities that depend on several doubts are off by 0.006 on average."""
+"""Draws of possible scenes. Probabilities that depend on several uncertain things are off by 0.006 on average."""
 SEED = 0
 MIN_SUPPOSED = 0.05
 """A question whose suppositions are less probable is refused. Of 49 collisions of left-out `train` scenes to which the
@@ -27,52 +28,75 @@ SPEED_ERRORS = (-1.28, -0.52, 0.0, 0.52, 1.28)
 """Equally probable errors of an object's speed, in standard deviations: the middles of five parts of a normal distribution."""
 
 
-class _Doubt(NamedTuple):
-    """What one thing may be: values, and their probabilities."""
+@dataclass(frozen=True)
+class _Draw:
+    """One way in which everything uncertain turns out.
 
-    of: Any
+    Attributes:
+        happens: whether each uncertain collision does.
+        exists: whether each object is there, by its id; those that are not listed are.
+        frames_off: how many frames later each event of the video is.
+        speed_error: of each object whose motion is uncertain, in standard deviations, by its id.
+    """
+
+    happens: dict[UncertainCollision, bool] = field(default_factory=dict)
+    exists: dict[int, bool] = field(default_factory=dict)
+    frames_off: dict[Event, int] = field(default_factory=dict)
+    speed_error: dict[int, float] = field(default_factory=dict)
+
+
+class _Uncertain(NamedTuple):
+    """What one entry of a `_Draw` may be: its attribute and key, the values, and their probabilities."""
+
+    attribute: str
+    key: Any
     values: Sequence[Any]
     probabilities: Sequence[float]
 
 
 def possible_scenes(scene: Scene, collisions_only: bool = False) -> list[tuple[int, Scene]]:
-    """Different scenes without doubts, drawn from one with them; each with its number of the `N_DRAWS` draws.
+    """Different scenes in which nothing is uncertain, drawn from one; each with its number of the `N_DRAWS` draws.
 
-    All doubts are taken as independent. What one is about happens in as many of the draws as its probability says (Latin
+    What is uncertain is taken as independent. Each thing turns out in as many of the draws as its probability says (Latin
     hypercube sampling), so that what depends on it alone is off by at most half a draw.
 
     Args:
         scene: with uncertain collisions. Where it says how probable its objects are, it was perceived: then these, the frames
             of its events, and which slow objects move, are uncertain, too.
-        collisions_only: leave out all other doubts.
+        collisions_only: take all but the collisions as certain.
     """
-    doubts = [_Doubt(u, (True, False), (u.probability, 1 - u.probability)) for u in scene.uncertain or ()]
-    if scene.existence is not None and not collisions_only:
-        doubts += _perceptual_doubts(scene, scene.existence)
-    order = np.random.default_rng(SEED).permuted(np.tile(np.arange(N_DRAWS), (len(doubts), 1)), axis=1)
-    chosen = np.zeros((len(doubts), N_DRAWS), int)
-    for row, doubt, ranks in zip(chosen, doubts, order, strict=True):
-        row[:] = np.searchsorted(list(accumulate(doubt.probabilities[:-1])), (ranks + 0.5) / N_DRAWS)
-    rows, counts = np.unique(chosen.T, axis=0, return_counts=True)
-    return [
-        (n, _drawn(scene, {d.of: d.values[k] for d, k in zip(doubts, row, strict=True)}))
-        for n, row in zip(counts.tolist(), rows.tolist(), strict=True)
+    uncertain = [
+        _Uncertain("happens", u, (True, False), (u.probability, 1 - u.probability)) for u in scene.uncertain or ()
     ]
+    if scene.existence is not None and not collisions_only:
+        uncertain += _perceived(scene, scene.existence)
+    order = np.random.default_rng(SEED).permuted(np.tile(np.arange(N_DRAWS), (len(uncertain), 1)), axis=1)
+    chosen = np.zeros((len(uncertain), N_DRAWS), int)
+    for row, one, ranks in zip(chosen, uncertain, order, strict=True):
+        row[:] = np.searchsorted(list(accumulate(one.probabilities[:-1])), (ranks + 0.5) / N_DRAWS)
+    rows, counts = np.unique(chosen.T, axis=0, return_counts=True)
+    scenes = []
+    for n, row in zip(counts.tolist(), rows.tolist(), strict=True):
+        draw = _Draw()
+        for one, k in zip(uncertain, row, strict=True):
+            getattr(draw, one.attribute)[one.key] = one.values[k]
+        scenes.append((n, _drawn(scene, draw)))
+    return scenes
 
 
-def _perceptual_doubts(scene: Scene, existence: NDArray[Any]) -> list[_Doubt]:
-    """Those about objects (by their ids), frames of events (by the events), and speeds (by ("speed", id))."""
+def _perceived(scene: Scene, existence: NDArray[Any]) -> list[_Uncertain]:
+    """What is uncertain in a scene because it was perceived."""
     events = {*scene.events, *(u.event for u in scene.uncertain or () if u.removed is None)}
     observed = sorted((e for e in events if e.frame < scene.n_frames), key=lambda e: (e.frame, e.kind, e.objects))
-    unsure = [i for i, p in enumerate(existence.tolist()) if p < 1]
-    doubts = [_Doubt(i, (True, False), (existence[i], 1 - existence[i])) for i in unsure]
-    doubts += [_Doubt(e, tuple(FRAMES_OFF), tuple(FRAMES_OFF.values())) for e in observed]
+    off, share = tuple(FRAMES_OFF), tuple(FRAMES_OFF.values())
+    found = [_Uncertain("exists", i, (True, False), (p, 1 - p)) for i, p in enumerate(existence.tolist()) if p < 1]
+    found += [_Uncertain("frames_off", event, off, share) for event in observed]
     if scene.physics is not None:
         speed, error = _speeds(scene)
         slow = (speed > 0) & (abs(speed - MOVING_SPEED_WORLD_PER_S) < SPEED_ERRORS[-1] * error)
-        share = [1 / len(SPEED_ERRORS)] * len(SPEED_ERRORS)
-        doubts += [_Doubt(("speed", i), SPEED_ERRORS, share) for i in np.flatnonzero(slow.any(1)).tolist()]
-    return doubts
+        equal = [1 / len(SPEED_ERRORS)] * len(SPEED_ERRORS)
+        found += [_Uncertain("speed_error", i, SPEED_ERRORS, equal) for i in np.flatnonzero(slow.any(1)).tolist()]
+    return found
 
 
 def _speeds(scene: Scene) -> tuple[NDArray[Any], float]:
@@ -80,22 +104,26 @@ def _speeds(scene: Scene) -> tuple[NDArray[Any], float]:
     return np.linalg.norm(scene.physics.velocity_world_per_s, axis=-1), scene.physics.velocity_error_world_per_s
 
 
-def _drawn(scene: Scene, values: Mapping[Any, Any]) -> Scene:
-    """The scene as the values of all doubts say."""
+def _drawn(scene: Scene, draw: _Draw) -> Scene:
+    """The scene as everything turns out."""
     uncertain = {(u.removed, u.event) for u in scene.uncertain or ()}
-    drawn = [(u.removed, u.event) for u in scene.uncertain or () if values[u]]
+    happening = [(u.removed, u.event) for u, happens in draw.happens.items() if happens]
 
     def events(of: Sequence[Event], removed: int | None, first: int = 0, end: float = np.inf) -> tuple[Event, ...]:
         """Those that are certain, and those that are drawn from a range of frames."""
         certain = [e for e in of if (removed, e) not in uncertain]
-        return (*certain, *(e for r, e in drawn if r == removed and first <= e.frame < end))
+        return (*certain, *(e for r, e in happening if r == removed and first <= e.frame < end))
 
     n_frames, unseen, without = scene.n_frames, scene.unseen, scene.counterfactual
-    observed, visible = _shifted(events(scene.events, None, end=n_frames), scene.visible, values)
+    observed, visible = events(scene.events, None, end=n_frames), scene.visible
+    if draw.frames_off:
+        visible = _visible(scene, draw)
+        later = [_later(e, draw.frames_off.get(e, 0), n_frames) for e in observed if e.kind == "collision"]
+        observed = (*enter_exit_events(visible), *collisions_in_view(later, visible))
     result = replace(
         scene,
         visible=visible,
-        moving=_moving(scene, values),
+        moving=_moving(scene, draw),
         events=observed,
         unseen=None if unseen is None else events(unseen, None, first=n_frames),
         counterfactual=None if without is None else {k: events(of, k) for k, of in without.items()},
@@ -105,38 +133,32 @@ def _drawn(scene: Scene, values: Mapping[Any, Any]) -> Scene:
         existence=None,
         physics=None,
     )
-    for i in reversed(range(len(scene.objects))):
-        if not values.get(i, True):
-            result = _without(result, i)
+    for i in sorted((i for i, exists in draw.exists.items() if not exists), reverse=True):
+        result = _without(result, i)
     return result
 
 
-def _shifted(
-    events: Sequence[Event], visible: NDArray[np.bool_], values: Mapping[Any, Any]
-) -> tuple[tuple[Event, ...], NDArray[np.bool_]]:
-    """Events of the video at the frames that were drawn, and (n, F) which objects are in the image then."""
-    found, visible = [], visible.copy()
-    last = visible.shape[1] - 1
-    for event in events:
-        frame = event.frame + values.get(event, 0)
-        if event.kind == "collision":
-            found.append(replace(event, frame=min(max(frame, 0), last)))
-            continue
-        (i,), is_in = event.objects, event.kind == "in"
-        visible[i, max(frame, 0) : event.frame] = is_in
-        visible[i, event.frame : max(frame, 0)] = not is_in
-        if 0 < frame <= last:  # else it is there, or away, in all frames on that side
-            found.append(replace(event, frame=frame))
-    return tuple(found), visible
+def _later(event: Event, frames: int, n_frames: int) -> Event:
+    return replace(event, frame=min(max(event.frame + frames, 0), n_frames - 1))
 
 
-def _moving(scene: Scene, values: Mapping[Any, Any]) -> NDArray[np.bool_] | None:
+def _visible(scene: Scene, draw: _Draw) -> NDArray[np.bool_]:
+    """(n, F) which objects are in the image, with entrances and exits at the frames that were drawn, in their order."""
+    visible = scene.visible.copy()
+    border = sorted((e for e in scene.events if e.kind != "collision"), key=lambda e: e.frame)
+    for i in {e.objects[0] for e in border}:
+        visible[i] = visible[i, 0]
+    for event in border:
+        visible[event.objects[0], max(event.frame + draw.frames_off.get(event, 0), 0) :] = event.kind == "in"
+    return visible
+
+
+def _moving(scene: Scene, draw: _Draw) -> NDArray[np.bool_] | None:
     """(n, F) which objects move at the speeds that were drawn."""
-    drawn = {i: values["speed", i] for i in range(len(scene.objects)) if ("speed", i) in values}
-    if scene.moving is None or not drawn:
+    if scene.moving is None or not draw.speed_error:
         return scene.moving
     (speed, error), moving = _speeds(scene), scene.moving.copy()
-    for i, off in drawn.items():
+    for i, off in draw.speed_error.items():
         moving[i] = np.where(speed[i] > 0, speed[i] + off * error > MOVING_SPEED_WORLD_PER_S, moving[i])
     return moving
 

@@ -41,8 +41,8 @@ class ChoiceAnswer:
         program: postfix tokens of the choice's program followed by the question's; empty if the text has no program.
         trace: executed steps; empty if it failed.
         error: why it failed; "" if it did not.
-        probability: that the choice is correct, in 0-1; None if it failed, or where the scene does not say
-            what is uncertain (`Scene.uncertain`).
+        probability: that the choice is correct, in 0-1; None if it failed, or where the scene does not say which collisions
+            are uncertain (`Scene.uncertain`).
     """
 
     choice: str
@@ -63,8 +63,9 @@ class Answer:
         answer: the answer word, "frame 43" for a frame, or one line per event; None for a multiple-choice question.
         trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
         choices: the judged choices; empty for a descriptive question.
-        probability: that the answer is right as far as the scene's uncertain collisions go, in 0-1; None where the scene does
-            not say what is uncertain (`Scene.uncertain`), and for a multiple-choice question, whose choices have their own.
+        probability: that the answer is right as far as the scene is known: its collisions, and in a perceived scene its
+            objects, the frames of its events, and motion near its limit; None where the scene does not say which collisions are
+            uncertain (`Scene.uncertain`), and for a multiple-choice question, whose choices have their own.
     """
 
     question: str

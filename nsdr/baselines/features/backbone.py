@@ -15,7 +15,16 @@ from torchvision import models
 from nsdr.errors import CheckpointError
 from nsdr.frame_parser.parser import Detector
 
-__all__ = ["CHANNELS", "FRAME_PARSER", "PYRAMID_LEVELS", "STRIDE", "ParserViews", "ResnetViews", "Views", "image_batch"]
+__all__ = [
+    "CHANNELS",
+    "FRAME_PARSER",
+    "PYRAMID_LEVELS",
+    "STRIDE",
+    "FeatureMaps",
+    "FrameParserBackbone",
+    "ResnetBackbone",
+    "image_batch",
+]
 
 FRAME_PARSER = "frame_parser"
 """Stands for the frame parser's own backbone."""
@@ -29,19 +38,19 @@ IMAGE_MEAN, IMAGE_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and standard deviation of the RGB channels with which torchvision's weights were trained (0-1)."""
 
 
-class Views(NamedTuple):
-    """What a network sees in F frames.
+class FeatureMaps(NamedTuple):
+    """Feature maps of F frames, float32.
 
     Attributes:
-        maps: of each level (F, C, h, w), float32.
-        last: those of the last stage, of which means over the frame are the pooled features; None for `maps` themselves.
+        levels: (F, C, h, w) of each level that is read.
+        last: (F, C, h, w) of the last stage, which the pooled features are means of; None where they are of the levels.
     """
 
-    maps: list[Tensor]
+    levels: list[Tensor]
     last: Tensor | None
 
 
-class ResnetViews:
+class ResnetBackbone:
     """The last two stages of a ResNet that was trained on ImageNet.
 
     Args:
@@ -66,17 +75,17 @@ class ResnetViews:
         )
         self._end, self._size, self._precision, self._device = resnet.layer4, size, precision, device
 
-    def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> Views:
+    def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> FeatureMaps:
         """Frames (H, W, 3), RGB -> maps (F, C, H/16, W/16), and those of half that size; sizes rounded up."""
         images = image_batch(frames, self._size).to(self._device)
         mixed = self._precision != torch.float32  # some devices have no autocast, even to be disabled
         with torch.autocast(self._device.type, self._precision) if mixed else nullcontext():
             third = self._start(images)
             last = self._end(third)
-        return Views([third.float()], last.float())
+        return FeatureMaps([third.float()], last.float())
 
 
-class ParserViews:
+class FrameParserBackbone:
     """The pyramid of the frame parser's backbone, which was trained to find objects and name their attributes.
 
     Differs from the paper, whose ResNet was trained on ImageNet. `python benchmarks/probe.py` says what linear layers read
@@ -89,10 +98,10 @@ class ParserViews:
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
 
-    def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> Views:
+    def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> FeatureMaps:
         """Frames (320, 480, 3), RGB -> maps of strides 4, 8 and 16 px."""
         levels = self._detector.backbone(self._detector.normalized(frames))
-        return Views([levels[name].float() for name in PYRAMID_LEVELS], None)
+        return FeatureMaps([levels[name].float() for name in PYRAMID_LEVELS], None)
 
 
 def image_batch(frames: Sequence[NDArray[np.uint8]], size: tuple[int, int]) -> Tensor:

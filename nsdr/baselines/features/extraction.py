@@ -16,7 +16,7 @@ from torch.nn.functional import adaptive_avg_pool2d
 from torchvision.ops import roi_align
 
 from nsdr.baselines.features import VERSION
-from nsdr.baselines.features.backbone import FRAME_PARSER, ParserViews, ResnetViews
+from nsdr.baselines.features.backbone import FRAME_PARSER, FrameParserBackbone, ResnetBackbone
 from nsdr.baselines.features.files import (
     BOX_NUMBERS,
     KINDS,
@@ -272,12 +272,12 @@ class FeatureExtractor:
         self.config, where = config, resolve_device(device)
         precision = resolve_precision(config.precision, where)
         self.parser = FrameParser.from_pretrained(config.detector, device) if config.reads_detector else None
-        self.look: ParserViews | ResnetViews
+        self.backbone: FrameParserBackbone | ResnetBackbone
         if config.backbone == FRAME_PARSER:
             assert self.parser is not None
-            self.look = ParserViews(Detector(self.parser.model, precision))
+            self.backbone = FrameParserBackbone(Detector(self.parser.model, precision))
         else:
-            self.look = ResnetViews(config.backbone, config.image_size, precision, where)
+            self.backbone = ResnetBackbone(config.backbone, config.image_size, precision, where)
 
     @limit_threads()
     @torch.no_grad()
@@ -295,17 +295,17 @@ class FeatureExtractor:
         """
         c = self.config
         chosen = np.stack([frames[i] for i in spaced(len(frames), c.frames)])
-        views = self.look(list(chosen))
-        maps = torch.cat([m if c.grid is None else adaptive_avg_pool2d(m, c.grid) for m in views.maps], 1)
+        found = self.backbone(list(chosen))
+        maps = torch.cat([m if c.grid is None else adaptive_avg_pool2d(m, c.grid) for m in found.levels], 1)
         features: dict[str, Tensor] = {}
         if "pooled" in c.kinds:
-            last = maps if views.last is None else views.last
+            last = maps if found.last is None else found.last
             features["pooled"] = adaptive_avg_pool2d(last, c.pooled_grid).flatten(1)
         if "maps" in c.kinds:
             features["maps"] = maps
         if "objects" in c.kinds:
             assert self.parser is not None
-            features["objects"] = region_features(views.maps, linked_boxes(self.parser.parse(chosen), c.max_objects))
+            features["objects"] = region_features(found.levels, linked_boxes(self.parser.parse(chosen), c.max_objects))
         half = {kind: value.to("cpu", torch.float16).contiguous() for kind, value in features.items()}
         for kind, value in half.items():
             if not bool(value.isfinite().all()):

@@ -14,7 +14,9 @@ from safetensors import SafetensorError, safe_open
 
 from nsdr.baselines.features.backbone import CHANNELS, FRAME_PARSER, PYRAMID_LEVELS, STRIDE
 from nsdr.errors import DataError
+from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.io.checkpoint import find_checkpoint, load_description
+from nsdr.io.configuration import config_of
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import LEDGER
@@ -92,8 +94,13 @@ class FeatureConfig(Settings):
         height, width = self.map_size
         if self.grid is not None and (self.grid[0] > height or self.grid[1] > width):
             raise DataError(f"grid is {list(self.grid)}; expected at most the maps' {height} and {width}")
-        if any(coarse > cells for coarse, cells in zip(self.pooled_grid, self.grid or (height, width), strict=True)):
-            raise DataError(f"pooled_grid is {list(self.pooled_grid)}; expected at most the maps' height and width")
+        of_parser = self.grid if self.backbone == FRAME_PARSER else None
+        height, width = of_parser or (
+            (height + 1) // 2,
+            (width + 1) // 2,
+        )  # a ResNet's last stage has half as many cells
+        if self.pooled_grid[0] > height or self.pooled_grid[1] > width:
+            raise DataError(f"pooled_grid is {list(self.pooled_grid)}; expected at most {height} and {width}")
 
     @property
     def map_size(self) -> tuple[int, int]:
@@ -114,12 +121,16 @@ class FeatureConfig(Settings):
         """
         if self.backbone != FRAME_PARSER:
             return CHANNELS[self.backbone]
-        described = load_description(find_checkpoint(self.detector), "frame_parser")["config"]
-        of_maps = len(PYRAMID_LEVELS) * int(described["fpn_channels"])
+        described = load_description(find_checkpoint(self.detector), "frame_parser")
+        of_maps = len(PYRAMID_LEVELS) * config_of(FrameParserConfig, described["config"]).fpn_channels
         return of_maps, of_maps
 
     def shape(self, kind: str) -> tuple[int, ...]:
-        """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
+        """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis.
+
+        Raises:
+            CheckpointError: there is no such frame parser.
+        """
         of_maps, last = self.channels()
         if kind == "pooled":
             return self.frames, last * math.prod(self.pooled_grid)
