@@ -376,6 +376,7 @@ def test_objects_that_enter_at_the_end_are_uncertain() -> None:
     every_third = track("red", [0, 3, 6, 9, 11]), track("blue", [11]), track("green", [9, 11]), track("gray", [3])
     found = existence(VideoTracks(12, every_third))
     np.testing.assert_allclose(found, [1, 0.6, 0.8, 1])
+    assert existence(VideoTracks(2, (track("red", [0, 1]),))) == [1]  # in every frame of a short video
     rollout = Rollout(np.zeros((4, 12, 2)), np.ones((4, 12), bool), (), uncertain=())
     prediction = DynamicsPrediction(tuple(t.object for t in every_third), 12, rollout)
     assert scene_from_prediction(prediction).existence is None

@@ -266,12 +266,13 @@ def _identities(proposals: VideoProposals, tracklets: list[list[int]]) -> dict[i
 
 
 def existence(tracks: VideoTracks) -> NDArray[np.float64]:
-    """How probable it is that each object (n,) is there: 1 but for those that have few detections, the video's last ones."""
+    """How probable it is that each object (n,) is there: 1 but for those that have few detections, the video's last
+    ones."""
     last = max((int(t.frame_index[-1]) for t in tracks.tracks), default=0)
     found = np.ones(len(tracks.tracks))
     for i, t in enumerate(tracks.tracks):
         n = len(t.frame_index)
-        if n <= LATE_DETECTIONS and int(t.frame_index[-1]) == last:
+        if n <= LATE_DETECTIONS and int(t.frame_index[-1]) == last and t.frame_index[0] > 0:
             found[i] -= LATE_ERROR_SHARE * 0.5**n
     return found
 
