@@ -1,4 +1,4 @@
-"""`nsdr generate dataset|scene|questions`: from a YAML file and flags to files."""
+"""`nsdr generate dataset|violations|scene|questions`: from a YAML file and flags to files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,6 +20,7 @@ from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import write_question_statistics
+from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
 from nsdr.io.jobs import ENGINES, run_in_order
 from nsdr.validation import Count, Settings, one_of
@@ -70,6 +71,12 @@ def _dataset(arguments: Sequence[str]) -> str:
     return str(generate_dataset(config, KEEP_GOING in arguments))
 
 
+def _violations(arguments: Sequence[str]) -> str:
+    config = configured(ViolationsConfig, [a for a in arguments if a != KEEP_GOING], "generate violations")
+    check_output_folder(config.output)
+    return str(generate_violations(config, KEEP_GOING in arguments))
+
+
 def _scene(arguments: Sequence[str]) -> str:
     options = configured(SceneOptions, arguments, "generate scene")
     check_output(options.output, [".json"])
@@ -105,7 +112,7 @@ def _worlds(paths: Sequence[str]) -> dict[int, TruthWorlds]:
     return {truth["scene_index"]: TruthWorlds(truth) for truth in truths}
 
 
-COMMANDS = {"dataset": _dataset, "scene": _scene, "questions": _questions}
+COMMANDS = {"dataset": _dataset, "violations": _violations, "scene": _scene, "questions": _questions}
 
 
 def generate(arguments: list[str]) -> int:

@@ -14,7 +14,7 @@ from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.world.physics_constants import FRAME_SECONDS, GRAVITY, GROUND_FRICTION, LINEAR_DAMPING
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["fit_sliding", "slide", "slide_one"]
+__all__ = ["fit_one", "fit_sliding", "slide", "slide_one", "slide_roughly"]
 
 FloatArray = NDArray[np.floating[Any]]
 MAX_SPEED_WORLD_PER_S = 6.0
@@ -112,14 +112,43 @@ def _line(seconds, location, lag, weight):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _fit(shape, seconds, location, weight):  # type: ignore[no-untyped-def]
-    """Position and velocity (4,) at second 0, and the distances (N,) of the positions from the fit."""
+def slide_roughly(shape, speed, seconds, extra):  # type: ignore[no-untyped-def]
+    """Distance slid and speed afterwards on a ground that slows down by `extra` more than CLEVRER's (world units/s²), or less.
+
+    In steps of a frame; seconds are 0 or more.
+    """
+    distance, law = 0.0, 0.0 if shape == _SPHERE else _DECELERATION
+    while seconds > 0 and speed > 0:
+        step = min(seconds, FRAME_SECONDS)
+        later = max(speed - step * (law + extra + LINEAR_DAMPING * speed * (1 + speed)), 0.0)
+        distance += step * (speed + later) / 2
+        speed, seconds = min(later, MAX_SPEED_WORLD_PER_S), seconds - step
+    return distance, speed
+
+
+@cached_njit
+def fit_one(shape, seconds, location, weight, extra=0.0):  # type: ignore[no-untyped-def]
+    """Robust fit of free sliding: position and velocity (4,) at second 0, and the distances (N,) of the positions from it.
+
+    Args:
+        shape: index into `nsdr.world.vocabulary.SHAPES`.
+        seconds: (N,) of the positions, in ascending order.
+        location: (N, 2) measured positions (world units).
+        weight: (N,) weight of each position, 0-1.
+        extra: see `slide_roughly`; where it is not 0, no seconds are negative.
+    """
     n = len(seconds)
     motion, lag, residual, weights = np.zeros(4), np.zeros((n, 2)), np.empty(n), np.maximum(weight, MIN_WEIGHT)
     for _ in range(ROUNDS):
         speed = np.sqrt(motion[2] ** 2 + motion[3] ** 2)
+        now, covered, before = min(speed, MAX_SPEED_WORLD_PER_S), 0.0, 0.0
         for t in range(n):  # how far the law falls short of constant velocity; the first round fits a straight line
-            distance = slide_one(shape, min(speed, MAX_SPEED_WORLD_PER_S), seconds[t])[0]
+            if extra == 0.0:
+                distance = slide_one(shape, min(speed, MAX_SPEED_WORLD_PER_S), seconds[t])[0]
+            else:
+                step, now = slide_roughly(shape, now, seconds[t] - before, extra)
+                covered, before = covered + step, seconds[t]
+                distance = covered
             share = distance / speed - seconds[t] if speed > _MIN_SPEED_WORLD_PER_S else 0.0
             lag[t, 0], lag[t, 1] = share * motion[2], share * motion[3]
         motion = _line(seconds, location, lag, weights)
@@ -148,7 +177,7 @@ def fit_sliding(
     """
     seconds = (np.asarray(frame_index, float) - reference) * FRAME_SECONDS
     location, weight = np.ascontiguousarray(location_world, float), np.ascontiguousarray(weight, float)
-    motion, residual = _fit(SHAPES.index(shape), seconds, location, weight)
+    motion, residual = fit_one(SHAPES.index(shape), seconds, location, weight)
     order = np.argsort(residual)
     share = np.cumsum(weight[order]) / max(weight.sum(), 1e-9)
     median = float(residual[order[min(int(np.searchsorted(share, 0.5)), len(order) - 1)]])

@@ -37,6 +37,7 @@ from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
 from nsdr.io.video import spaced, write_video
+from nsdr.types import Violation
 from nsdr.validation import Count, Settings, Share, convert, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
@@ -103,6 +104,10 @@ class DatasetConfig(Settings):
     def scene_seed(self, index: int) -> int:
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
         return self.seed * SCENES_PER_SEED + self.first_scene + index
+
+    def made(self, index: int) -> tuple[SimulatedScene, Violation | None]:
+        """The scene of a video, and what is wrong with it: nothing."""
+        return simulate_scene(self.scene_seed(index), self.scene), None
 
     def indices(self) -> dict[str, range]:
         """Video indices of each split: the first ones of the release's ranges."""
@@ -237,7 +242,7 @@ def _fingerprint(config: DatasetConfig) -> str:
 def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
     split, index = job
-    scene = simulate_scene(config.scene_seed(index), config.scene)
+    scene, violation = config.made(index)
     files = Files(config.output, split, index)
     view = view_of(config.render, scene.seed)
     # Masks and visibility refer to the release's image size, whatever the video's size is.

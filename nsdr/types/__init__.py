@@ -1,7 +1,7 @@
 """The data types that stages exchange. All are frozen dataclasses, validated on construction.
 
 video -> `VideoProposals` -> `VideoTracks` -> `DynamicsPrediction` -> `Scene` -> `Answer`;
-`VideoTracks` + interventions -> `Simulation`
+`VideoTracks` + interventions -> `Simulation`; `VideoProposals` -> `Judgement`
 
 Frames count from 0; the video shows frames below `n_frames`, later ones are unseen. Pixels are those of the 480x320
 image, (column, row); world units are CLEVRER's ground plane (x towards the camera, y to the right of the image).
@@ -11,11 +11,13 @@ Arrays are stored as read-only views of the arrays passed in.
 
 from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
 from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelocity
+from nsdr.types.judgements import LAWS, Judgement, Violation
 from nsdr.types.scenes import DynamicsPrediction, Event, ObjectPhysics, Rollout, Scene, UncertainCollision
 from nsdr.types.simulations import EventChange, Simulation
 from nsdr.types.tracks import Camera, SceneObject, Track, VideoProposals, VideoTracks
 
 __all__ = [
+    "LAWS",
     "Add",
     "Answer",
     "Camera",
@@ -24,6 +26,7 @@ __all__ = [
     "Event",
     "EventChange",
     "Freeze",
+    "Judgement",
     "Move",
     "ObjectPhysics",
     "Remove",
@@ -38,4 +41,5 @@ __all__ = [
     "UncertainCollision",
     "VideoProposals",
     "VideoTracks",
+    "Violation",
 ]

@@ -69,6 +69,7 @@ class Body:
         velocity: (x, y, z) (world units/s).
         angular_velocity: (x, y, z) (rad/s).
         mass: relative mass; only ratios matter.
+        friction: friction coefficient on the ground; None for that of the shape.
     """
 
     shape: str
@@ -77,6 +78,7 @@ class Body:
     velocity: tuple[float, float, float]
     angular_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mass: float = 1.0
+    friction: float | None = None
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,11 @@ class Simulator:
         self._bullet.disconnect(self._client)
 
     def run(
-        self, bodies: Sequence[Body], n_frames: int, stop: Callable[[list[Contact]], bool] | None = None
+        self,
+        bodies: Sequence[Body],
+        n_frames: int,
+        stop: Callable[[list[Contact]], bool] | None = None,
+        passing: tuple[int, int] | None = None,
     ) -> BulletMotion:
         """Simulate objects and record them at every frame.
 
@@ -148,9 +154,12 @@ class Simulator:
             bodies: start states, recorded as frame 0.
             n_frames: frames to record.
             stop: called with all contacts so far whenever there is a new one; the simulation stops when it returns True.
+            passing: two bodies that pass through each other.
         """
         p, client = self._bullet, self._client
         numbers = self._build(bodies)
+        if passing is not None:
+            p.setCollisionFilterPair(*(numbers[i] for i in passing), -1, -1, 0, physicsClientId=client)
         states = np.zeros((4, len(bodies), n_frames, 3))
         recorded = states[0], states[1], states[2], states[3]
         contacts: list[Contact] = []
@@ -204,8 +213,9 @@ class Simulator:
             hull, place = hulls[body.shape], {"basePosition": body.location_world, "baseOrientation": turned}
             number = p.createMultiBody(body.mass, hull, **place, physicsClientId=client)
             p.resetBaseVelocity(number, body.velocity, body.angular_velocity, physicsClientId=client)
+            friction = config.sphere_friction if body.shape == "sphere" else config.friction
             surface = {
-                "lateralFriction": config.sphere_friction if body.shape == "sphere" else config.friction,
+                "lateralFriction": friction if body.friction is None else body.friction,
                 "restitution": config.restitution,
                 "spinningFriction": SPINNING_FRICTION,
             }

@@ -1,0 +1,120 @@
+"""Pairs of videos, a lawful one and the same with one law of CLEVRER's world broken, with the truth and questions about it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.errors import DataError
+from nsdr.generate.dataset import DatasetConfig, Files, Split, generate_dataset
+from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
+from nsdr.generate.physics.violations import SIZES, break_law
+from nsdr.io.limits import limits
+from nsdr.types import LAWS, Violation
+from nsdr.validation import Share, one_of
+
+__all__ = ["ViolationsConfig", "generate_violations"]
+
+SCENES_PER_PAIR = 100
+"""Scenes tried for one pair: not every scene has an occasion to break every law."""
+PARTS = 4
+"""Parts of a video, of which a question asks."""
+_kept: dict[str, tuple[SimulatedScene, SimulatedScene, Violation]] = {}
+"""The last pair, whose second video is often made after the first."""
+
+
+@dataclass(frozen=True)
+class ViolationsConfig(DatasetConfig):
+    """Pairs of videos to generate: videos 2 k and 2 k + 1 of the split are a pair, the first one lawful.
+
+    Pair k breaks the k-th of all combinations of a law and a size, over and over.
+
+    Attributes:
+        videos: number of videos, two for each pair.
+        first_scene: number of the scene of the first pair; scenes without an occasion are passed over.
+        splits: one split alone.
+        laws: which are broken, of `nsdr.types.LAWS`.
+        sizes: how clearly, of "clear", "small" and "limit".
+    """
+
+    videos: Annotated[int, Meta(ge=2, le=limits().videos, multiple_of=2)] = 54
+    splits: Mapping[Split, Share] = field(default_factory=lambda: {"validation": 1.0})
+    questions: None = None
+    laws: Annotated[tuple[Annotated[str, one_of(LAWS)], ...], Meta(min_length=1)] = tuple(LAWS)
+    sizes: Annotated[tuple[Annotated[str, one_of(SIZES)], ...], Meta(min_length=1)] = SIZES
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if sum(share > 0 for share in self.splits.values()) != 1:
+            raise DataError(f"splits: expected one split, as both videos of a pair are in it; got {dict(self.splits)}")
+
+    def made(self, index: int) -> tuple[SimulatedScene, Violation | None]:
+        """The scene of a video, and what is wrong with it: in every other video something."""
+        first = next(r.start for r in self.indices().values() if len(r))
+        pair, is_broken = divmod(index - first, 2)
+        lawful, broken, violation = self._pair(pair)
+        return (broken, violation) if is_broken else (lawful, None)
+
+    def _pair(self, pair: int) -> tuple[SimulatedScene, SimulatedScene, Violation]:
+        key = repr((self, pair))
+        if key not in _kept:
+            _kept.clear()
+            _kept[key] = self._occasion(pair)
+        return _kept[key]
+
+    def _occasion(self, pair: int) -> tuple[SimulatedScene, SimulatedScene, Violation]:
+        size, law = (names[k % len(names)] for names, k in ((self.sizes, pair // len(self.laws)), (self.laws, pair)))
+        for attempt in range(SCENES_PER_PAIR):
+            seed = self.scene_seed(pair + attempt * (self.videos // 2))
+            scene = simulate_scene(seed, self.scene)
+            broken = break_law(scene, law, size, seed)
+            if broken is not None:
+                return scene, *broken
+        raise DataError(f"pair {pair}: {SCENES_PER_PAIR} scenes gave no occasion to break {law} ({size})")
+
+
+def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> Path:
+    """Generate pairs of videos and return their folder; finished videos are kept.
+
+    It is a data set like those of `generate_dataset`. `truth_N.json` of the second video of each pair has a `violation`
+    (`nsdr.types.Violation`), and the question file asks whether each video is possible, what in it is not, and when.
+
+    Raises:
+        DataError: as of `generate_dataset`, or no scene gives an occasion.
+    """
+    root = generate_dataset(config, keep_going)
+    for split, indices in config.indices().items():
+        if indices:
+            paths = [Files(root, split, i).truth for i in indices]
+            scenes = [_questions(read_truth_file(path)) for path in paths if path.exists()]
+            write_questions(root / "questions" / f"{split}.json", scenes)
+    return root
+
+
+def _questions(truth: Mapping[str, Any]) -> SceneQuestions:
+    """Whether a video is possible, and what and when is not."""
+    index, violation = truth["scene_index"], truth.get("violation")
+    answer = "yes" if violation is None else "no"
+    questions = [
+        Question(0, "Is what happens in this video physically possible?", "descriptive", "possible", answer=answer)
+    ]
+    objects = [f"The {o['color']} {o['material']} {o['shape']}" for o in truth["objects"]]
+    wrong = [] if violation is None else [objects[i] for i in violation["objects"]]
+    questions.append(_choices(1, "Which objects move or change in an impossible way?", objects, wrong))
+    ends = np.linspace(0, truth["n_frames"], PARTS + 1).round().astype(int).tolist()
+    parts = [f"From frame {a} to frame {b - 1}" for a, b in pairwise(ends)]
+    if violation is None or violation["law"] != "arrow":
+        first = [] if violation is None else [parts[int(np.searchsorted(ends, violation["frame"], side="right")) - 1]]
+        questions.append(_choices(2, "When does something impossible begin?", parts, first))
+    return SceneQuestions(index, f"video_{index:05d}.mp4", tuple(questions))
+
+
+def _choices(number: int, text: str, options: Sequence[str], right: Sequence[str]) -> Question:
+    choices = [Choice(k, o, answer="correct" if o in right else "wrong") for k, o in enumerate(options)]
+    return Question(number, text, "explanatory", choices=tuple(choices))
