@@ -1,6 +1,6 @@
 """What honest reasoning and texts that game it earn: `python benchmarks/evidence.py -o results/evidence.md`.
 
-Simulates scenes of evaluation seeds, asks at most one question of each type about each, and rewards the texts of `GROUPS` with
+Simulates scenes of evaluation seeds, asks at most one question of each type about each, and rewards what `texts` makes with
 `nsdr.rewards.evidence`. Each text ends with the right answer, so that its reasoning alone counts, but for the row that says
 otherwise. About 5 s of CPU a scene.
 """
@@ -12,7 +12,7 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -43,43 +43,18 @@ FIRST_SEED = 550000
 """Seed of the first scene."""
 REPEATS = 10
 """How often a text says the same."""
+OPPOSITES = {
+    "moving": "stationary",
+    "stationary": "moving",
+    "ever moving": "never moving",
+    "never moving": "ever moving",
+}
+"""States of motion that exclude each other."""
+SEEN = ("entrance", "exit", "collision", "motion")
+"""Kinds of claims that do not only repeat the question and its answer."""
 SWEEP_FRAMES = 3
 """Distance of the frames that are tried one after the other: each is within the tolerance of one."""
-WRONG_ANSWER = "the right reasons, a wrong answer"
-GROUPS = {
-    "honest": ("narrated, short", "the same with seconds (0.1 s)", "narrated, long"),
-    "gaming": (
-        "one safe fact",
-        "all observed facts",
-        "facts of another question",
-        "shuffled frames",
-        "copied question and answer",
-        "negations",
-        "repetition",
-        "contradictions",
-        "empty",
-        WRONG_ANSWER,
-    ),
-    "without the video": (
-        "what the question names moves",
-        "what it names moves at the start and end",
-        "what it names does not collide",
-        "what it names enters and collides, at every frame",
-        "1 collision happens before frame 50.",
-    ),
-}
-"""Rows of the table."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A question about a scene, what shows its answer, and what shows that of another question about the scene."""
-
-    scene: Scene
-    question: Question
-    short: list[str]
-    long: list[str]
-    other: list[str]
+WRONG_ANSWER = "gaming: the right reasons, a wrong answer"
 
 
 class Earned(NamedTuple):
@@ -114,13 +89,7 @@ def contrary(sentence: str, scene: Scene) -> str:
     """What contradicts a narrated sentence."""
     said = verify(sentence, scene).claims[0].statement
     if said.kind == "motion":
-        other = {
-            "moving": "stationary",
-            "stationary": "moving",
-            "ever moving": "never moving",
-            "never moving": "ever moving",
-        }
-        return written(replace(said, words=(other[said.words[0]],)))
+        return written(replace(said, words=(OPPOSITES[said.words[0]],)))
     if said.number is not None:
         return written(replace(said, number=said.number % 2 + 1))
     return written(replace(said, negated=not said.negated))
@@ -138,15 +107,13 @@ def denied(scene: Scene) -> Iterator[str]:
                 yield written(Statement(kind, True, events=(event,), removed=removed))
 
 
-def texts(case: Case, rng: random.Random) -> dict[str, Sequence[str]]:
-    """The sentences of each row of `GROUPS`, without the answer."""
-    scene, question, short = case.scene, case.question, case.short
+def texts(scene: Scene, question: Question, other: Question, rng: random.Random) -> dict[str, Sequence[str]]:
+    """The sentences of each row of the table, without the answer; `other` is another question about the scene."""
+    short = told(scene, question, "short")
     things, last = named(question), scene.n_frames - 1
-    facts = [
-        f"Frame {e.frame}: {' and '.join(f'the {scene.objects[i].name}' for i in e.objects)} " for e in scene.events
-    ]
     verbs = {"in": "enters", "out": "exits", "collision": "collide"}
-    observed = [f"{fact}{verbs[e.kind]}." for fact, e in zip(facts, scene.events, strict=True)]
+    who = [" and ".join(f"the {scene.objects[i].name}" for i in e.objects) for e in scene.events]
+    observed = [f"Frame {e.frame}: {them} {verbs[e.kind]}." for e, them in zip(scene.events, who, strict=True)]
 
     def in_seconds(text: str) -> str:
         text = re.sub(r"Frame (\d+):", lambda found: f"At {int(found[1]) / FPS:.1f} s:", text)
@@ -155,40 +122,39 @@ def texts(case: Case, rng: random.Random) -> dict[str, Sequence[str]]:
     def shuffled(text: str) -> str:
         return re.sub(r"(?<=rame )\d+", lambda _: str(rng.randint(0, last)), text)
 
-    conclusions = [re.sub(r" at frame \d+", "", s) for s in short if not s.startswith("Frame")]
+    repeated = [re.sub(r" at frame \d+", "", s) for s in short if verify(s, scene).claims[0].kind not in SEEN]
     pairs = list(combinations(things, 2))
     sweep = [f"Frame {f}: {thing} enters." for thing in things for f in range(1, last, SWEEP_FRAMES)]
     sweep += [f"Frame {f}: {a} and {b} collide." for a, b in pairs for f in range(1, last, SWEEP_FRAMES)]
-    rows: list[Sequence[str]] = [
-        short,
-        [in_seconds(s) for s in short],
-        case.long,
-        observed[:1],
-        observed,
-        case.other,
-        [shuffled(s) for s in short],
-        [question.text, *(f"{c.text}." for c in question.choices), *conclusions],
-        list(denied(scene)),
-        short * REPEATS,
-        [*short, *(contrary(s, scene) for s in short)],
-        [],
-        short,
-        [f"{thing} moves in the video." for thing in things],
-        [f"Frame {f}: {thing} is moving." for thing in things for f in (0, last)],
-        [f"{when}{a} and {b} do not collide." for a, b in pairs for when in ("", "After the video, ")],
-        sweep,
-        ["1 collision happens before frame 50."],
-    ]
-    return dict(zip((name for group in GROUPS.values() for name in group), rows, strict=True))
+    denials = [f"{when}{a} and {b} do not collide." for a, b in pairs for when in ("", "After the video, ")]
+    return {
+        "honest: narrated, short": short,
+        "honest: the same with seconds (0.1 s)": [in_seconds(s) for s in short],
+        "honest: narrated, long": told(scene, question, "long"),
+        "gaming: one safe fact": observed[:1],
+        "gaming: all observed facts": observed,
+        "gaming: facts of another question": told(scene, other, "short"),
+        "gaming: shuffled frames": [shuffled(s) for s in short],
+        "gaming: copied question and answer": [question.text, *(f"{c.text}." for c in question.choices), *repeated],
+        "gaming: negations": list(denied(scene)),
+        "gaming: repetition": short * REPEATS,
+        "gaming: contradictions": [*short, *(contrary(s, scene) for s in short)],
+        "gaming: empty": [],
+        WRONG_ANSWER: short,
+        "without the video: what the question names moves": [f"{thing} moves in the video." for thing in things],
+        "without the video: it moves at the start and end": [
+            f"Frame {f}: {thing} is moving." for thing in things for f in (0, last)
+        ],
+        "without the video: it does not collide": denials,
+        "without the video: it enters and collides, at every frame": sweep,
+        "without the video: 1 collision happens before frame 50.": ["1 collision happens before frame 50."],
+    }
 
 
 def wrong_answer(question: Question) -> str:
     """An answer that is not the right one."""
-    if question.choices:
-        return "<answer>A</answer>" if "A" not in solution(question) else "<answer>none</answer>"
-    words = {"yes": "no", "no": "yes", "red": "blue", "cube": "sphere", "metal": "rubber", "rubber": "metal", "0": "1"}
-    default = {"count": "0", "query_color": "red", "query_shape": "cube"}.get(question.subtype or "", "no")
-    return f"<answer>{words.get(question.answer or '', default)}</answer>"
+    answers = ("none", "A") if question.choices else ("yes", "no")
+    return next(text for text in (f"<answer>{a}</answer>" for a in answers) if text != solution(question))
 
 
 def measure(n_scenes: int, per_type: int, folder: Path) -> tuple[dict[str, list[Earned]], int]:
@@ -198,7 +164,7 @@ def measure(n_scenes: int, per_type: int, folder: Path) -> tuple[dict[str, list[
         document = truth_document(simulate_scene(seed), seed, CLEVRER_CAMERA)
         write_json(folder / f"{seed}.json", document)
         scenes[seed] = scene_from_truth(document)
-    earned: dict[str, list[Earned]] = {name: [] for group in GROUPS.values() for name in group}
+    earned: dict[str, list[Earned]] = {}
     missing, left_out = dict.fromkeys(QUESTION_TYPES, per_type), 0
     rng = random.Random(0)
     for asked in generate_questions((seed, f"{seed}.mp4", scene) for seed, scene in scenes.items()):
@@ -207,9 +173,7 @@ def measure(n_scenes: int, per_type: int, folder: Path) -> tuple[dict[str, list[
         for question in {q.type: q for q in questions}.values():
             if not missing[question.type]:
                 continue
-            other = next(q for q in questions if q is not question)
-            narrated = told(scene, question, "short"), told(scene, question, "long"), told(scene, other, "short")
-            rows = texts(Case(scene, question, *narrated), rng)
+            rows = texts(scene, question, next(q for q in questions if q is not question), rng)
             columns = {
                 "solution": solution(question),
                 "options": [c.text for c in question.choices],
@@ -225,17 +189,16 @@ def measure(n_scenes: int, per_type: int, folder: Path) -> tuple[dict[str, list[
                 continue
             missing[question.type] -= 1
             for name, reward in zip(rows, rewards, strict=True):
-                earned[name].append(Earned(question.type, asked.scene_index, reward or 0.0))
+                earned.setdefault(name, []).append(Earned(question.type, asked.scene_index, reward or 0.0))
     return earned, left_out
 
 
 def table(earned: Mapping[str, Sequence[Earned]], left_out: int) -> str:
     """Markdown."""
     lines = ["# What reasoning earns", "", f"| reasoning | {' | '.join(QUESTION_TYPES)} | all |", "|---" * 6 + "|"]
-    for group, names in GROUPS.items():
-        for name in names:
-            cells = [cell([e for e in earned[name] if e.kind in (kind or e.kind)]) for kind in (*QUESTION_TYPES, "")]
-            lines.append(f"| {group}: {name} | {' | '.join(cells)} |")
+    for name, rows in earned.items():
+        cells = [cell([e for e in rows if e.kind == kind]) for kind in QUESTION_TYPES]
+        lines.append(f"| {name} | {' | '.join([*cells, cell(rows)])} |")
     kinds = [e.kind for e in earned[WRONG_ANSWER]]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in QUESTION_TYPES)
     lines += [

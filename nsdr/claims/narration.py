@@ -42,8 +42,8 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
         answer: of `Executor.answer` or `Executor.judge` with the paper's semantics, or one of the latter's choices. Where the
             executor had to suppose another course of events (`Scene.uncertain`), the trace's facts differ from the scene's.
         scene: the scene that it is about.
-        length: "short" tells what the answer rests on; "long" all observed events first, and all that is known of the time
-            after the video or of the video without the removed object where the question asks for that.
+        length: "short" tells what the answer rests on; "long" all observed events first, and all that happens without the
+            removed object where the question asks for that.
 
     Raises:
         ExecutionError: an unknown length, or an answer without a trace.
@@ -169,8 +169,8 @@ class _Narration:
     def _elsewhere(self, event: Event, events: Sequence[Event], removed: int | None = None) -> None:
         """Whether a collision happens after the video, or without an object, and what that rests on.
 
-        After the video these are the last events of its objects, and what happens then; without an object all collisions that
-        are other ones than in the video. A long text tells all that happens without the object, too.
+        After the video it rests on the last event of each of its objects, if they collide, and on what else happens then;
+        without an object, on all collisions that the video does not share. A long text tells those that it shares, too.
         """
         observed = [e for e in self.scene.events if e.kind == "collision"]
         happening, seen = {e.objects for e in events}, {e.objects for e in observed}
@@ -179,7 +179,7 @@ class _Narration:
             self.events |= {e for e in observed if e.objects not in happening}
         elif event.objects in happening:
             for i in event.objects:
-                self.events |= set([e for e in self.scene.events if i in e.objects][-1:])
+                self.events.update([e for e in self.scene.events if i in e.objects][-1:])
         if self.long and removed is None and moving is not None:
             shown = [i for i in event.objects if self.scene.visible[i, last]]
             self.states += [self._motion(i, "moving" if moving[i, last] else "stationary", last) for i in shown]
