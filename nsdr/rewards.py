@@ -23,7 +23,6 @@ from nsdr.errors import DataError, ExecutionError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
 from nsdr.symbolic import Executor
-from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Scene
 
 __all__ = ["answer_format", "evidence", "exact", "per_option", "read_scene"]
@@ -32,6 +31,8 @@ Completion = str | Sequence[Mapping[str, Any]]
 """A text, or messages with `role` and `content`, as conversational data sets have them; the last message counts."""
 Options = Sequence[str]
 """Texts of a question's options; none for an open question."""
+ProgramTokens = str | Sequence[str]
+"""A program's postfix tokens, also as one text."""
 EXPECTED = {
     "solution": "right answers, so leave out questions without one, as of the test split",
     "options": "texts of options",
@@ -93,8 +94,8 @@ def evidence(
     completions: Sequence[Completion],
     solution: Sequence[str],
     options: Sequence[Options],
-    program: Sequence[ProgramSource],
-    option_programs: Sequence[Sequence[ProgramSource]],
+    program: Sequence[ProgramTokens],
+    option_programs: Sequence[Sequence[ProgramTokens]],
     scene: Sequence[str | Path],
     **columns: Any,
 ) -> list[float | None]:
@@ -135,9 +136,11 @@ def evidence(
     for (given, right, _), (completion, texts, asked, choices, path) in zip(answers, rows, strict=True):
         if not isinstance(path, str | Path):
             raise DataError(f"column scene: expected paths, got {path!r:.60}")
-        if not isinstance(choices, Sequence) or len(choices) != len(texts) or None in choices:
+        programs = [asked, *choices] if isinstance(choices, Sequence) else []
+        if len(programs) != len(texts) + 1 or not all(isinstance(p, str | Sequence) for p in programs):
             raise DataError(
-                f"column option_programs: expected a program for each of {len(texts)} options, got {choices!r:.60}"
+                f"columns program, option_programs: expected programs of the question and its {len(texts)} options, "
+                f"got {asked!r:.60} and {choices!r:.60}"
             )
         known = read_scene(str(path))
         needed = _needed(known, asked, list(zip(texts, choices, strict=True)), right)
@@ -172,7 +175,7 @@ def read_scene(path: str) -> Scene:
 
 
 def _needed(
-    scene: Scene, program: ProgramSource, choices: Sequence[tuple[str, ProgramSource]], right: str | frozenset[str]
+    scene: Scene, program: ProgramTokens, choices: Sequence[tuple[str, ProgramTokens]], right: str | frozenset[str]
 ) -> list[Claim]:
     """The facts that the right answer rests on; none without one of the video, or where the scene gives another answer."""
     executor = Executor(scene)

@@ -67,18 +67,15 @@ def test_wrong_columns_are_refused() -> None:
         exact(["", ""], ["<answer>red</answer>"], [[], []])
     with pytest.raises(DataError, match=r"solution 'ruby': .*expected such as <answer>red</answer>"):
         exact([""], ["ruby"], [[]])
-    for scene, message in (
-        (None, r"has values that are null; expected .*nsdr export --scenes"),
-        (5, "expected paths, got 5"),
-    ):
-        with pytest.raises(DataError, match=f"column scene: {message}"):
-            evidence([""], **evidence_columns(scene))
     for name, value, message in (
-        ("program", None, "has values that are null; expected programs"),
-        ("option_programs", [["objects"]], r"expected a program for each of 0 options, got \[\['objects'\]\]"),
-        ("scene", None, "has values that are null"),
+        ("scene", None, r"column scene: has values that are null; expected .*nsdr export --scenes"),
+        ("scene", 5, "column scene: expected paths, got 5"),
+        ("program", None, "column program: has values that are null; expected programs"),
+        ("program", 5, "expected programs of the question and its 0 options, got 5"),
+        ("option_programs", 5, r"expected programs of the question and its 0 options, got \('events', .* and 5"),
+        ("option_programs", [["objects"]], r"expected programs .* and \[\['objects'\]\]"),
     ):
-        with pytest.raises(DataError, match=f"column {name}: {message}"):
+        with pytest.raises(DataError, match=message):
             evidence([""], **(evidence_columns(TRUTH) | {name: [value]}))
     with pytest.raises(DataError, match="column solution: has values that are null"):
         exact(["", ""], ["<answer>red</answer>", None], [[], []])  # type: ignore[list-item]
