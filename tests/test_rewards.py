@@ -2,12 +2,12 @@
 
 import json
 import re
-from itertools import pairwise
+from itertools import combinations
 from typing import Any
 
 import pytest
 
-from nsdr import DataError, Scene, load, save
+from nsdr import DataError, Scene, save
 from nsdr.clevrer import read_questions, solution
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.generate.export.records import reasoner
@@ -72,7 +72,7 @@ def test_wrong_columns_are_refused() -> None:
         ("scene", 5, "column scene: expected paths, got 5"),
         ("program", None, "column program: has values that are null; expected programs"),
         ("program", 5, "expected programs of the question and its 0 options, got 5"),
-        ("option_programs", 5, r"expected programs of the question and its 0 options, got \('events', .* and 5"),
+        ("option_programs", 5, r"expected programs of the question and its 0 options, got \['events', .* and 5"),
         ("option_programs", [["objects"]], r"expected programs .* and \[\['objects'\]\]"),
     ):
         with pytest.raises(DataError, match=message):
@@ -104,12 +104,8 @@ COLLISIONS = "events objects filter_collision count"
 FIRST = "Frame 20: the red cube and the blue sphere collide.\n"
 BOTH = FIRST + "Frame 40: the blue sphere and the green cylinder collide.\n"
 PAIR = "all_events objects {} unique filter_collision objects {} unique filter_collision unique"
-CUBE, GREEN, BLUE, RED_SPHERE = (
-    "cube filter_shape",
-    "green filter_color",
-    "blue filter_color",
-    "red filter_color sphere filter_shape",
-)
+CUBE, GREEN, BLUE = "cube filter_shape", "green filter_color", "blue filter_color"
+RED_SPHERE = "red filter_color sphere filter_shape"
 WITHOUT_BLUE = f"all_events objects {BLUE} unique get_counterfact belong_to"
 NEW = "Without the blue sphere, the cube and the cylinder would collide.\n"
 LATER = "After the video, the cylinder and the red sphere collide.\n"
@@ -211,65 +207,53 @@ def test_a_question_that_nothing_seen_answers_has_no_reward(earned) -> None:
     assert earned(FIRST, f"objects {RED_SPHERE} unique end get_frame query_direction", "left") is None
 
 
-def example_rows() -> list[dict[str, Any]]:
-    """Columns of the example's questions, with the narrated answer."""
-    scene = load(Scene, TRUTH)
-    return [
-        {
-            "solution": solution(q),
-            "options": [c.text for c in q.choices],
-            "program": q.program,
-            "option_programs": [c.program for c in q.choices],
-            "scene": TRUTH,
-            "reasoning": reasoner(scene, "short")(q),
-        }
-        for q in read_questions(QUESTIONS)[0].questions
-    ]
+def test_gaming_earns_less_than_reasons(example_scene: Scene) -> None:
+    questions = read_questions(QUESTIONS)[0].questions
+    columns: dict[str, list] = {
+        "options": [[c.text for c in q.choices] for q in questions],
+        "program": [q.program for q in questions],
+        "option_programs": [[c.program for c in q.choices] for q in questions],
+        "scene": [TRUTH] * len(questions),
+    }
+    right = [solution(q) for q in questions]
+    wrong = ["<answer>none</answer>" if q.choices else "<answer>7</answer>" for q in questions]
+    tell = reasoner(example_scene, "short")
+    told = [str(tell(q)).removesuffix(answer) for q, answer in zip(questions, right, strict=True)]
 
+    def mean(texts: list[str], answers: list[str] = right) -> float:
+        rewards = evidence([t + a for t, a in zip(texts, answers, strict=True)], solution=right, **columns)
+        return sum(rewards) / len(rewards)  # none is None
 
-def test_gaming_earns_less_than_reasons(small_scene: Scene) -> None:
-    rows = example_rows()
-    columns = {name: [row[name] for row in rows] for name in rows[0]}
-    scene = load(Scene, TRUTH)
-    names = [[f"the {scene.objects[i].name}" for i in e.objects] for e in scene.events]
+    def always(*sentences: str) -> list[str]:
+        return ["\n".join(sentences) + "\n"] * len(questions)
+
     verbs = {"in": "enters", "out": "exits", "collision": "collide"}
-    facts = [f"Frame {e.frame}: {' and '.join(n)} {verbs[e.kind]}." for e, n in zip(scene.events, names, strict=True)]
-    told = ["\n".join(row["reasoning"].splitlines()[:-1]) for row in rows]
-
-    def mean(texts: list[str], answers: list[str] = columns["solution"]) -> float:
-        rewards = evidence([f"{t}\n{a}" for t, a in zip(texts, answers, strict=True)], **columns)
-        assert None not in rewards
-        return sum(rewards) / len(rewards)
-
-    n = len(rows)
-    assert mean(told) == 1
-    objects = [o.name for o in scene.objects]
+    objects = [f"the {o.name}" for o in example_scene.objects]
+    seen = [(e, " and ".join(objects[i] for i in e.objects)) for e in example_scene.events]
+    facts = [f"Frame {e.frame}: {who} {verbs[e.kind]}." for e, who in seen]
+    opposite = {"collide.": "do not collide.", "enters.": "does not enter.", " led to ": " did not lead to "}
+    copied = [[f"{start}{c.text}." for c in q.choices for start in ("", "After the video, ")] for q in questions]
     gaming = {
-        "one safe fact": [facts[1]] * n,
-        "all observed facts": ["\n".join(facts)] * n,
+        "one safe fact": always(facts[0]),
+        "all observed facts": always(*facts),
         "facts of another question": told[1:] + told[:1],
         "shuffled frames": [re.sub(r"(?<=rame )\d+", lambda f: str((int(f[0]) + 40) % 128), t) for t in told],
-        "repetition": ["\n".join([t] * 10) for t in told],
-        "contradictions": [
-            t + "\n" + re.sub("collide.", "do not collide.", t) + "\nThe cyan sphere does not exit." for t in told
-        ],
-        "empty": [""] * n,
+        "repetition": [t * 10 for t in told],
+        "contradictions": [t + re.sub("|".join(map(re.escape, opposite)), lambda f: opposite[f[0]], t) for t in told],
     }
     blind = {
-        "options": [
-            "\n".join(f"{course}{o}." for o in row["options"] for course in ("", "After the video, ")) for row in rows
-        ],
-        "denials": ["\n".join(f"After the video, the {a} and the {b} do not collide." for a, b in pairwise(objects))]
-        * n,
-        "motion": ["\n".join(f"The {o} moves in the video." for o in objects)] * n,
-        "count": ["1 collision happens before frame 50."] * n,
+        "copied question": [f"{q.text}\n" + "\n".join([*c, ""]) for q, c in zip(questions, copied, strict=True)],
+        "negations": always(*(f"After the video, {a} and {b} do not collide." for a, b in combinations(objects, 2))),
+        "motion": always(*(f"{o} moves in the video." for o in objects)),
+        "one sentence": always("1 collision happens before frame 50."),
+        "empty": always(),
     }
+    assert mean(told) == 1
+    assert mean(told, wrong) == 0
     for name, texts in gaming.items():
         assert mean(texts) <= 0.7, name
     for name, texts in blind.items():
         assert mean(texts) <= 0.15, name
-    wrong = ["<answer>7</answer>" if not row["options"] else "<answer>none</answer>" for row in rows]
-    assert mean(told, wrong) == 0
 
 
 def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) -> None:
