@@ -1,41 +1,43 @@
 """Rewards for training language models on CLEVRER's questions, as TRL's `GRPOTrainer` calls them.
 
-    >>> trainer = GRPOTrainer(model, reward_funcs=[exact, per_option, answer_format, trace_verified], ...)
+    >>> trainer = GRPOTrainer(model, reward_funcs=[exact, per_option, answer_format, evidence], ...)
 
 A reward gets the completions of a batch (texts, or lists of messages) and the columns of the data set as lists. The columns are
-`solution` (`nsdr.clevrer.solution`), `options` (the texts of the question's options; empty for an open question) and, for
-`trace_verified`, `scene` (path of a file with the video's scene). See `docs/rewards.md`.
+those of `nsdr export`: `solution` (`nsdr.clevrer.solution`), `options` (the texts of the question's options; empty for an open
+question) and, for `evidence`, `program`, `option_programs` and `scene` (path of a file with the video's scene). See
+`docs/rewards.md`.
 """
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from nsdr.claims.narration import narrate
 from nsdr.claims.statements import PAST_KINDS
-from nsdr.claims.verification import Claim, Verification, verify
+from nsdr.claims.verification import OTHER_COURSES, TOLERANCE_FRAMES, Claim, verify
 from nsdr.clevrer.answers.responses import TAG, Response, read_response
 from nsdr.clevrer.files.scenes import iterate_scenes
-from nsdr.errors import DataError
+from nsdr.errors import DataError, ExecutionError
 from nsdr.io.reading import read_json
 from nsdr.io.storage import load
+from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
-__all__ = ["MAX_OF_A_KIND", "answer_format", "exact", "per_option", "read_scene", "trace_score", "trace_verified"]
+__all__ = ["answer_format", "evidence", "exact", "per_option", "read_scene"]
 
 Completion = str | Sequence[Mapping[str, Any]]
 """A text, or messages with `role` and `content`, as conversational data sets have them; the last message counts."""
 Options = Sequence[str]
 """Texts of a question's options; none for an open question."""
-MAX_OF_A_KIND = 6
-"""How many facts of one kind `trace_score` counts: the largest number of collisions in a CLEVRER video."""
-UNINFORMATIVE = ("attribute", "presence")
-"""Kinds of claims that any look at the video yields; they cannot raise `trace_score`."""
+ProgramTokens = str | Sequence[str]
+"""A program's postfix tokens, also as one text."""
 EXPECTED = {
     "solution": "right answers, so leave out questions without one, as of the test split",
     "options": "texts of options",
+    "program": "programs, so leave out questions without one",
+    "option_programs": "programs of options",
     "scene": "paths of scenes, which `nsdr export --scenes` writes",
 }
 """What each column holds."""
@@ -88,52 +90,70 @@ def answer_format(completions: Sequence[Completion], options: Sequence[Options],
     return rewards
 
 
-def trace_verified(completions: Sequence[Completion], scene: Sequence[str | Path], **columns: Any) -> list[float]:
-    """The share of the reasoning's checkable claims that hold in the video's scene (0-1), by `trace_score`.
+def evidence(
+    completions: Sequence[Completion],
+    solution: Sequence[str],
+    options: Sequence[Options],
+    program: Sequence[ProgramTokens],
+    option_programs: Sequence[Sequence[ProgramTokens]],
+    scene: Sequence[str | Path],
+    **columns: Any,
+) -> list[float | None]:
+    """How well the reasoning shows what the right answer rests on (0-1): an F-measure; 0 where the answer is wrong.
+
+    What it rests on are these facts of the answer that `nsdr.narrate` tells from the program's steps:
+
+    - events at their frames ("Frame 43: the red cube enters."), and what led to what, with the frames;
+    - which objects move or rest, at a frame or in the whole video;
+    - what happens after the video, and what happens without an object but not in the video. They count only beside one of
+      the others, because the options name them.
+
+    Recall is the share of these that the completion states. Precision is their share of all such facts that it states,
+    repeated ones included, and of all else in it that is false. What else is true counts neither way: what restates the
+    question or the answer, denials, events without a frame. Neither does what cannot be read or checked.
 
     Args:
         completions: one per sample.
+        solution: right answers in their tags, such as "<answer>A,C</answer>".
+        options: of each question.
+        program: of each question.
+        option_programs: of each option; none for an open question.
         scene: of each sample, the path of a file that `read_scene` reads. Files that were read are kept in memory and must not
             change.
         columns: other columns and what the trainer adds; not used.
 
+    Returns:
+        One reward per sample; None, which TRL passes over, where the answer rests on nothing of the video ("no cube enters")
+        or the scene does not give it (annotations do not know what happens after the video).
+
     Raises:
-        DataError: the columns' lengths differ, a value is None, or a scene cannot be read.
+        DataError: the columns' lengths differ, a value is None, or a solution or scene cannot be read.
+        ProgramError: a program is not well-formed.
     """
-    rewards = []
-    for completion, path in _rows(completions, scene=scene):
+    answers = _read(completions, solution, options)
+    rows = _rows(completions, options=options, program=program, option_programs=option_programs, scene=scene)
+    rewards: list[float | None] = []
+    for (given, right, _), (completion, texts, asked, choices, path) in zip(answers, rows, strict=True):
         if not isinstance(path, str | Path):
             raise DataError(f"column scene: expected paths, got {path!r:.60}")
-        rewards.append(trace_score(verify(_text(completion), read_scene(str(path)))))
+        programs = [asked, *choices] if isinstance(choices, Sequence) else []
+        if len(programs) != len(texts) + 1 or not all(isinstance(p, str | Sequence) for p in programs):
+            raise DataError(
+                f"columns program, option_programs: expected programs of the question and its {len(texts)} options, "
+                f"got {asked!r:.60} and {choices!r:.60}"
+            )
+        known = read_scene(str(path))
+        needed = _needed(known, asked, list(zip(texts, choices, strict=True)), right)
+        if not needed:
+            rewards.append(None)
+            continue
+        claims = verify(_text(completion), known).claims
+        stated = [c for c in claims if _is_fact(c, known)]
+        found = [fact for fact in needed if any(_same(fact, claim) for claim in stated)]
+        is_shown = given.answer == right and any(fact.kind not in OTHER_COURSES for fact in found)
+        n_false = sum(claim.holds is False for claim in claims)
+        rewards.append(2 * len(found) * is_shown / (len(needed) + len(stated) + n_false))
     return rewards
-
-
-def trace_score(verification: Verification) -> float:
-    """The share of distinct, informative claims that hold; 0 without any.
-
-    Each rule keeps a text from filling up its score with what is easily said:
-
-    - Each fact counts once, whatever its wording or frame; a claim that fails counts once for each frame that it is tried with.
-    - Attributes and presence of objects, denials at a single frame, events without a particular object or frame ("an object
-      enters"), counts of none where there is no such object ("no yellow cube enters"), and what is true by its words ("without
-      the cube, the cube and the ball do not collide") count only where they are wrong.
-    - Denied facts that hold ("… do not collide", "no cube …") count at most as often as others that hold, or once; but events
-      that are denied of the video ("the cube does not exit"), which are hardly ever wrong, not even once without others.
-    - At most `MAX_OF_A_KIND` facts of a kind that hold count.
-    - What cannot be checked counts neither way.
-
-    A text may still confine itself to a few safe claims: use it beside `exact`, never alone.
-
-    Args:
-        verification: of the text.
-    """
-    right = {_fact(c): c for c in verification.claims if c.holds and not _uninformative(c)}
-    wrong = {(_fact(c), c.frame) for c in verification.claims if c.holds is False}
-    asserted = _capped(c for c in right.values() if not c.negated)
-    denials = [c for c in right.values() if c.negated]
-    denied = min(_capped(denials), max(any(c.kind not in PAST_KINDS.values() for c in denials), asserted))
-    counted = asserted + denied
-    return counted / (counted + len(wrong)) if counted else 0.0
 
 
 @lru_cache(maxsize=1024)
@@ -154,39 +174,40 @@ def read_scene(path: str) -> Scene:
     return scenes[0]
 
 
-def _capped(claims: Iterable[Claim]) -> int:
-    return sum(min(n, MAX_OF_A_KIND) for n in Counter(c.kind for c in claims).values())
+def _needed(
+    scene: Scene, program: ProgramTokens, choices: Sequence[tuple[str, ProgramTokens]], right: str | frozenset[str]
+) -> list[Claim]:
+    """The facts that the right answer rests on; none without one of the video, or where the scene gives another answer."""
+    executor = Executor(scene)
+    try:
+        answer = executor.judge(program, choices) if choices else executor.answer(program)
+    except ExecutionError:
+        return []
+    text = narrate(answer, scene)
+    if read_response(text, [option for option, _ in choices]).answer != right:
+        return []
+    facts = [claim for claim in verify(text, scene).claims if _is_fact(claim, scene)]
+    return facts if any(fact.kind not in OTHER_COURSES for fact in facts) else []
 
 
-def _uninformative(claim: Claim) -> bool:
+def _is_fact(claim: Claim, scene: Scene) -> bool:
+    """Whether a claim is true and of those that `evidence` counts."""
     said = claim.statement
-    denied_at_a_frame = claim.negated and bool(said.events) and claim.frame is not None
-    placed = claim.frame is not None and not said.relation
-    counts = said.number is not None and said.kind != "order"
-    vague = not (claim.objects or placed or counts)
-    # An object does not collide without itself, and is responsible for an event that it takes part in.
-    alone = [said.removed] if said.removed is not None else list(said.objects) if said.kind == "cause" else []
-    named = len(alone) + len(said.events[0].objects) if alone and len(said.events) == 1 else 0
-    tautology = len(claim.objects) < named
-    return claim.kind in UNINFORMATIVE or claim.vacuous or denied_at_a_frame or vague or tautology
+    if not claim.holds or said.negated or said.number is not None:
+        return False
+    if said.kind == "counterfactual":
+        return claim.event is not None and all(e.objects != claim.event.objects for e in scene.events)
+    if said.kind in ("motion", "future"):
+        return True
+    return said.kind in (*PAST_KINDS.values(), "cause") and all(e.frame is not None for e in said.events)
 
 
-def _fact(claim: Claim) -> tuple[Any, ...]:
-    """What a claim says, without wording and frames: the event of the scene that it is about, or what it names.
-
-    The words of objects count only where they name none, in a claim that fails.
-    """
-    said = claim.statement
-    removed = claim.objects[-1:] if said.removed is not None else ()
-    if claim.event is not None:
-        return (said.kind, removed, claim.event)
-    phrases = (*said.objects, *(p for e in said.events for p in e.objects))
-    words = {tuple(sorted(p.words)) for p in phrases}
-    unnamed = tuple(sorted(words)) if claim.holds is False and len(words) > len(claim.objects) else ()
-    classes = tuple(sorted(said.objects[0].words)) if said.number is not None and said.objects else ()
-    order = claim.objects if said.kind in ("order", "cause") else tuple(sorted(claim.objects))
-    kinds = tuple(e.kind for e in said.events)
-    return (said.kind, order, removed, unnamed, kinds, classes, said.words, said.number, said.relation, claim.negated)
+def _same(fact: Claim, claim: Claim) -> bool:
+    """Whether two claims of `_is_fact` state the same."""
+    first, second = ((c.kind, c.statement.words, c.event, set(c.objects)) for c in (fact, claim))
+    if fact.frame is None or claim.frame is None:
+        return first == second and fact.frame == claim.frame
+    return first == second and abs(fact.frame - claim.frame) <= TOLERANCE_FRAMES
 
 
 def _read(

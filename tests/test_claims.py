@@ -14,8 +14,10 @@ from hypothesis import given, settings, strategies as st
 
 from nsdr import Answer, DataError, Event, ExecutionError, Scene, SceneObject, narrate, verify
 from nsdr.claims.reading import read_sentence, written
+from nsdr.claims.verification import TOLERANCE_FRAMES
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.symbolic import Executor
+from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 N_FRAMES = 30
@@ -133,12 +135,21 @@ def test_what_is_not_seen_is_told(executor: Executor) -> None:
     choice = PAIR.format(RED_CUBE, GREEN)
     without = "all_events objects blue filter_color unique get_counterfact belong_to negate"
     assert told(executor, without, choice) == [
+        "Frame 20: the red cube and the blue sphere collide.",
+        "Frame 40: the blue sphere and the green cylinder collide.",
         "Without the blue sphere, the red cube and the green cylinder would collide.",
         "<answer>none</answer>",
     ]
-    assert told(executor, "unseen_events belong_to", choice)[-2:] == [
+    assert told(executor, "unseen_events belong_to", choice) == [
+        "After the video, the green cylinder and the red sphere collide.",
         "After the video, the red cube and the green cylinder do not collide.",
         "<answer>none</answer>",
+    ]
+    assert told(executor, "unseen_events belong_to", PAIR.format(GREEN, "sphere filter_shape red filter_color")) == [
+        "Frame 10: the red sphere enters.",
+        "Frame 40: the blue sphere and the green cylinder collide.",
+        "After the video, the green cylinder and the red sphere collide.",
+        "<answer>A</answer>",
     ]
 
 
@@ -156,6 +167,11 @@ HOLDS = [
     ("The blue sphere is hit by the red cube around frame 19.", "collision"),
     ("Then the red sphere enters the scene at frame 10 and never hits the cube.", "entrance"),
     ("The blue sphere leaves the video (frame 60).", "exit"),
+    ("At 0.8 s the cube hits the blue sphere.", "collision"),
+    ("1.62 s: the blue sphere and the cylinder collide.", "collision"),
+    ("The blue sphere exits (2.4 seconds).", "exit"),
+    ("No collision happens before 0.7s.", "count"),
+    ("The red sphere is moving at 5.1 s.", "motion"),
     ("The red sphere doesn't exit.", "exit"),
     ("There is no collision between the cube and the cylinder.", "collision"),
     ("There is a blue rubber sphere.", "presence"),
@@ -197,6 +213,7 @@ def test_what_holds(small_scene: Scene, text: str, kind: str) -> None:
 FAILS = [
     ("Frame 23: the red cube and the blue sphere collide.", "it happens at frame 20, not at frame 23"),
     ("The collision of the cube and the blue sphere at frame 90 happens.", "it happens at frame 20, not at frame 90"),
+    ("At 0.9 s the red cube and the blue sphere collide.", "it happens at frame 20, not at frame 22"),
     ("The cube and the cylinder collide.", "it does not happen"),
     ("The purple cube enters.", "no object of the video fits 'the purple cube'"),
     ("The red sphere exits.", "it does not happen"),
@@ -246,6 +263,10 @@ UNREAD = [
     "The cubes collide.",
     "Frames 10-20: the cube and the cylinder collide.",
     "From frame 10 the cylinder is moving.",
+    "Between 0.4 s and 0.8 s the red sphere enters.",
+    "At 0.3-0.5 s the red sphere enters.",
+    "During 2 s the red sphere is moving.",
+    "2 seconds later the blue sphere exits.",
     "The cube hits the cylinder and the red sphere enters without the blue sphere.",
     "<answer>The red cube and the cylinder collide</answer>",
     "The red sphere enters at frame 10 " + 20 * "and the red sphere enters " + "at frame 10.",
@@ -257,6 +278,14 @@ def test_what_is_not_read_is_skipped_and_counted(small_scene: Scene, text: str) 
     found = verify(text, small_scene)
     assert not found.claims
     assert (len(found.skipped) > 0) == (not text.startswith("<answer>"))
+
+
+def test_times_in_tenths_of_a_second_are_frames_within_the_tolerance() -> None:
+    for frame in range(128):
+        (said,) = read_sentence(f"At {frame / FPS:.1f} s the cube enters", 127)
+        assert abs(said.events[0].frame - frame) <= TOLERANCE_FRAMES
+        (said,) = read_sentence(f"At {frame / FPS:.2f} s the cube enters", 127)
+        assert said.events[0].frame == frame
 
 
 UNDECIDED = [

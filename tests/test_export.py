@@ -32,7 +32,7 @@ from nsdr.generate.export.base import write_json_lines
 from nsdr.generate.export.records import COLUMNS, Record, reasoner
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
-from nsdr.rewards import trace_verified
+from nsdr.rewards import evidence
 
 PAGE = Path(__file__).parent.parent / "docs" / "export.md"
 FORMATS = ("grpo", "chat", "parquet", "webdataset")
@@ -166,7 +166,8 @@ def test_true_scenes_go_with_rewards(told, tmp_path, capsys) -> None:
     out = export(told, tmp_path / "grpo", *here, "--reasoning", "short", "--scenes")
     row = rows(out / "train.jsonl")[0]
     assert row["reasoning"].endswith(row["solution"])
-    assert trace_verified([row["reasoning"]], scene=[str(told / row["scene"])]) == [1.0]
+    columns = {name: [value] for name, value in row.items()} | {"scene": [str(told / row["scene"])]}
+    assert evidence([row["reasoning"]], **columns) == [1.0]
     plain = rows(export(told, tmp_path / "plain", *here) / "train.jsonl")[0]
     assert plain["reasoning"] is None
     assert plain["scene"] is None

@@ -1,21 +1,31 @@
 """Rewards on completions as TRL passes them."""
 
 import json
+import re
+from itertools import combinations
 from typing import Any
 
 import pytest
 
-from nsdr import DataError, Scene, narrate, save, verify
-from nsdr.clevrer.example import TRUTH
-from nsdr.rewards import MAX_OF_A_KIND, answer_format, exact, per_option, read_scene, trace_score, trace_verified
-from nsdr.symbolic import Executor
+from nsdr import DataError, Scene, save
+from nsdr.clevrer import read_questions, solution
+from nsdr.clevrer.example import QUESTIONS, TRUTH
+from nsdr.generate.export.records import reasoner
+from nsdr.rewards import answer_format, evidence, exact, per_option, read_scene
 
 OPTIONS = ["the cube exits", "the sphere enters", "the cylinder enters"]
 RIGHT = "<answer>A,C</answer>"
 
 
 def columns(n: int) -> dict[str, list]:
-    return {"solution": [RIGHT] * n, "options": [OPTIONS] * n, "scene": [str(TRUTH)] * n, "prompts": ["?"] * n}
+    return {"solution": [RIGHT] * n, "options": [OPTIONS] * n, "prompts": ["?"] * n}
+
+
+def evidence_columns(scene: Any, n: int = 1) -> dict[str, list]:
+    """Columns of "How many cubes enter?", of which there is one in the example."""
+    program = ["events", "objects", "cube", "filter_shape", "filter_in", "count"]
+    row = {"solution": "<answer>1</answer>", "options": [], "program": program, "option_programs": [], "scene": scene}
+    return {name: [value] * n for name, value in row.items()}
 
 
 def test_answers_are_compared_as_a_whole_and_by_option() -> None:
@@ -36,9 +46,11 @@ def test_messages_are_read_like_texts() -> None:
     texts = ["<answer>A,C</answer>", "<answer>B</answer>"]
     messages = [[{"role": "assistant", "content": text}] for text in texts]
     parts = [[{"role": "assistant", "content": [{"type": "text", "text": text}]}] for text in texts]
-    for reward in (exact, per_option, answer_format, trace_verified):
+    for reward in (exact, per_option, answer_format):
         expected = reward(texts, **columns(2))
         assert reward(messages, **columns(2)) == reward(parts, **columns(2)) == expected
+    text = "Frame 25: the purple cube enters.\n<answer>1</answer>"
+    assert evidence([text, [{"role": "assistant", "content": text}]], **evidence_columns(TRUTH, 2)) == [1, 1]
     assert exact([[]], **columns(1)) == [0]
 
 
@@ -55,14 +67,18 @@ def test_wrong_columns_are_refused() -> None:
         exact(["", ""], ["<answer>red</answer>"], [[], []])
     with pytest.raises(DataError, match=r"solution 'ruby': .*expected such as <answer>red</answer>"):
         exact([""], ["ruby"], [[]])
-    with pytest.raises(DataError, match="column scene: expected 1 values"):
-        trace_verified([""], [])
-    with pytest.raises(DataError, match=r"column scene: has values that are null; expected .*nsdr export --scenes"):
-        trace_verified([""], [None])  # type: ignore[list-item]
+    for name, value, message in (
+        ("scene", None, r"column scene: has values that are null; expected .*nsdr export --scenes"),
+        ("scene", 5, "column scene: expected paths, got 5"),
+        ("program", None, "column program: has values that are null; expected programs"),
+        ("program", 5, "expected programs of the question and its 0 options, got 5"),
+        ("option_programs", 5, r"expected programs of the question and its 0 options, got \['events', .* and 5"),
+        ("option_programs", [["objects"]], r"expected programs .* and \[\['objects'\]\]"),
+    ):
+        with pytest.raises(DataError, match=message):
+            evidence([""], **(evidence_columns(TRUTH) | {name: [value]}))
     with pytest.raises(DataError, match="column solution: has values that are null"):
         exact(["", ""], ["<answer>red</answer>", None], [[], []])  # type: ignore[list-item]
-    with pytest.raises(DataError, match="column scene: expected paths, got 5"):
-        trace_verified([""], [5])  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize(
@@ -83,82 +99,161 @@ def test_wrong_values_of_columns_are_refused(changes: dict[str, Any], message: s
         exact(**({"completions": [""], "solution": ["<answer>red</answer>"], "options": [[]]} | changes))
 
 
-def score(text: str, scene: Scene) -> float:
-    return trace_score(verify(text, scene))
+MOTION = "objects end get_frame filter_moving count"
+COLLISIONS = "events objects filter_collision count"
+FIRST = "Frame 20: the red cube and the blue sphere collide.\n"
+BOTH = FIRST + "Frame 40: the blue sphere and the green cylinder collide.\n"
+PAIR = "all_events objects {} unique filter_collision objects {} unique filter_collision unique"
+CUBE, GREEN, BLUE = "cube filter_shape", "green filter_color", "blue filter_color"
+RED_SPHERE = "red filter_color sphere filter_shape"
+WITHOUT_BLUE = f"all_events objects {BLUE} unique get_counterfact belong_to"
+NEW = "Without the blue sphere, the cube and the cylinder would collide.\n"
+LATER = "After the video, the cylinder and the red sphere collide.\n"
+BEFORE = "Frame 40: the blue sphere and the cylinder collide.\nFrame 10: the red sphere enters.\n"
 
 
-def test_narrated_answers_have_full_score(small_scene: Scene) -> None:
-    executor = Executor(small_scene)
-    for program in ("events objects filter_collision count", "objects end get_frame filter_moving exist"):
-        for length in ("short", "long"):
-            assert score(narrate(executor.answer(program.split()), small_scene, length), small_scene) == 1
+@pytest.fixture
+def earned(small_scene: Scene, tmp_path):
+    """What a text earns with the answer to a program, and with a choice where there is one."""
+    save(small_scene, tmp_path / "scene.json")
 
+    def reward(text: str, program: str, answer: str, *choices: str) -> float | None:
+        given = {
+            "solution": [f"<answer>{answer}</answer>"],
+            "options": [["it happens"] * len(choices)],
+            "program": [program.split()],
+            "option_programs": [[choice.split() for choice in choices]],
+            "scene": [tmp_path / "scene.json"],
+        }
+        return evidence([f"{text}\n<answer>{answer}</answer>"], **given)[0]
 
-EVENT = "Frame 20: the red cube and the blue sphere collide.\n"
-WRONG = "The red sphere exits.\n"
+    return reward
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
         ("", 0),
-        ("The video is nice.", 0),
-        (EVENT, 1),
-        (EVENT + WRONG, 1 / 2),
-        (WRONG, 0),
-        ("It exits.", 0),
-        (EVENT + "It exits.", 1),
-        # The same fact in other words, at other frames, or without one.
-        (4 * EVENT + "Frame 21: the blue sphere and the cube collide. The cube hits the blue sphere. " + WRONG, 1 / 2),
+        (BOTH, 1),
+        (BOTH + "2 collisions happen in the video.", 1),
+        ("At 0.8 s the cube hits the blue sphere.\nAt 1.6 s the blue sphere hits the cylinder.", 1),
+        (FIRST, 2 / 3),
+        ("1 collision happens before frame 30. 2 collisions happen in the video.", 0),
+        # Without frames or objects.
+        ("The cube hits the blue sphere. The cube hits the blue sphere after frame 2.", 0),
+        ("Frame 20: an object hits an object.", 0),
+        # Beside the point, said again, wrong, and taken back.
+        (BOTH + "Frame 60: the blue sphere exits.", 4 / 5),
+        (BOTH + "There is a red cube. The cube is metal. The red sphere does not exit.", 1),
+        (BOTH + "After the video, the cube and the blue sphere do not collide.", 1),
+        (3 * BOTH, 4 / 8),
+        (BOTH + "The red sphere exits.", 4 / 5),
+        (BOTH + "Frame 20: the red cube and the blue sphere do not collide.", 4 / 5),
+        (BOTH + "Wait, that is wrong.", 2 / 3),
+        ("Maybe the cube hits the blue sphere at frame 20.", 0),
         # A frame for every guess.
-        ("".join(f"Frame {f}: the blue sphere exits.\n" for f in (10, 20, 30, 60)), 1 / 4),
-        # What is easily said.
-        ("There is a red cube. The red cube is red. There are 4 objects.", 0),
-        (EVENT + WRONG + "There is a red cube. The red cube is metal. There are 4 objects.", 1 / 2),
-        (EVENT + "The red cube is rubber.", 1 / 2),
-        (EVENT + WRONG + "Frame 3: the cube does not enter. Frame 4: the cube does not exit.", 1 / 2),
-        # Denials count at most as often as what is asserted.
-        (
-            EVENT + WRONG + "The cube does not exit. The cube does not enter. The red sphere does not hit the cube.",
-            2 / 3,
-        ),
-        # The same event before or after a frame, or of unnamed objects.
-        (EVENT + "The cube hits the blue sphere after frame 2. The cube hits an object. " + WRONG, 1 / 2),
-        # Events of no particular object, and none of what is not there.
-        ("An object hits an object. An object exits. An object enters after frame 0.", 0),
-        ("The first collision is between an object and a thing. After the video, an object hits an object.", 0),
-        ("An object enters before an object exits.", 0),
-        ("No purple cube enters. Frame 3: no purple cube is moving. 0 purple cubes never move.", 0),
-        ("No cylinder enters.", 1),
-        ("The cube does not exit. The purple cube does not exit. The cube and the cylinder do not collide.", 0),
-        ("After the video, the cube and the cylinder do not collide.", 1),
-        ("Frame 20: an object hits an object.", 1),
-        # Each object that is not there, and each one that is removed.
-        (EVENT + "The purple cube exits. The gray cube exits. The gray cube hits the purple cube.", 1 / 4),
-        (
-            EVENT + "Without the cube, the blue sphere would hit the cylinder.\n"
-            "Without the cylinder, the blue sphere would not hit the cube.\n"
-            "Without the blue sphere, the cylinder would not hit the cube.",
-            1 / 4,
-        ),
+        ("".join(f"Frame {f}: the cube hits the blue sphere.\n" for f in range(2, 128, 3)), 2 / (2 + 42)),
     ],
 )
-def test_what_a_text_is_worth(small_scene: Scene, text: str, expected: float) -> None:
-    assert score(text, small_scene) == pytest.approx(expected)
+def test_what_a_text_is_worth(earned, text: str, expected: float) -> None:
+    assert earned(text, COLLISIONS, "2") == pytest.approx(expected)
 
 
-def test_facts_of_a_kind_are_limited(small_scene: Scene) -> None:
-    events = (
-        "the red sphere enters",
-        "the cube hits the blue sphere",
-        "the blue sphere hits the cylinder",
-        "the blue sphere exits",
-    )
-    text = ".\n".join(f"{a} before {b}" for i, a in enumerate(events) for b in events[i + 1 :])
-    text += ".\n" + ".\n".join(f"{b} after {a}" for i, a in enumerate(events) for b in events[i + 1 :])
-    assert all(c.holds for c in verify(text, small_scene).claims)
-    assert len(verify(text, small_scene).claims) == 12
-    assert score(text + ".\n" + WRONG, small_scene) == pytest.approx(MAX_OF_A_KIND / (MAX_OF_A_KIND + 1))
+def test_a_wrong_answer_has_no_evidence(small_scene: Scene, tmp_path) -> None:
+    save(small_scene, tmp_path / "scene.json")
+    row = {"solution": ["<answer>2</answer>"], "options": [[]], "program": [COLLISIONS], "option_programs": [[]]}
+    assert evidence([f"{BOTH}<answer>3</answer>"], **row, scene=[tmp_path / "scene.json"]) == [0]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (BOTH + NEW, 1),
+        (BOTH, 4 / 5),
+        (NEW, 0),
+        ("The cube and the cylinder collide without the blue sphere.\n" + FIRST, 4 / 5),
+        (BOTH + NEW + "Without the blue sphere, the cylinder and the red sphere would collide.", 6 / 7),
+    ],
+)
+def test_a_what_if_rests_on_what_is_otherwise_in_the_video(earned, text: str, expected: float) -> None:
+    assert earned(text, WITHOUT_BLUE, "A", PAIR.format(CUBE, GREEN)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"), [(BEFORE + LATER, 1), (BEFORE, 4 / 5), (LATER, 0), ("The cylinder is stationary.", 0)]
+)
+def test_a_prediction_rests_on_what_happened_last(earned, text: str, expected: float) -> None:
+    assert earned(text, "unseen_events belong_to", "A", PAIR.format(GREEN, RED_SPHERE)) == pytest.approx(expected)
+
+
+def test_causes_count_with_their_frames(earned) -> None:
+    question = f"events events objects {BLUE} unique filter_out unique filter_ancestor belong_to"
+    told = f"{BOTH}Frame 60: the blue sphere exits.\n"
+    cause = "The red cube is responsible for the exit of the blue sphere"
+    assert earned(f"{told}{cause} at frame 60.", question, "A", f"objects {CUBE} unique") == 1
+    assert earned(f"{told}{cause}.", question, "A", f"objects {CUBE} unique") == pytest.approx(6 / 7)
+    assert earned(f"{cause}.", question, "A", f"objects {CUBE} unique") == 0
+
+
+def test_motion_counts_at_its_frame(earned) -> None:
+    assert earned("When the video ends, the red sphere is moving.", MOTION, "1") == 1
+    assert earned("At 5.1 s the red sphere is moving.", MOTION, "1") == 1
+    assert earned("Frame 60: the red sphere is moving. The red sphere moves in the video.", MOTION, "1") == 0
+
+
+def test_a_question_that_nothing_seen_answers_has_no_reward(earned) -> None:
+    assert earned("No cylinder enters.", "events objects cylinder filter_shape filter_in count", "0") is None
+    assert earned(FIRST, COLLISIONS, "5") is None  # the scene gives 2
+    assert earned(FIRST, f"objects {RED_SPHERE} unique end get_frame query_direction", "left") is None
+
+
+def test_gaming_earns_less_than_reasons(example_scene: Scene) -> None:
+    questions = read_questions(QUESTIONS)[0].questions
+    columns: dict[str, list] = {
+        "options": [[c.text for c in q.choices] for q in questions],
+        "program": [q.program for q in questions],
+        "option_programs": [[c.program for c in q.choices] for q in questions],
+        "scene": [TRUTH] * len(questions),
+    }
+    right = [solution(q) for q in questions]
+    wrong = ["<answer>none</answer>" if q.choices else "<answer>7</answer>" for q in questions]
+    tell = reasoner(example_scene, "short")
+    told = [str(tell(q)).removesuffix(answer) for q, answer in zip(questions, right, strict=True)]
+
+    def mean(texts: list[str], answers: list[str] = right) -> float:
+        rewards = evidence([t + a for t, a in zip(texts, answers, strict=True)], solution=right, **columns)
+        return sum(rewards) / len(rewards)  # none is None
+
+    def always(*sentences: str) -> list[str]:
+        return ["\n".join(sentences) + "\n"] * len(questions)
+
+    verbs = {"in": "enters", "out": "exits", "collision": "collide"}
+    objects = [f"the {o.name}" for o in example_scene.objects]
+    seen = [(e, " and ".join(objects[i] for i in e.objects)) for e in example_scene.events]
+    facts = [f"Frame {e.frame}: {who} {verbs[e.kind]}." for e, who in seen]
+    opposite = {"collide.": "do not collide.", "enters.": "does not enter.", " led to ": " did not lead to "}
+    copied = [[f"{start}{c.text}." for c in q.choices for start in ("", "After the video, ")] for q in questions]
+    gaming = {
+        "one safe fact": always(facts[0]),
+        "all observed facts": always(*facts),
+        "facts of another question": told[1:] + told[:1],
+        "shuffled frames": [re.sub(r"(?<=rame )\d+", lambda f: str((int(f[0]) + 40) % 128), t) for t in told],
+        "repetition": [t * 10 for t in told],
+        "contradictions": [t + re.sub("|".join(map(re.escape, opposite)), lambda f: opposite[f[0]], t) for t in told],
+    }
+    blind = {
+        "copied question": [f"{q.text}\n" + "\n".join([*c, ""]) for q, c in zip(questions, copied, strict=True)],
+        "negations": always(*(f"After the video, {a} and {b} do not collide." for a, b in combinations(objects, 2))),
+        "motion": always(*(f"{o} moves in the video." for o in objects)),
+        "one sentence": always("1 collision happens before frame 50."),
+        "empty": always(),
+    }
+    assert mean(told) == 1
+    assert mean(told, wrong) == 0
+    for name, texts in gaming.items():
+        assert mean(texts) <= 0.7, name
+    for name, texts in blind.items():
+        assert mean(texts) <= 0.15, name
 
 
 def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) -> None:
@@ -185,36 +280,23 @@ def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) 
     truth = {**named, "objects": [thing], "frames": frames, "collisions": [], "counterfactual": {}}
     for name, content in (("annotation", annotation), ("truth", truth), ("other", {"a": 1})):
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
-    text = "Frame 3: the cube enters."
+    text = "Frame 3: the cube enters.\n<answer>1</answer>"
     paths = [tmp_path / "annotation.json", tmp_path / "truth.json", tmp_path / "scene.json"]
-    assert trace_verified([text] * 3, paths) == [1, 1, 0]
+    assert [evidence([text], **evidence_columns(path))[0] for path in paths] == [1, 1, 0]
     assert read_scene(str(tmp_path / "annotation.json")).unseen is None
     assert len(read_scene(str(TRUTH)).objects) == len(example_scene.objects)
     with pytest.raises(DataError, match=r"other\.json: missing key 'scene_index'"):
-        trace_verified([text], [tmp_path / "other.json"])
+        evidence([text], **evidence_columns(tmp_path / "other.json"))
     (tmp_path / "broken.json").write_text(json.dumps({**truth, "frames": []}))
     with pytest.raises(DataError, match=r"broken\.json: frames"):
-        trace_verified([text], [tmp_path / "broken.json"])
+        evidence([text], **evidence_columns(tmp_path / "broken.json"))
     (tmp_path / "number.json").write_text(json.dumps({**annotation, "motion_trajectory": 5}))
     with pytest.raises(DataError, match=r"number\.json: .*motion_trajectory: expected a list, got 5"):
-        trace_verified([text], [tmp_path / "number.json"])
+        evidence([text], **evidence_columns(tmp_path / "number.json"))
     (tmp_path / "part.json").write_text(json.dumps({"type": "Scene"}))
     with pytest.raises(DataError) as refused:
-        trace_verified([text], [tmp_path / "part.json"])
+        evidence([text], **evidence_columns(tmp_path / "part.json"))
     assert str(refused.value).count("part.json") == 1
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "Without the red cube, the red cube and the blue sphere do not collide.",
-        "The red cube is responsible for the collision of the red cube and the blue sphere.",
-    ],
-)
-def test_what_is_true_by_its_words_earns_nothing(text: str, small_scene: Scene) -> None:
-    claims = verify(text, small_scene)
-    assert [c.holds for c in claims.claims] == [True]
-    assert trace_score(claims) == 0
 
 
 def test_messages_without_text_are_empty_answers() -> None:

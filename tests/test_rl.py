@@ -7,11 +7,11 @@ import pytest
 from nsdr import Scene, load, save
 from nsdr.clevrer import prompt, read_questions, solution
 from nsdr.clevrer.example import QUESTIONS, TRUTH
-from nsdr.rewards import answer_format, exact, per_option, trace_verified
+from nsdr.rewards import answer_format, evidence, exact, per_option
 
 pytestmark = [pytest.mark.rl, pytest.mark.filterwarnings("ignore")]
 
-REWARDS = [exact, per_option, answer_format, trace_verified]
+REWARDS = [exact, per_option, answer_format, evidence]
 
 
 TEXTS = [
@@ -50,9 +50,9 @@ def test_three_steps_with_all_rewards(tmp_path: Path, conversational: bool) -> N
         text = prompt(q)
         asked = [{"role": "user", "content": text}] if conversational else text
         options = [c.text for c in q.choices]
-        rows.append(
-            {"prompt": asked, "solution": solution(q), "options": options, "scene": str(tmp_path / "scene.json")}
-        )
+        programs = {"program": q.program, "option_programs": [c.program for c in q.choices]}
+        scene_file = str(tmp_path / "scene.json")
+        rows.append({"prompt": asked, "solution": solution(q), "options": options, "scene": scene_file, **programs})
     model, tokenizer = tiny_model_and_tokenizer()
     if conversational:
         tokenizer.chat_template = "{% for m in messages %}{{ m.content }}\n{% endfor %}"

@@ -21,15 +21,13 @@ class Verdict:
         holds: True or False; None if it can't be said.
         reason: why not, or why it can't be said; "" if it holds.
         objects: ids of the objects that it names, as far as they are known.
-        event: the event of the scene that it is about, if it holds and is about one.
-        vacuous: whether it counts none of a class of which the scene has no object.
+        event: the event of the scene that it is about, if it holds and is about one; the effect of a cause.
     """
 
     holds: bool | None
     reason: str = ""
     objects: tuple[int, ...] = ()
     event: Event | None = None
-    vacuous: bool = False
 
 
 class _Undecided(Exception):
@@ -216,7 +214,8 @@ class ClaimJudge:
         answers = {led_to(event) for event in effects}
         if len(answers) > 1:
             return Verdict(None, "the event happens more than once")
-        return _denied(said, answers.pop(), "it is not among what led to it")
+        verdict = _denied(said, answers.pop(), "it is not among what led to it")
+        return replace(verdict, event=effects[0]) if verdict.holds else verdict
 
     # Attributes, motion and counts.
 
@@ -249,8 +248,7 @@ class ClaimJudge:
             found = self._matching(said.events[0], self.scene.events)
             found = [e for e in found if not said.objects or members.intersection(e.objects)]
             counts = [len(side) for side in self._sides(said, found)]
-        vacuous = bool(said.objects) and not members and said.number == 0
-        return Verdict(said.number in counts, f"there are {counts[len(counts) // 2]}", vacuous=vacuous)
+        return Verdict(said.number in counts, f"there are {counts[len(counts) // 2]}")
 
     def _frames(self, said: Statement) -> range:
         """The stated frame with its tolerance, within the video."""

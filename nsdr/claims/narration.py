@@ -42,8 +42,8 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
         answer: of `Executor.answer` or `Executor.judge` with the paper's semantics, or one of the latter's choices. Where the
             executor had to suppose another course of events (`Scene.uncertain`), the trace's facts differ from the scene's.
         scene: the scene that it is about.
-        length: "short" tells what the answer rests on; "long" all observed events first, and all that is known of the time
-            after the video or of the video without the removed object where the question asks for that.
+        length: "short" tells what the answer rests on; "long" all observed events first, and all that happens without the
+            removed object where the question asks for that.
 
     Raises:
         ExecutionError: an unknown length, or an answer without a trace.
@@ -167,14 +167,25 @@ class _Narration:
             self.conclusions.append(Statement("cause", True, events=(self.event(event, event.frame), effect)))
 
     def _elsewhere(self, event: Event, events: Sequence[Event], removed: int | None = None) -> None:
-        """Whether a collision happens after the video, or without an object; a long text tells all that happens then."""
+        """Whether a collision happens after the video, or without an object, and what that rests on.
+
+        After the video it rests on the last event of each of its objects, if they collide, and on what else happens then;
+        without an object, on all collisions that the video does not share. A long text tells those that it shares, too.
+        """
+        observed = [e for e in self.scene.events if e.kind == "collision"]
+        happening, seen = {e.objects for e in events}, {e.objects for e in observed}
         last, moving = self.scene.n_frames - 1, self.scene.moving
+        if removed is not None:
+            self.events |= {e for e in observed if e.objects not in happening}
+        elif event.objects in happening:
+            for i in event.objects:
+                self.events.update([e for e in self.scene.events if i in e.objects][-1:])
         if self.long and removed is None and moving is not None:
-            seen = [i for i in event.objects if self.scene.visible[i, last]]
-            self.states += [self._motion(i, "moving" if moving[i, last] else "stationary", last) for i in seen]
+            shown = [i for i in event.objects if self.scene.visible[i, last]]
+            self.states += [self._motion(i, "moving" if moving[i, last] else "stationary", last) for i in shown]
         kind, gone = ("future", None) if removed is None else ("counterfactual", self.name(removed))
-        told = [(e, False) for e in events] if self.long else []
-        for one, negated in (*told, (event, all(e.objects != event.objects for e in events))):
+        told = [(e, False) for e in events if self.long or removed is None or e.objects not in seen]
+        for one, negated in (*told, (event, event.objects not in happening)):
             self.conclusions.append(Statement(kind, negated, events=(self.event(one),), removed=gone))
 
     def _motion(self, index: int, state: str, frame: int | None) -> Statement:

@@ -16,6 +16,7 @@ from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
 from nsdr.language.slots import Slot
 from nsdr.symbolic.phrases import indefinite
+from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
 
 __all__ = ["read_sentence", "written"]
@@ -43,6 +44,7 @@ _ADJECTIVE = "|".join(ADJECTIVES)
 _NUMBER = r"\d{1,3}|" + "|".join(NUMBERS)
 _TOKEN = re.compile(
     r"\b(?:the )?frames? (?:#|number )?(?P<frame>\d{1,6})\b(?! ?[-\u2013.,/] ?\d)|"
+    r"(?<![\w.,:/\u2013-])(?<!during )(?P<seconds>\d{1,4}(?:\.\d{1,4})?) ?(?:s|sec|seconds?)\b|"
     rf"\b(?P<thing>(?:(?P<article>the|this|that|an?|{_NUMBER}) )?(?P<words>(?:(?:{_ADJECTIVE}),? )*)"
     rf"(?P<noun>{'|'.join(NOUNS)}))\b|\b(?P<it>it)\b|"
     rf"\b(?P<number>{_NUMBER.replace('no|', '')})(?= collisions?\b)|\b(?P<adjective>{_ADJECTIVE})\b|(?P<word>'s\b|\w+|\S)"
@@ -94,7 +96,7 @@ def _tokens(text: str) -> tuple[tuple[str, ...], dict[str, _Slot]]:
     words: list[str] = []
     slots: dict[str, _Slot] = {}
     text = re.sub(r"\s+", " ", text.lower().replace("\u2019", "'").replace("n't", " not").replace("wo not", "will not"))
-    text = re.sub(r"\((?:at )?(?=(?:the )?frame [^()]*\))([^()]*)\)", r"at \1", text)
+    text = re.sub(r"\((?:at )?(?=(?:the )?frame [^()]*\)|[\d.]+ ?s[a-z]*\))([^()]*)\)", r"at \1", text)
     for found in _TOKEN.finditer(_PASSED_OVER.sub("", text)):
         if word := found["word"]:
             words += NORMAL.get(word, word).split()
@@ -107,6 +109,8 @@ def _tokens(text: str) -> tuple[tuple[str, ...], dict[str, _Slot]]:
 def _slot(found: re.Match[str]) -> _Slot:
     if found["frame"]:
         return _Slot("F", found[0], number=int(found["frame"]))
+    if seconds := found["seconds"]:  # rounded to 0.1 s, as people write them, they are at most one frame off
+        return _Slot("F", found[0], number=int(round(float(seconds) * FPS, 3)))
     if number := found["number"]:
         return _Slot("Q" if _number(number) == 1 else "QS", number, number=_number(number))
     if word := found["adjective"]:

@@ -69,12 +69,6 @@ class Claim(Verdict):
         frames = [self.statement.frame, *(e.frame for e in self.statement.events)]
         return next((f for f in frames if f is not None), None)
 
-    @property
-    def negated(self) -> bool:
-        """Whether the sentence denies something, or counts none."""
-        said = self.statement
-        return said.negated or said.number == 0 or said.words == ("never moving",)
-
 
 @dataclass(frozen=True)
 class Verification:

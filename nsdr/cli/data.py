@@ -107,7 +107,7 @@ def export_options(parser: Any) -> None:
         choices=["", "short", "long"],
         help="sentences that lead to each answer, from true scenes",
     )
-    add("--scenes", action="store_true", help="the true scenes, too, for the reward trace_verified")
+    add("--scenes", action="store_true", help="the true scenes, too, for the reward evidence")
 
 
 def export(options: Any) -> int:

@@ -22,6 +22,7 @@ __all__ = [
     "compare_reports",
     "difference_interval",
     "format_comparison",
+    "mean_interval",
     "percent",
     "wilson_interval",
 ]
@@ -57,7 +58,7 @@ def accuracy_interval(correct: Sequence[bool], scenes: Sequence[int]) -> tuple[f
     """
     if not correct:
         return 0.0, 1.0
-    low, high = _bootstrap(np.asarray(correct, float), scenes)
+    low, high = mean_interval(np.asarray(correct, float), scenes)
     least, most = wilson_interval(sum(map(bool, correct)) / len(correct), len(correct))
     return min(low, least), max(high, most)
 
@@ -78,15 +79,20 @@ def difference_interval(first: Sequence[bool], second: Sequence[bool], scenes: S
     if not difference.any():
         reach = wilson_interval(0.0, len(difference))[1]
         return -reach, reach
-    low, high = _bootstrap(difference, scenes)
+    low, high = mean_interval(difference, scenes)
     n = len(difference) + 2
     centre = float(difference.sum()) / n
     half = Z_95 * sqrt(((difference != 0).sum() + 1) / n - centre**2) / sqrt(n)
     return max(min(low, centre - half), -1.0), min(max(high, centre + half), 1.0)
 
 
-def _bootstrap(values: NDArray[np.float64], scenes: Sequence[int]) -> tuple[float, float]:
-    """95 % interval (low, high) of the mean, by drawing whole scenes."""
+def mean_interval(values: NDArray[np.float64], scenes: Sequence[int]) -> tuple[float, float]:
+    """95 % interval (low, high) of the mean of values, by a bootstrap that draws whole scenes.
+
+    Args:
+        values: (n,) float.
+        scenes: index of each value's scene.
+    """
     index = np.unique(np.asarray(scenes), return_inverse=True)[1]
     n = np.bincount(index).astype(float)
     total = np.bincount(index, values)

@@ -37,10 +37,11 @@ def _exact(**changes: Any) -> Any:
     return exact(**(columns | changes))
 
 
-def _trace(scene: Any) -> Any:
-    from nsdr.rewards import trace_verified
+def _evidence(scene: Any) -> Any:
+    from nsdr.rewards import evidence
 
-    return trace_verified(["The red cube enters the scene at frame 10."], [scene])
+    program = ["events", "objects", "filter_in", "count"]
+    return evidence(["<answer>1</answer>"], ["<answer>1</answer>"], [[]], [program], [[]], [scene])
 
 
 def _videos(**changes: Any) -> Any:
@@ -62,7 +63,7 @@ def _narrated(**changes: Any) -> Any:
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "rewards": _exact, "trace": _trace, "videos": _videos,
+    "rewards": _exact, "evidence": _evidence, "videos": _videos,
     "verify": lambda text, **options: nsdr.verify(text, _scene(), **options),
     "narrate": _narrated,
 }  # fmt: skip
@@ -198,12 +199,12 @@ def library_cases() -> Iterator[Case]:
         yield Case("call, videos, truth", name, videos, data_set(file, changed(truth, change)), "truth_10000.json")
     for name, change in CHANGES["truth"].items():
         write = text_writer("truth.json", changed(truth, change))
-        yield Case("call, reward scene", name, _call("trace", {"scene": "truth.json"}), write, "truth.json")
+        yield Case("call, reward scene", name, _call("evidence", {"scene": "truth.json"}), write, "truth.json")
     for name, damage in DAMAGES.items():
         for kind in ("truth", "scenes", "annotations"):
             write = text_writer("scene.json", damage(json.dumps(DOCUMENTS[kind][1]()).encode()))
             yield Case(
-                "call, reward scene", f"{kind}: {name}", _call("trace", {"scene": "scene.json"}), write, "scene.json"
+                "call, reward scene", f"{kind}: {name}", _call("evidence", {"scene": "scene.json"}), write, "scene.json"
             )
 
 
@@ -217,4 +218,4 @@ def library_controls() -> Iterator[Case]:
     }.items():
         yield Case("control", f"call {name}", _call(name, values), data_set())
     write = text_writer("truth.json", json.dumps(truth()))
-    yield Case("control", "call trace", _call("trace", {"scene": "truth.json"}), write)
+    yield Case("control", "call evidence", _call("evidence", {"scene": "truth.json"}), write)

@@ -66,7 +66,7 @@ class ExportConfig(Settings):
         limit: first n videos of each split; 0 for all.
         shard_mb: webdataset: largest size of a shard (10^6 bytes), unless one video is larger.
         reasoning: "short" or "long" for checkable sentences that lead to each answer, from the true scenes; "" for none.
-        scenes: whether to give the true scenes, too, which `nsdr.rewards.trace_verified` reads.
+        scenes: whether to give the true scenes, too, which `nsdr.rewards.evidence` reads.
     """
 
     root: str
