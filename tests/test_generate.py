@@ -134,15 +134,15 @@ def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) 
 
 
 def test_a_world_without_an_object_is_that_of_the_truth(scenes) -> None:
-    for scene in scenes[:2]:
-        for removed in removals(scene)[:2]:
-            world = scene_without(scene, removed)
-            kept = [o for o in scene.objects if o.id != removed]
-            assert [(o.id, o.name) for o in world.objects] == [(i, o.name) for i, o in enumerate(kept)]
-            found: dict = {}
-            for c in world.motion.contacts:
-                found.setdefault(tuple(kept[i].id for i in c.bodies), c.frame)
-            assert found == {c.bodies: c.frame for c in scene.counterfactual[removed]}
+    scene = scenes[0]
+    for removed in removals(scene)[:2]:
+        world = scene_without(scene, removed)
+        kept = [o for o in scene.objects if o.id != removed]
+        assert [(o.id, o.name) for o in world.objects] == [(i, o.name) for i, o in enumerate(kept)]
+        found: dict = {}
+        for c in world.motion.contacts:
+            found.setdefault(tuple(kept[i].id for i in c.bodies), c.frame)
+        assert found == {c.bodies: c.frame for c in scene.counterfactual[removed]}
 
 
 def test_removals_that_change_what_else_happens_come_first(scenes) -> None:

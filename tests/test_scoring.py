@@ -188,6 +188,7 @@ def test_pairs_count_where_both_are_right() -> None:
     assert "pairs" not in score_responses(SCENES, {(10000, 0): "red"})
     text = format_report(score_responses(scenes, {(10000, 0): "red", (10002, 0): "red"}))
     assert re.search(r"^changed pairs, both +0.0 \[0.0, .*\] +1$", text, re.MULTILINE)
+    assert re.search(r"noisy\n( +always-.*\n){2} +frequent .* 0.0 +100.0 +100.0$", text, re.MULTILINE)
     assert re.search(r"^mirrored pairs, both +100.0 \[.*, 100.0\] +1$", text, re.MULTILINE)
 
 
