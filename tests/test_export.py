@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 import re
+import shutil
 import socket
 from collections import Counter
 from dataclasses import fields
@@ -288,10 +289,29 @@ def test_pairs_are_exported_as_any_data_set(compared, tmp_path, capsys) -> None:
         assert row["pair"] is None or by_id[row["pair"]]["question"] == row["question"]
         assert row["seed"] is None
     assert {row["pair_kind"] for row in found} == {None, *PAIR_KINDS}
-    export(data, pairs, "--format", "pairs")  # is there
+    before = content(pairs)
+    export(data, pairs, "--format", "pairs")
+    assert content(pairs) == before  # it is there already
     for option in (["--scenes"], ["--videos", "none"], ["--reasoning", "short"]):
         export(data, tmp_path / "no", "--format", "pairs", *option, status=2)
         assert "format pairs holds videos and questions only; leave out " + option[0] in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore:.*(96x64 px|40 frames)")
+def test_pairs_without_such_worlds_and_with_too_many_videos(compared, tmp_path, monkeypatch, capsys) -> None:
+    data = tmp_path / "data"
+    shutil.copytree(compared[0], data, ignore=shutil.ignore_patterns("counterfactual"))
+    out = export(data, tmp_path / "pairs", "--format", "pairs", "--limit", "1")
+    found = read_questions(out / "questions" / "train.json")
+    assert [s.questions[0].pair_kind for s in found] == [None, "mirrored", "noisy"]
+    monkeypatch.setattr("nsdr.generate.export.pairs.SPLITS", {"train": range(5)})
+    export(data, tmp_path / "many", "--format", "pairs", status=2)
+    assert "pairs of train need up to 6 videos; there are indices for 5: use --limit" in capsys.readouterr().err
+    rows = json.loads((out / "questions" / "train.json").read_text())
+    del rows[1]["questions"][0]["pair_kind"]
+    (out / "questions" / "train.json").write_text(json.dumps(rows))
+    with pytest.raises(DataError, match=r"\[1\].questions\[0\]: expected both pair and pair_kind or neither"):
+        read_questions(out / "questions" / "train.json")
 
 
 def test_pairs_leave_out_questions_without_another_answer(small_scene) -> None:
