@@ -1,21 +1,28 @@
 """Exports, read back by the libraries that they are for."""
 
+import dataclasses
 import json
 import os
 import re
+import shutil
 import socket
+from collections import Counter
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from msgspec.structs import replace
 
 from nsdr import DataError, Scene, load, verify
+from nsdr.baselines.q_type import q_type_answers
 from nsdr.clevrer import example
 from nsdr.clevrer.answers.prompts import prompt, solution
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import (
+    PAIR_KINDS,
     Choice,
     Question,
     SceneQuestions,
@@ -25,14 +32,20 @@ from nsdr.clevrer.files.questions import (
 )
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
+from nsdr.evaluation.responses import score_responses
+from nsdr.evaluation.score import score_answers
 from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
 from nsdr.generate.export import EXPORTERS, Export, ExportConfig, Exporter, export_dataset, scene_records
 from nsdr.generate.export.base import write_json_lines
+from nsdr.generate.export.pairs import _changed
 from nsdr.generate.export.records import COLUMNS, Record, reasoner
 from nsdr.generate.physics.scene_config import SceneConfig
+from nsdr.generate.render.view import RenderConfig
 from nsdr.io.files import write_json
+from nsdr.io.video import even_frames
 from nsdr.rewards import evidence
+from nsdr.symbolic import Executor
 
 PAGE = Path(__file__).parent.parent / "docs" / "export.md"
 FORMATS = ("grpo", "chat", "parquet", "webdataset")
@@ -199,6 +212,137 @@ def test_an_answer_that_the_scene_does_not_give_has_no_reasoning() -> None:
     assert tell(replace(question, program=None)) is None
 
 
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory) -> tuple[Path, Path]:
+    """A generated data set with worlds without an object, and its pairs."""
+    folder = tmp_path_factory.mktemp("compared")
+    scene, render = SceneConfig(objects={3: 1.0}, n_frames=40), RenderConfig(width=96, height=64)
+    config = DatasetConfig(
+        str(folder / "data"), 2, 7, splits={"train": 1}, masks=False, counterfactual_videos=2, scene=scene,
+        render=render, workers=1,
+    )  # fmt: skip
+    data = generate_dataset(config)
+    return data, export(data, folder / "pairs", "--format", "pairs")
+
+
+@pytest.mark.filterwarnings("ignore:.*(96x64 px|40 frames)")
+def test_pairs_differ_where_the_world_does_and_nowhere_else(compared) -> None:
+    data, pairs = compared
+    sources = {
+        q.text + str(q.choices): s for s in read_questions(data / "questions" / "train.json") for q in s.questions
+    }
+    scenes = {s.scene_index: s for s in read_questions(pairs / "questions" / "train.json")}
+    assert sorted(scenes) == list(range(len(scenes)))
+    asked = {f"{s.scene_index}-{q.id}": q for s in scenes.values() for q in s.questions}
+    counts: Counter[str] = Counter()
+    for index, scene in scenes.items():
+        kinds = {q.pair_kind or "" for q in scene.questions}
+        assert len(kinds) == 1
+        (kind,) = kinds
+        counts[kind] += 1
+        video = Files(pairs, "train", index).video
+        if not kind:
+            original, first = sources[scene.questions[0].text + str(scene.questions[0].choices)].scene_index, video
+            assert video.read_bytes() == Files(data, "train", original).video.read_bytes()
+            executors = [
+                Executor(scene_from_truth(read_truth_file(Files(data, "train", original, world).truth)))
+                for world in range(3)
+            ]
+        for q in scene.questions if kind else ():
+            other = asked[q.pair]
+            assert (q.text, [c.text for c in q.choices]) == (other.text, [c.text for c in other.choices])
+            assert q.type != "counterfactual" or kind != "changed"
+            assert (solution(q) == solution(other)) == (kind != "changed")
+        if kind == "changed":
+            (world,) = [w for w in (1, 2) if Files(data, "train", original, w).video.read_bytes() == video.read_bytes()]
+            for q in scene.questions:
+                choices = [(c.text, c.program) for c in q.choices]
+                judge = executors[world].judge
+                found = judge(q.program, choices) if choices else executors[world].answer(q.program)
+                assert [c.answer for c in found.choices] == [c.answer for c in q.choices]
+                assert q.choices or found.answer == q.answer
+        elif kind:
+            shown, true = (even_frames(path).astype(int) for path in (video, first))
+            shown = shown[:, :, ::-1] if kind == "mirrored" else shown
+            assert shown.shape == true.shape
+            assert np.abs(shown - true).mean() < (4 if kind == "mirrored" else 25)
+            assert (np.abs(shown - true).mean() > 3) == (kind == "noisy")
+    assert counts[""] == counts["mirrored"] == counts["noisy"] == 2
+    assert counts["changed"] > 1
+    assert CLEVRER(pairs).manifest["splits"]["train"] == [0, len(scenes)]
+
+
+def test_who_does_not_look_has_no_changed_pair_right(compared) -> None:
+    scenes = read_questions(compared[1] / "questions" / "train.json")
+    report = score_answers(q_type_answers(scenes, "frequent"))
+    assert report["pairs"]["changed"]["accuracy"] == 0
+    assert report["pairs"]["mirrored"]["accuracy"] == report["pairs"]["noisy"]["accuracy"] > 0
+    right = score_responses(scenes, {(s.scene_index, q.id): solution(q) for s in scenes for q in s.questions})
+    assert {row["accuracy"] for row in right["pairs"].values()} == {1}
+
+
+def test_pairs_are_exported_as_any_data_set(compared, tmp_path, capsys) -> None:
+    data, pairs = compared
+    found = rows(export(pairs, tmp_path / "grpo", "--format", "grpo") / "train.jsonl")
+    by_id = {row["id"]: row for row in found}
+    for row in found:
+        assert (row["pair"] is None) == (row["pair_kind"] is None)
+        assert row["pair"] is None or by_id[row["pair"]]["question"] == row["question"]
+        assert row["seed"] is None
+    assert {row["pair_kind"] for row in found} == {None, *PAIR_KINDS}
+    before = content(pairs)
+    export(data, pairs, "--format", "pairs")
+    assert content(pairs) == before  # it is there already
+    for option in (["--scenes"], ["--videos", "none"], ["--reasoning", "short"]):
+        export(data, tmp_path / "no", "--format", "pairs", *option, status=2)
+        assert "format pairs holds videos and questions only; leave out " + option[0] in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore:.*(96x64 px|40 frames)")
+def test_pairs_without_such_worlds_and_with_too_many_videos(compared, tmp_path, monkeypatch, capsys) -> None:
+    data = tmp_path / "data"
+    shutil.copytree(compared[0], data, ignore=shutil.ignore_patterns("counterfactual"))
+    out = export(data, tmp_path / "pairs", "--format", "pairs", "--limit", "1")
+    found = read_questions(out / "questions" / "train.json")
+    assert [s.questions[0].pair_kind for s in found] == [None, "mirrored", "noisy"]
+    monkeypatch.setattr("nsdr.generate.export.pairs.SPLITS", {"train": range(5)})
+    export(data, tmp_path / "many", "--format", "pairs", status=2)
+    assert "pairs of train need up to 6 videos; there are indices for 5: use --limit" in capsys.readouterr().err
+    rows = json.loads((out / "questions" / "train.json").read_text())
+    del rows[1]["questions"][0]["pair_kind"]
+    (out / "questions" / "train.json").write_text(json.dumps(rows))
+    with pytest.raises(DataError, match=r"\[1\].questions\[0\]: expected both pair and pair_kind or neither"):
+        read_questions(out / "questions" / "train.json")
+
+
+def test_pairs_leave_out_questions_without_another_answer(small_scene) -> None:
+    nobody_enters = Executor(dataclasses.replace(small_scene, events=small_scene.events[1:3]))
+    cube, green, blue = "cube filter_shape", "green filter_color", "blue filter_color"
+
+    def changed(kind: str, program: str, answer: str, *pairs: tuple[str, str]) -> Question | None:
+        """The question in another world; of the pairs that may collide, the first one is right in the file."""
+        happens = "all_events objects {} unique filter_collision objects {} unique filter_collision unique"
+        choices = tuple(
+            Choice(i, "?", tuple(happens.format(*pair).split()), "wrong" if i else "correct", None, True)
+            for i, pair in enumerate(pairs)
+        )
+        subtype = "count" if kind == "descriptive" else None
+        return _changed(Question(0, "?", kind, subtype, tuple(program.split()), answer, choices), nobody_enters)
+
+    found = changed("descriptive", "events objects filter_in count", "1")
+    assert found is not None
+    assert (found.answer, found.blind) == ("0", None)
+    assert changed("descriptive", "events objects filter_collision count", "2") is None  # the same answer
+    assert changed("descriptive", "events objects filter_in unique get_frame", "10") is None  # of no entrance
+    sphere = "rubber filter_material sphere filter_shape red filter_color"
+    found = changed("predictive", "unseen_events belong_to", "", (cube, blue), (green, sphere))
+    assert found is not None
+    assert [(c.answer, c.blind) for c in found.choices] == [("wrong", None), ("correct", None)]
+    assert changed("predictive", "unseen_events belong_to", "", (cube, blue), (green, blue)) is None  # neither is right
+    assert changed("predictive", "unseen_events belong_to", "", (cube, "yellow filter_color"), (green, sphere)) is None
+    assert changed("counterfactual", "unseen_events belong_to", "", (cube, blue), (green, sphere)) is None
+
+
 @pytest.mark.parametrize("name", ["grpo", "chat"])
 def test_datasets_reads_json_lines_without_filling_in_keys(name, root, tmp_path, offline) -> None:
     from datasets import load_dataset
@@ -362,7 +506,7 @@ def test_what_is_missing_is_refused_before_the_work(root, tmp_path, capsys) -> N
 
 def test_bad_requests_are_named(root, tmp_path, capsys, monkeypatch) -> None:
     export(root, tmp_path / "out", "--format", "zebra", status=2)
-    assert "export format 'zebra': expected one of grpo, chat, parquet, webdataset" in capsys.readouterr().err
+    assert "export format 'zebra': expected one of grpo, chat, pairs, parquet, webdataset" in capsys.readouterr().err
     export(root, tmp_path / "out", "--format", "grpo", "--questions", "q.json", status=2)
     assert "a question file is of one split; name it (--split)" in capsys.readouterr().err
     questions = str(root / "questions" / "train.json")

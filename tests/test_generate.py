@@ -14,13 +14,13 @@ import pytest
 from nsdr import DataError
 from nsdr.baselines.features.extraction import frames_of
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.scenes import iterate_scenes, scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
 from nsdr.datasets import VideoDataset
 from nsdr.generate import dataset
 from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
-from nsdr.generate.physics.bullet import Body, BulletConfig, Simulator
-from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
+from nsdr.generate.physics.bullet import Body, BulletConfig, Contact, Simulator
+from nsdr.generate.physics.scene import SimulatedScene, removals, scene_without, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
@@ -131,6 +131,32 @@ def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) 
                     assert executor.run(program) is happens
                     found += happens
     assert found > 10
+
+
+def test_a_world_without_an_object_is_that_of_the_truth(scenes) -> None:
+    scene = scenes[0]
+    for removed in removals(scene)[:2]:
+        world = scene_without(scene, removed)
+        kept = [o for o in scene.objects if o.id != removed]
+        assert [(o.id, o.name) for o in world.objects] == [(i, o.name) for i, o in enumerate(kept)]
+        found: dict = {}
+        for c in world.motion.contacts:
+            found.setdefault(tuple(kept[i].id for i in c.bodies), c.frame)
+        assert found == {c.bodies: c.frame for c in scene.counterfactual[removed]}
+
+
+def test_removals_that_change_what_else_happens_come_first(scenes) -> None:
+    at = (0.0, 0.0, 0.0)
+    contacts = tuple(Contact(f, pair, at) for f, pair in enumerate([(0, 1), (1, 2), (2, 3)]))
+    without = {
+        0: contacts[2:],
+        1: contacts[2:],
+        2: (contacts[0],),
+        3: contacts[:2],
+        4: (*contacts, Contact(9, (0, 3), at)),
+    }
+    motion = replace(scenes[0].motion, contacts=contacts)
+    assert removals(replace(scenes[0], motion=motion, counterfactual=without)) == [0, 4, 1, 2, 3]
 
 
 def test_scenes_obey_the_configuration() -> None:
@@ -354,6 +380,48 @@ def files_of(folder: Path) -> dict[str, bytes]:
     }
 
 
+def test_worlds_without_an_object_are_data_sets_beside_the_videos(tmp_path) -> None:
+    scene, render = SceneConfig(objects={3: 1.0}, n_frames=24), RenderConfig(width=96, height=64)
+    config = DatasetConfig(
+        str(tmp_path / "set"), 1, 3, splits={"validation": 1}, scene=scene, render=render, questions=None,
+        counterfactual_videos=2, workers=1,
+    )  # fmt: skip
+    before = files_of(generate_dataset(config))
+    truth = read_json(Files(config.output, "validation", 10000).truth)
+    names = [(o["color"], o["material"], o["shape"]) for o in truth["objects"]]
+    removed = set()
+    for world in (1, 2):
+        files = Files(config.output, "validation", 10000, world)
+        assert files.video == Path(config.output, "counterfactual", str(world), *files.video.parts[-4:])
+        other = read_json(files.truth)
+        kept = [i for i in range(3) if i != other["removed"]]
+        assert [(o["color"], o["material"], o["shape"]) for o in other["objects"]] == [names[i] for i in kept]
+        expected = [(c["object_ids"], c["frame_id"]) for c in truth["counterfactual"][str(other["removed"])]]
+        assert [([kept[i] for i in c["object_ids"]], c["frame_id"]) for c in other["collisions"]] == expected
+        assert read_json(files.annotation)["motion_trajectory"] == other["frames"][:24]
+        assert len(frames_of(files.video)) == 24
+        assert files.proposals.exists()
+        removed.add(other["removed"])
+    assert len(removed) == 2
+    with pytest.raises(DataError, match="scene 10000 is there twice below"):
+        list(iterate_scenes(config.output))
+
+    Files(config.output, "validation", 10000).truth.unlink()
+    files.video.unlink()
+    generate_dataset(config)
+    assert files_of(Path(config.output)) == before
+    with pytest.raises(DataError, match="made with another counterfactual_videos; choose another folder"):
+        generate_dataset(replace(config, counterfactual_videos=0))
+
+
+def test_data_sets_without_such_worlds_are_as_before() -> None:
+    manifest = dataset._manifest(DatasetConfig("set"))
+    known = {"videos", "seed", "first_scene", "splits", "renderer", "masks", "questions", "scene", "render"}
+    assert manifest["config"].keys() == known
+    others = dataset._manifest(DatasetConfig("set", counterfactual_videos=1))
+    assert others["config"] == {**manifest["config"], "counterfactual_videos": 1}
+
+
 @pytest.mark.robustness
 @pytest.mark.filterwarnings("ignore")
 def test_a_data_set_is_the_same_when_a_node_of_the_cluster_is_lost(tmp_path) -> None:
@@ -486,6 +554,10 @@ def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
         ({"splits": {"dev": 1.0}}, "splits: expected keys that are one of train"),
         ({"videos": 0}, r"videos: expected .* from 1 to .* got 0"),
         ({"seed": -1}, r"seed: expected .* from 0 to 1e\+12, got -1"),
+        (
+            {"counterfactual_videos": 5},
+            "counterfactual_videos: expected at most 4, the fewest objects of a scene, got 5",
+        ),
         ({"first_scene": 990000}, "first_scene: expected .*from 0 to 980000, got 990000"),
     ):
         with pytest.raises(DataError, match=message):

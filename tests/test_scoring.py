@@ -1,6 +1,7 @@
 """`nsdr score` and `nsdr controls`."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +162,34 @@ def test_references() -> None:
     assert rows["always-yes"]["counterfactual"]["tags"]["inferential"]["per_option"] == 0.0
     assert rows["frequent"]["descriptive"]["accuracy"] == 1.0
     assert "frequent" not in reference_rows([replace(SCENES[0], questions=(replace(OPEN, subtype=None),))])
+
+
+def test_pairs_count_where_both_are_right() -> None:
+    def second(index: int, kind: str, answer: str) -> SceneQuestions:
+        question = replace(OPEN, answer=answer, pair="10000-0", pair_kind=kind)
+        return SceneQuestions(index, f"video_{index:05d}.mp4", (question, WHAT_IF))
+
+    scenes = [
+        SCENES[0],
+        second(10001, "changed", "blue"),
+        second(10002, "mirrored", "red"),
+        second(10003, "noisy", "red"),
+    ]
+
+    def pairs(*words: str, allow_missing: bool = False) -> dict[str, tuple[float, int]]:
+        given = {(10000 + i, 0): word for i, word in enumerate(words)}
+        report = score_responses(scenes, given, allow_missing)
+        return {kind: (row["accuracy"], row["n"]) for kind, row in report.get("pairs", {}).items()}
+
+    assert pairs("red", "red", "red", "blue") == {"changed": (0, 1), "mirrored": (1, 1), "noisy": (0, 1)}
+    assert pairs("red", "blue", "red", "red") == {"changed": (1, 1), "mirrored": (1, 1), "noisy": (1, 1)}
+    assert pairs("blue", "blue", "red", "red") == {"changed": (0, 1), "mirrored": (0, 1), "noisy": (0, 1)}
+    assert pairs("red", "blue", allow_missing=True) == {"changed": (1, 1)}
+    assert "pairs" not in score_responses(SCENES, {(10000, 0): "red"})
+    text = format_report(score_responses(scenes, {(10000, 0): "red", (10002, 0): "red"}))
+    assert re.search(r"^changed pairs, both +0.0 \[0.0, .*\] +1$", text, re.MULTILINE)
+    assert re.search(r"noisy\n( +always-.*\n){2} +frequent .* 0.0 +100.0 +100.0$", text, re.MULTILINE)
+    assert re.search(r"^mirrored pairs, both +100.0 \[.*, 100.0\] +1$", text, re.MULTILINE)
 
 
 def test_two_systems_are_compared_on_the_same_questions(tmp_path: Path) -> None:

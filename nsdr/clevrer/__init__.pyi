@@ -62,6 +62,7 @@ from .files.proposals import (
 )
 from .files.questions import (
     OPTION_TAGS as OPTION_TAGS,
+    PAIR_KINDS as PAIR_KINDS,
     PLAIN as PLAIN,
     QUESTION_TYPES as QUESTION_TYPES,
     Choice as Choice,

@@ -88,7 +88,7 @@ def data_motion(options: Any) -> int:
 def export_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="the data set's folder: generated, or in the official layout")
-    add("--format", required=True, help="grpo, chat, parquet, webdataset, or an installed one")
+    add("--format", required=True, help="grpo, chat, pairs, parquet, webdataset, or an installed one")
     add("-o", "--output", required=True, help="folder to write")
     add(
         "--split",

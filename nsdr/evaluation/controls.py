@@ -15,10 +15,8 @@ from nsdr.evaluation.sources import sub_folder
 from nsdr.io.files import atomic_path, check_installed, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, Summary, run_jobs
-from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
-from nsdr.io.video import sample_frames, write_video
-from nsdr.world.physics_constants import FPS
+from nsdr.io.video import even_frames, write_video
 
 __all__ = ["CONTROLS", "EXCHANGED", "exchange", "write_controls"]
 
@@ -118,7 +116,5 @@ def _write_video(kind: str, video: Path, output: Path) -> None:
         with atomic_path(output) as temporary:
             shutil.copyfile(video, temporary)
         return
-    frames = sample_frames(video, limits().frames / FPS, 1).frames
-    height, width = (side // 2 * 2 for side in frames.shape[1:3])  # as H.264 wants
-    frames = frames[:, :height, :width]
+    frames = even_frames(video)
     write_video(output, np.full_like(frames, GREY) if kind == "blind" else frames[::-1], preset=PRESET)

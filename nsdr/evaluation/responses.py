@@ -148,7 +148,7 @@ COLUMN = 15
 
 
 def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]]:
-    """By system that sees nothing its accuracies (0-1) by question type.
+    """By system that sees nothing its accuracies (0-1) by question type, and where there are pairs, under `pairs` by kind.
 
     The systems are "always-yes" and "always-no"; and "frequent", which gives the most frequent answer of these same questions
     to each type (and so is an upper bound of what the types alone tell), left out where open questions have no CLEVRER
@@ -163,13 +163,15 @@ def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]
     }
     with suppress(DataError):
         reports["frequent"] = score_answers(q_type_answers(scenes, "frequent"))
-    return {name: {kind: report[kind] for kind in QUESTION_TYPES} for name, report in reports.items()}
+    kept = (*QUESTION_TYPES, "pairs")
+    return {name: {kind: report[kind] for kind in kept if kind in report} for name, report in reports.items()}
 
 
 def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """A table in percentages, of multiple choice per option / per question; of tagged options per option."""
+    """A table in percentages, of multiple choice per option / per question; of tagged options per option; of pairs."""
     lines = ["systems that see nothing, on the same questions (per option / per question):"]
     header = [*QUESTION_TYPES, *(OPTION_TAGS if any("tags" in row["counterfactual"] for row in rows.values()) else ())]
+    header += next(iter(rows.values())).get("pairs", {})
     for name, row in {"": None, **rows}.items():
         cells = header
         if row is not None:
@@ -178,6 +180,7 @@ def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
                 f"{percent(row[k], 'per_option')} / {percent(row[k], 'per_question')}" for k in QUESTION_TYPES[1:]
             ]
             cells += [percent(tag, "per_option") for tag in row["counterfactual"].get("tags", {}).values()]
+            cells += [percent(pair, "accuracy") for pair in row.get("pairs", {}).values()]
         lines.append(f"  {name:<11}" + "".join(f"{cell:>{COLUMN}}" for cell in cells))
     return lines
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import PAIR_KINDS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.measures import accuracy_interval, by_halves, calibration, calibration_text, percent
 from nsdr.symbolic import Executor, Program
@@ -34,7 +34,8 @@ def evaluate(
 
     Returns:
         The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; also for the
-        halves of `nsdr.evaluation.measures`, where the question file has tags; and where answers have probabilities,
+        halves of `nsdr.evaluation.measures`, where the question file has tags; where it has pairs, by kind under `pairs` the
+        share of those with both questions right; and where answers have probabilities,
         `calibration` as of `nsdr.evaluation.measures`. Under `results` every question with its answers. What fails
         carries its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the
         number of questions with either. Questions without answers in their file are answered, not scored: their results have
@@ -130,6 +131,7 @@ def _result(scene: SceneQuestions, question: Question, found: Answer | NsdrError
             )
             for choice, c in zip(question.choices, judged, strict=True)
         ]
+    row |= _known(pair=question.pair, pair_kind=question.pair_kind)
     return row | _known(correct=correct if is_scored else None, blind=question.blind)
 
 
@@ -150,8 +152,23 @@ def _report(results: list[Row]) -> dict[str, Any]:
             per_option = partial(_accuracy, name="per_option", what="options")
             table[kind] = per_option(options) | _accuracy(rows, "per_question", "questions")
             table[kind] |= _calibration(options) | by_halves(options, per_option)
+    if pairs := _pairs([r for r in results if "correct" in r]):
+        table["pairs"] = pairs
     counts = {"errors": sum(bool(_errors(r)) for r in results), "unlabelled": sum("correct" not in r for r in results)}
     return {**table, **counts, "results": results}
+
+
+def _pairs(rows: Sequence[Row]) -> Row:
+    """By kind of pair the share in which both questions are answered rightly; without kinds of which there are none."""
+    by_id = {f"{r['scene_index']}-{r['question_id']}": r for r in rows}
+    pairs = [(by_id[r["pair"]], r) for r in rows if r.get("pair") in by_id]
+    found = {}
+    for kind in PAIR_KINDS:
+        of_kind = [(first, second) for first, second in pairs if second["pair_kind"] == kind]
+        found[kind] = _accuracy(
+            [{**first, "correct": first["correct"] and second["correct"]} for first, second in of_kind]
+        )
+    return {kind: accuracy for kind, accuracy in found.items() if accuracy["n"]}
 
 
 def _calibration(rows: Sequence[Mapping[str, Any]]) -> Row:
@@ -206,6 +223,9 @@ def format_table(report: dict[str, Any]) -> str:
                 option, question = (percent(row, name, INTERVAL) for name in ("per_option", "per_question"))
                 lines.append(f"{kind:<22}{option:>22}{question:>22}{row['n_questions']:>11}")
                 lines += [f"{name:<22}{percent(part, 'per_option', INTERVAL):>22}" for name, part in parts.items()]
+        for kind, row in report.get("pairs", {}).items():
+            what = f"{kind} pairs, both"
+            lines.append(f"{what:<22}{'':>22}{percent(row, 'accuracy', INTERVAL):>22}{row['n']:>11}")
         if found := calibration_text(report):
             lines.append(f"expected calibration error (Brier score): {found}")
     if unlabelled:

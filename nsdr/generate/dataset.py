@@ -24,7 +24,7 @@ from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError
 from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
-from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
+from nsdr.generate.physics.scene import SimulatedScene, removals, scene_without, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.render.preview import render_preview
@@ -37,8 +37,7 @@ from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
 from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
 from nsdr.io.video import spaced, write_video
-from nsdr.types import Violation
-from nsdr.validation import Count, Settings, Share, convert, one_of
+from nsdr.validation import Count, Settings, Share, convert, expect, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 __all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "SceneSeed", "generate_dataset"]
@@ -72,6 +71,8 @@ class DatasetConfig(Settings):
         masks: whether to write exact masks as mask proposals (about 0.3 MB per video).
         questions: balanced questions for each split, or None. The test split's answers are in `truth/questions_test.json`
             only.
+        counterfactual_videos: for each video, how many of its worlds without an object are written, too, into data sets of
+            their own below `counterfactual/` (`Files`): those first that differ most (`nsdr.generate.physics.scene.removals`).
         scene: what scenes look like.
         render: rendering options.
         engine: "processes" or "ray".
@@ -86,6 +87,7 @@ class DatasetConfig(Settings):
     renderer: Annotated[str, one_of(RENDERERS)] = "preview"
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
+    counterfactual_videos: Count = 0
     scene: SceneConfig = field(default_factory=SceneConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
     engine: Annotated[str, one_of(ENGINES)] = "processes"
@@ -95,6 +97,9 @@ class DatasetConfig(Settings):
         super().__post_init__()
         if not any(self.splits.values()):
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
+        fewest = min(n for n, share in self.scene.objects.items() if share)
+        expected = f"at most {fewest}, the fewest objects of a scene"
+        expect(self.counterfactual_videos <= fewest, "counterfactual_videos", expected, self.counterfactual_videos)
         if self.renderer == "blender" and not self.render.assets:
             raise DataError(
                 "render.assets: renderer blender needs CLEVR's Blender files, the folder image_generation/data of "
@@ -105,9 +110,9 @@ class DatasetConfig(Settings):
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
         return self.seed * SCENES_PER_SEED + self.first_scene + index
 
-    def made(self, index: int) -> tuple[SimulatedScene, Violation | None]:
-        """The scene of a video, and what is wrong with it: nothing."""
-        return simulate_scene(self.scene_seed(index), self.scene), None
+    def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
+        """The scene of a video, and what its truth file says beside it."""
+        return simulate_scene(self.scene_seed(index), self.scene), {}
 
     def indices(self) -> dict[str, range]:
         """Video indices of each split: the first ones of the release's ranges."""
@@ -125,6 +130,13 @@ class DatasetConfig(Settings):
 class Files:
     """Paths of one video's files.
 
+    Args:
+        root: folder of the data set.
+        split: the video's split.
+        index: its index.
+        world: 0 for the video itself; from 1 on, the same video without an object, in `counterfactual/WORLD`, where files
+            have the same names. The truth file there gives the id that the object has in the video itself as `removed`.
+
     Attributes:
         video: the video (mp4).
         annotation: the annotation, which the test split lacks.
@@ -132,8 +144,8 @@ class Files:
         truth: the complete ground truth; written last, so it marks a finished video.
     """
 
-    def __init__(self, root: str | Path, split: str, index: int) -> None:
-        root = Path(root)
+    def __init__(self, root: str | Path, split: str, index: int, world: int = 0) -> None:
+        root = Path(root) / "counterfactual" / str(world) if world else Path(root)
         low = index // VIDEOS_PER_FOLDER * VIDEOS_PER_FOLDER
         folder = f"{low:05d}-{low + VIDEOS_PER_FOLDER:05d}"
         self.video = root / "videos" / split / f"video_{folder}" / f"video_{index:05d}.mp4"
@@ -146,7 +158,7 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
     """Generate a data set and return its folder. Finished videos are kept.
 
     A data set has `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `questions/`,
-    `truth/`, `manifest.json`, and statistics compared with the release's.
+    `truth/`, `manifest.json`, statistics compared with the release's, and if wanted `counterfactual/` (`Files`).
 
     Args:
         config: what to generate.
@@ -169,7 +181,8 @@ def _write_manifest(config: DatasetConfig, path: Path) -> None:
     if path.exists():
         existing = read_json(path, dict[str, Any]).get("config")
         existing = convert(existing, dict[str, Any], f"{path}: config: ")
-        changed = sorted(k for k in manifest["config"] if existing.get(k) != manifest["config"][k])
+        wanted = manifest["config"]
+        changed = sorted(k for k in {*existing, *wanted} if existing.get(k) != wanted.get(k))
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
     write_json(path, manifest, indent=1)
@@ -217,6 +230,8 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     values = asdict(config)
     for name in ("output", "engine", "workers"):
         values.pop(name)
+    if not config.counterfactual_videos:
+        values.pop("counterfactual_videos")  # as in data sets from before there were such videos
     values["render"]["assets"] = Path(config.render.assets).name
     kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
     kinds["questions"] = config.questions is not None
@@ -242,8 +257,17 @@ def _fingerprint(config: DatasetConfig) -> str:
 def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
     split, index = job
-    scene, violation = config.made(index)
-    files = Files(config.output, split, index)
+    scene, more_truth = config.made(index)
+    for world, removed in enumerate(removals(scene)[: config.counterfactual_videos], 1):
+        files = Files(config.output, split, index, world)
+        _write_files(config, job, scene_without(scene, removed, config.scene), files, {"removed": removed})
+    _write_files(config, job, scene, Files(config.output, split, index), more_truth)
+
+
+def _write_files(
+    config: DatasetConfig, job: tuple[str, int], scene: SimulatedScene, files: Files, more_truth: dict[str, Any]
+) -> None:
+    split, index = job
     view = view_of(config.render, scene.seed)
     # Masks and visibility refer to the release's image size, whatever the video's size is.
     camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
@@ -262,7 +286,7 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     if split != "test":
         annotation = annotation_document(scene, index, files.video.name, camera)
         write_annotation(files.annotation, annotation, scene.n_frames)
-    write_json(files.truth, truth_document(scene, index, camera))
+    write_json(files.truth, truth_document(scene, index, camera) | more_truth)
 
 
 def _blender_frames(

@@ -1,7 +1,7 @@
 """Pairs of videos, a lawful one and the same with one law of CLEVRER's world broken, with the truth and questions about it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -51,15 +51,17 @@ class ViolationsConfig(DatasetConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.counterfactual_videos:
+            raise DataError("counterfactual_videos: expected 0, as worlds without an object are lawful")
         if sum(share > 0 for share in self.splits.values()) != 1:
             raise DataError(f"splits: expected one split, as both videos of a pair are in it; got {dict(self.splits)}")
 
-    def made(self, index: int) -> tuple[SimulatedScene, Violation | None]:
-        """The scene of a video, and what is wrong with it: in every other video something."""
+    def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
+        """The scene of a video; that of every other one, with its `violation`, breaks a law."""
         first = next(r.start for r in self.indices().values() if len(r))
         pair, is_broken = divmod(index - first, 2)
         lawful, broken, violation = self._pair(pair)
-        return (broken, violation) if is_broken else (lawful, None)
+        return (broken, {"violation": asdict(violation)}) if is_broken else (lawful, {})
 
     def _pair(self, pair: int) -> tuple[SimulatedScene, SimulatedScene, Violation]:
         key = repr((self, pair))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError, VideoError
 from nsdr.io.files import atomic_path, check_installed
-from nsdr.io.limits import check_limit
+from nsdr.io.limits import check_limit, limits
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS, VIDEO_FRAMES
 
@@ -25,6 +25,7 @@ __all__ = [
     "Layout",
     "VideoSample",
     "check_is_video",
+    "even_frames",
     "read_frames",
     "read_video",
     "sample_frames",
@@ -241,6 +242,17 @@ def _scaled(frame: NDArray[np.uint8], most: float = math.inf, stretched: bool = 
 def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
     """`count` frame indices, evenly spaced from the first to the last one; of a shorter video, some repeatedly."""
     return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
+
+
+def even_frames(path: str | Path) -> NDArray[np.uint8]:
+    """All frames of a video to be encoded again: (F, H, W, 3) uint8 RGB, at most 480x320, of even sides, as H.264 wants.
+
+    Raises:
+        VideoError: as `sample_frames`.
+    """
+    frames = sample_frames(path, limits().frames / FPS, 1).frames
+    height, width = (side // 2 * 2 for side in frames.shape[1:3])
+    return frames[:, :height, :width]
 
 
 def write_video(

@@ -3,14 +3,12 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NotRequired, TypedDict
-
-from msgspec import Meta
+from typing import Any, Literal, NotRequired, TypedDict
 
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.answers.responses import Response, read_response_to
 from nsdr.clevrer.files.questions import Question
-from nsdr.clevrer.files.schema import Id, check_unique
+from nsdr.clevrer.files.schema import Id, RecordId, check_unique
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.reading import parse_json_lines, read_json, read_json_bytes
@@ -34,7 +32,7 @@ Given = str | Mapping[int, str]
 
 
 class _Row(TypedDict):
-    id: Annotated[str, Meta(pattern=r"^[0-9]{1,9}-[0-9]{1,9}$", title="SCENE_INDEX-QUESTION_ID, such as 10003-7")]
+    id: RecordId
     response: str | None
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 from msgspec.structs import replace
 
-from nsdr.clevrer.files.schema import FileName, Id, Program, check_lines, check_unique
+from nsdr.clevrer.files.schema import FileName, Id, Program, RecordId, check_lines, check_unique
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
@@ -18,6 +18,7 @@ from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHA
 
 __all__ = [
     "OPTION_TAGS",
+    "PAIR_KINDS",
     "PLAIN",
     "QUESTION_TYPES",
     "Choice",
@@ -35,6 +36,9 @@ PLAIN = "plain"
 OPTION_TAGS = ("observational", "inferential")
 """Kinds of counterfactual options: those that the recording without the removed object answers rightly (see
 `nsdr.baselines.recording`), and those where it fails because the removal changes what else happens."""
+PAIR_KINDS = ("changed", "mirrored", "noisy")
+"""What the second video of a pair is: the first one without an object, where the answers differ; mirrored; or with other light
+and noise, where they are the same."""
 LARGEST_COUNT = 15
 """Largest number that is accepted as an answer. CLEVRER's answers end at 5; scenes with more objects have larger ones."""
 ANSWERS = frozenset(
@@ -81,6 +85,9 @@ class Question(msgspec.Struct, frozen=True, omit_defaults=True, rename=_QUESTION
         answer: the answer word; None in the test split and for multiple choice.
         choices: the choices; empty for a descriptive question.
         blind: whether the text alone predicts the answer of a descriptive question; None where it is not known.
+        pair: of a question about the second video of a pair, `SCENE_INDEX-QUESTION_ID` of the same question about the first
+            one; None of all others. The release has no pairs.
+        pair_kind: one of `PAIR_KINDS`, with `pair`.
     """
 
     id: Id
@@ -91,6 +98,8 @@ class Question(msgspec.Struct, frozen=True, omit_defaults=True, rename=_QUESTION
     answer: str | None = None
     choices: tuple[Choice, ...] = ()
     blind: bool | None = None
+    pair: RecordId | None = None
+    pair_kind: Annotated[str, one_of(PAIR_KINDS)] | None = None
 
 
 class SceneQuestions(msgspec.Struct, frozen=True):
@@ -131,6 +140,7 @@ def _check_question(q: Question, place: str) -> None:
         check_lines(f"{place}.choices[{i}]", choice=choice.text)
         check_limit(len(choice.program or ()), "program_tokens", f"{place}.choices[{i}].program")
     check_limit(len(q.program or ()), "program_tokens", f"{place}.program")
+    expect((q.pair is None) == (q.pair_kind is None), place, "both pair and pair_kind or neither", "one of them")
     fits = bool(q.choices) != (q.type == "descriptive")
     expect(fits, f"{place}.choices", f"those of a {q.type} question", f"{len(q.choices)} choices")
     check_unique([c.id for c in q.choices], f"{place}.choices", ".choice_id")

@@ -201,8 +201,13 @@ def iterate_scenes(path: str | Path) -> Iterator[tuple[int, str, Scene]]:
         below = find_files(path, "truth_*.json") or find_files(path, "annotation_*.json")
         if not below:
             raise DataError(f"{path}: holds no truth_*.json and no annotation_*.json")
+        found: set[int] = set()
         for file in below:
-            yield from iterate_scenes(file)
+            for scene in iterate_scenes(file):
+                if scene[0] in found:
+                    raise DataError(f"{file}: scene {scene[0]} is there twice below {path}; give a folder below it")
+                found.add(scene[0])
+                yield scene
         return
     if not path.is_file():
         raise DataError(f"{path}: no such file or folder")

@@ -18,6 +18,7 @@ __all__ = [
     "Id",
     "Pair",
     "Program",
+    "RecordId",
     "Vector",
     "Words",
     "check_frame",
@@ -37,6 +38,7 @@ Coordinate = Annotated[float, Meta(ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Pair = tuple[Count, Count]
 Program = Annotated[tuple[str, ...], Meta(min_length=1)]
+RecordId = Annotated[str, Meta(pattern=r"^[0-9]{1,9}-[0-9]{1,9}$", title="SCENE_INDEX-QUESTION_ID, such as 10003-7")]
 FileName = Annotated[str, Meta(pattern=r"^(?!\.{1,2}$)[^/\\\x00-\x1f]+$", title="the name of a file without a folder")]
 
 

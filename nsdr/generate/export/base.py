@@ -38,13 +38,14 @@ __all__ = [
     "ExportConfig",
     "Exporter",
     "SplitSummary",
+    "copy_once",
     "export_dataset",
     "write_json_lines",
 ]
 
 MANIFEST = "export.json"
 """File of an export's folder with its settings and counts."""
-VERSION = 1
+VERSION = 2
 """Of the records of an export: raised when they change."""
 VIDEOS = ("copy", "none")
 REASONING = ("", "short", "long")
@@ -110,6 +111,7 @@ class Export:
         config: the settings.
 
     Attributes:
+        data: the data set.
         folder: where to write. A file that is there is finished: write atomically, and skip what exists.
         splits: what there is to export of each split, by name.
         is_generated: whether the data set has a manifest, as generated ones do.
@@ -121,14 +123,14 @@ class Export:
 
     def __init__(self, config: ExportConfig) -> None:
         self.config, self.folder = config, Path(config.output)
-        self._root = CLEVRER(config.root)
-        self._sources = {name: self._root.split(name) for name in config.splits or SPLITS}
+        self.data = CLEVRER(config.root)
+        self._sources = {name: self.data.split(name) for name in config.splits or SPLITS}
         if not config.splits:
             self._sources = {n: s for n, s in self._sources.items() if n != "test" and s.question_file is not None}
         if not self._sources:
             raise DataError(f"{config.root}: has no questions/train.json and no questions/validation.json")
-        self.is_generated = self._root.manifest is not None
-        self._seed = _first_seed(self._root)
+        self.is_generated = self.data.manifest is not None
+        self._seed = _first_seed(self.data)
         self._videos: dict[str, dict[int, Path]] = {}
         self._bytes: dict[str, int] = {}
         self.splits = {name: self._summary(name) for name in self._sources}
@@ -154,9 +156,9 @@ class Export:
         for video, records in self.scenes(split):
             first = records[0]
             if video is not None:
-                _copy(video, self.folder / first.video)
+                copy_once(video, self.folder / first.video)
                 if first.scene is not None:
-                    _copy(self._root.root / first.scene, self.folder / first.scene)
+                    copy_once(self.data.root / first.scene, self.folder / first.scene)
             yield from records
 
     def settings(self) -> dict[str, Any]:
@@ -188,7 +190,7 @@ class Export:
                 except DataError as e:
                     raise DataError(f"{questions}: scene {index}, question {question.id}: {e}") from e
             if self.config.reasoning or self.config.scenes:
-                scene_file = self._root.root / self._scene_name(split, index)
+                scene_file = self.data.root / self._scene_name(split, index)
                 self._bytes[f"scene {index}"] = scene_file.stat().st_size
             n_videos += 1
             n_questions += len(scene.questions)
@@ -203,7 +205,7 @@ class Export:
 
     def _video_name(self, split: str, index: int) -> str:
         """Where the official layout has a video; without copied videos, where the data set has it."""
-        root = self._root.root
+        root = self.data.root
         if self.config.videos == "none":
             video = self._videos[split].get(index)
             if video is not None:
@@ -212,26 +214,27 @@ class Export:
 
     def _scene_name(self, split: str, index: int) -> str:
         """Where the data set has the true scene: a truth file, or else an annotation."""
-        truth = Files(self._root.root, split, index).truth
+        truth = Files(self.data.root, split, index).truth
         if truth.is_file():
-            return truth.relative_to(self._root.root).as_posix()
+            return truth.relative_to(self.data.root).as_posix()
         annotation = self._sources[split].entries("annotations").get(index)
         if annotation is None:
             where = f"{truth}, and no annotation_{index:05d}.json beside it"
             raise DataError(
                 f"{where}: no such file; export without --reasoning and --scenes, or fetch and unzip annotations"
             )
-        return annotation.relative_to(self._root.root).as_posix()
+        return annotation.relative_to(self.data.root).as_posix()
 
     def _tell(self, split: str, index: int) -> Callable[[Question], str | None]:
-        path = self._root.root / self._scene_name(split, index)
+        path = self.data.root / self._scene_name(split, index)
         scenes = {number: scene for number, _, scene in iterate_scenes(path)}
         if list(scenes) != [index]:
             raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
 
 
-def _copy(source: Path, target: Path) -> None:
+def copy_once(source: Path, target: Path) -> None:
+    """Copy a file, atomically, unless the target is there."""
     if not target.exists():
         with atomic_path(target) as temporary:
             shutil.copyfile(source, temporary)
@@ -244,12 +247,12 @@ class Exporter:
     Attributes:
         write: writes the export's files into its folder.
         needs: package that it needs, and extra of nsdr that brings it; "" for none.
-        holds_videos: whether its files hold the videos themselves, so that there is nothing beside them.
+        refuses: options of "--scenes", "--videos none" and "--reasoning" that do not fit what its files hold.
     """
 
     write: Callable[[Export], None]
     needs: str = ""
-    holds_videos: bool = False
+    refuses: tuple[str, ...] = ()
 
 
 def write_json_lines(export: Export, row: Callable[[Record], Mapping[str, Any]]) -> None:
@@ -278,6 +281,7 @@ EXPORTERS: Registry[Exporter] = Registry(
     {
         "grpo": "nsdr.generate.export.json_lines:GRPO",
         "chat": "nsdr.generate.export.json_lines:CHAT",
+        "pairs": "nsdr.generate.export.pairs:PAIRS",
         "parquet": "nsdr.generate.export.parquet:PARQUET",
         "webdataset": "nsdr.generate.export.webdataset:WEBDATASET",
     },
@@ -298,9 +302,10 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
     exporter = EXPORTERS[config.format]
     if exporter.needs:
         check_installed(exporter.needs, f"format {config.format} needs {exporter.needs}", exporter.needs)
-    if exporter.holds_videos and (config.scenes or config.videos == "none"):
-        surplus = "--scenes" if config.scenes else "--videos none"
-        raise DataError(f"format {config.format} holds videos and questions only; leave out {surplus}")
+    given = {"--scenes": config.scenes, "--videos none": config.videos == "none", "--reasoning": config.reasoning != ""}
+    for option in exporter.refuses:
+        if given[option]:
+            raise DataError(f"format {config.format} holds videos and questions only; leave out {option}")
     check_output_folder(config.output)
     export = Export(config)
     with locked(export.folder):

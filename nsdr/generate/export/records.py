@@ -36,6 +36,8 @@ COLUMNS = {
     "option_programs": "those of each option",
     "seed": "number from which `nsdr generate scene` simulates the scene; null for data that nsdr did not generate",
     "reasoning": "checkable sentences that end with the solution (`nsdr.narrate`); null if not exported, or not known",
+    "pair": "`id` of the same question about the video from which this one was made, in a data set of pairs; null otherwise",
+    "pair_kind": "how it was made: `changed` (without an object; the answers differ), `mirrored` or `noisy`",
     "scene": "path of the true scene (a truth or annotation file), relative like `video`; null if not exported",
 }
 """What every format says about a question: the attributes of `Record`."""
@@ -63,6 +65,8 @@ class Record:
     option_programs: tuple[tuple[str, ...] | None, ...]
     seed: int | None
     reasoning: str | None = None
+    pair: str | None = None
+    pair_kind: str | None = None
     scene: str | None = None
 
     def row(self) -> dict[str, Any]:
@@ -105,6 +109,8 @@ def scene_records(
             option_programs=tuple(c.program for c in q.choices),
             seed=seed,
             reasoning=None if tell is None else tell(q),
+            pair=q.pair,
+            pair_kind=q.pair_kind,
             scene=true_scene,
         )
         for q in scene.questions

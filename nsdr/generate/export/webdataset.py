@@ -65,5 +65,5 @@ def _shards(samples: Iterator[_Sample], limit: int) -> Iterator[list[_Sample]]:
         yield shard
 
 
-WEBDATASET = Exporter(_write, needs="webdataset", holds_videos=True)
+WEBDATASET = Exporter(_write, needs="webdataset", refuses=("--scenes", "--videos none"))
 """SPLIT-NUMBER.tar with KEY.mp4 and KEY.json of each video: `scene_index`, `split`, `seed`, and the records as `questions`."""

@@ -8,7 +8,7 @@ are added last. The distributions of start states were measured on the release's
 import math
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from nsdr.types import SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
-__all__ = ["SimulatedScene", "simulate_scene"]
+__all__ = ["SimulatedScene", "removals", "scene_without", "simulate_scene"]
 
 FloatArray = NDArray[np.floating[Any]]
 STATIC_FRACTION = (0.0, 0.6, 0.35, 0.35)
@@ -109,13 +109,56 @@ def simulate_scene(seed: int, config: SceneConfig | None = None) -> SimulatedSce
             if scene is None:
                 continue
             triples, bodies, motion = scene
-            without = {i: _without(i, bodies, config, simulator) for i in range(len(bodies))}
             objects = tuple(SceneObject(i, *triple) for i, triple in enumerate(triples))
-            mass = np.array([b.mass for b in bodies])
-            return SimulatedScene(seed, objects, mass, config.n_frames, motion, without)
+            return _with_removals(seed, objects, bodies, motion, config, simulator)
     raise DataError(
         f"seed {seed}: no scene found in {RESTARTS} attempts; the configuration's speed or n_frames allows too few"
     )
+
+
+def scene_without(scene: SimulatedScene, removed: int, config: SceneConfig | None = None) -> SimulatedScene:
+    """What happens from the same start states without an object. The others keep their order; their ids count from 0.
+
+    Args:
+        scene: a simulated scene.
+        removed: id of the object.
+        config: that of the scene; None is CLEVRER.
+    """
+    config, motion = config or SceneConfig(), scene.motion
+    kept = [o for o in scene.objects if o.id != removed]
+    bodies = []
+    for o in kept:
+        states: Any = (motion.location_world, motion.orientation, motion.velocity, motion.angular_velocity)
+        location, orientation, velocity, spin = (tuple(state[o.id, 0].tolist()) for state in states)
+        bodies.append(Body(o.shape, location, orientation, velocity, spin, float(scene.mass[o.id])))
+    objects = tuple(replace(o, id=i) for i, o in enumerate(kept))
+    with Simulator(config.physics) as simulator:
+        motion = simulator.run(bodies, config.simulated_frames)
+        return _with_removals(scene.seed, objects, bodies, motion, config, simulator)
+
+
+def removals(scene: SimulatedScene) -> list[int]:
+    """Ids of all objects: those first without which most pairs of others collide that did not, or no longer do; among equals
+    those that collide most."""
+    pairs = {c.bodies for c in scene.motion.contacts}
+
+    def effect(i: int) -> tuple[int, int]:
+        others = {pair for pair in pairs if i not in pair}
+        return len(others ^ {c.bodies for c in scene.counterfactual[i]}), len(pairs - others)
+
+    return sorted(scene.counterfactual, key=effect, reverse=True)
+
+
+def _with_removals(
+    seed: int,
+    objects: tuple[SceneObject, ...],
+    bodies: Sequence[Body],
+    motion: BulletMotion,
+    config: SceneConfig,
+    simulator: Simulator,
+) -> SimulatedScene:
+    without = {i: _without(i, bodies, config, simulator) for i in range(len(bodies))}
+    return SimulatedScene(seed, objects, np.array([b.mass for b in bodies]), config.n_frames, motion, without)
 
 
 def _without(removed: int, bodies: Sequence[Body], config: SceneConfig, simulator: Simulator) -> tuple[Contact, ...]:
