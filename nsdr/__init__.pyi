@@ -27,6 +27,7 @@ from .frame_parser.dataset import FrameDataset as FrameDataset
 from .frame_parser.model import build_frame_parser as build_frame_parser
 from .frame_parser.parser import FrameParser as FrameParser
 from .io.storage import load as load, save as save
+from .laws.judge import judge as judge
 from .pipeline import Perception as Perception, Pipeline as Pipeline, PipelineConfig as PipelineConfig
 from .question_parser.auto import AutoParser as AutoParser
 from .question_parser.grammar import GrammarParser as GrammarParser
@@ -48,6 +49,7 @@ from .types import (
     Event as Event,
     EventChange as EventChange,
     Freeze as Freeze,
+    Judgement as Judgement,
     Move as Move,
     Remove as Remove,
     Rollout as Rollout,
@@ -61,6 +63,7 @@ from .types import (
     UncertainCollision as UncertainCollision,
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
+    Violation as Violation,
 )
 
 __version__: str

@@ -23,12 +23,13 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.video import check_is_video
+from nsdr.laws.judge import judge
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor, Program
 from nsdr.tracking.localization import size_warning
 from nsdr.tracking.tracker import TrackerConfig, existence, track
-from nsdr.types import Answer, DynamicsPrediction, Event, Scene, Simulation, VideoProposals, VideoTracks
+from nsdr.types import Answer, DynamicsPrediction, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
@@ -323,6 +324,18 @@ class Pipeline:
         if hasattr(backend, "simulate"):
             return backend.simulate(seen.tracks, interventions, from_frame)
         return simulate_removal(seen.dynamics, interventions, from_frame, type(self.dynamics).__name__)
+
+    def judge(self, video: str | Path) -> Judgement:
+        """Which laws of CLEVRER's world a video breaks, by which objects, and when; see `nsdr.judge`.
+
+        Raises:
+            VideoError: as of `perceive`.
+        """
+        check_is_video(Path(video))
+        proposals = self.frame_parser.parse(self.frames(video), progress=self.progress)
+        if not len(proposals):
+            raise VideoError(f"{video}: no objects found; is it a CLEVRER clip?")
+        return judge(proposals, self.tracker, self.camera)
 
     def answer(
         self,

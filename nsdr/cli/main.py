@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "parse-video": ("perceive", "turn a video into a symbolic scene"),
     "parse-videos": ("perceive", "turn a folder of videos into scenes and proposals; resumable"),
     "predict-dynamics": ("perceive", "turn mask proposals into motion and collisions; resumable"),
+    "judge": ("perceive", "find which laws of CLEVRER's world videos break"),
     "visualize": ("perceive", "show what was seen, and why a question got its answer"),
     "simulate": ("simulate", "what would happen in a video with objects removed, changed or added"),
     "evaluate": ("evaluate", "score answers to a question file; resumable"),

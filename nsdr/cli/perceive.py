@@ -21,7 +21,7 @@ from nsdr.io.files import check_installed, check_output, check_output_folder
 from nsdr.io.storage import load, save
 from nsdr.types import Scene
 
-__all__ = ["parse_video", "parse_videos", "predict_dynamics", "visualize"]
+__all__ = ["judge", "parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
@@ -114,6 +114,41 @@ def _report(options: Any, summary: Any, what: str) -> int:
     for message in messages:
         print(f"  {message}")
     return failures_line(failed, done + skipped + failed, what, "".join(messages[:1]), options.keep_going)
+
+
+def judge_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("videos", nargs="+", help="video files")
+    add("-o", "--output", default=None, help="report, .json")
+    shared_options(parser, "checkpoint", "pipeline", "video")
+
+
+def judge(options: Any) -> int:
+    """`nsdr judge`: which laws videos break; a video that cannot be judged has the reason in place of a judgement."""
+    check_outputs(options.videos, (options.output, (".json",)))
+    pipeline = make_pipeline(options)
+    from dataclasses import asdict
+
+    from nsdr.errors import VideoError
+    from nsdr.io.files import write_json
+
+    report: list[dict[str, Any]] = []
+    for video in options.videos:
+        try:
+            found = pipeline.judge(video)
+        except VideoError as e:
+            print(f"not judged: {e}")
+            report.append({"video": video, "error": str(e)})
+            continue
+        names = [o.name for o in found.objects]
+        print(f"{video}: {found.probability:.1%} that a law is broken")
+        for v in found.violations:
+            which = "all objects" if v.law == "arrow" else " and ".join(f"the {names[i]}" for i in v.objects)
+            print(f"  frame {v.frame}: {v.law}, {which} ({v.amount:.2g} {v.unit}, {v.probability:.1%})")
+        report.append({"video": video, **asdict(found)})
+    if options.output:
+        write_json(options.output, report, indent=1)
+    return int(any("error" in row for row in report))
 
 
 def visualize_options(parser: Any) -> None:

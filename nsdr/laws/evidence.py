@@ -359,9 +359,11 @@ def _exchange(mine: Sequence[Stretch], other: Sequence[Stretch], frame: float) -
         normal = impulse / size if size > 0 else away
         if normal @ away < MIN_ALONG:
             normal, size = away, max(float(impulse @ away), 0.0)
-        closing = max(-float(approach @ normal), 0.0)
-        least, most = closing / (1 + ratio), (1 + MAX_RESTITUTION) * closing / (1 + ratio)
-        size = min(max(size, 0.0 if rotates else least), most)
+        # The direction of a small impulse is not well known, and so neither is how fast the objects approach along it.
+        closing, across = -float(approach @ normal), float(np.hypot(*(approach - (approach @ normal) * normal)))
+        off_by = 2 * across * min(float(min(variance, other_variance)) ** 0.5 / max(size, 1e-9), 1.0)
+        least, most = (max(closing + sign * off_by, 0.0) / (1 + ratio) for sign in (-1, 1))
+        size = min(max(size, 0.0 if rotates else least), (1 + MAX_RESTITUTION) * most)
         impulse = size * normal
         off, other_off = change - impulse, other_change + ratio * impulse
         best = min(best, float(off @ off) / (2 * variance) + float(other_off @ other_off) / (2 * other_variance))

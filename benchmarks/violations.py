@@ -1,0 +1,179 @@
+"""How well violations are found: area under the ROC curve by law and size, what is said of them, and false alarms.
+
+    nsdr generate violations --first_scene 560000 --videos 486 --renderer none -o SUITE
+    python benchmarks/violations.py SUITE --lawful PROPOSALS_VALIDATION.npz -o results/violations.md
+
+The suite needs masks. `--lawful` takes official proposals, in which nothing is broken; of these, `--every N --first K` takes a
+part. `--fit` prints the constants of `nsdr.laws.judge`, from a suite of training seeds and proposals of `train`.
+"""
+
+import argparse
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from tqdm import tqdm
+
+from nsdr.clevrer import read_compact_proposals, read_proposals
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.evaluation.measures import wilson_interval
+from nsdr.generate.physics.violations import SIZES
+from nsdr.io.files import find_files
+from nsdr.io.fingerprint import code_revision
+from nsdr.laws.evidence import Evidence, evidence_of
+from nsdr.laws.judge import judge
+from nsdr.tracking.tracker import track
+from nsdr.types import LAWS, Judgement, VideoProposals
+
+FRAMES = 3
+"""Frames that the first frame of a violation may be off."""
+MARGIN, LEAST = 1.5, 6.0
+"""See `fit`; the least evidence that counts as even (nats)."""
+
+
+class Row(NamedTuple):
+    violation: dict[str, Any] | None
+    names: list[str]
+    size: str
+    judgement: Judgement
+    evidence: list[Evidence]
+
+
+def suite(root: Path) -> Iterator[tuple[VideoProposals, dict[str, Any]]]:
+    for path in tqdm(find_files(root / "truth", "truth_*.json"), desc="suite"):
+        truth = read_truth_file(path)
+        yield read_proposals(root / "derender_proposals" / f"proposal_{truth['scene_index']:05d}.json"), truth
+
+
+def rows_of(root: Path) -> list[Row]:
+    rows: list[Row] = []
+    first = min(int(path.stem[-5:]) for path in find_files(root / "truth", "truth_*.json"))
+    for proposals, truth in suite(root):
+        names = [f"{o['color']} {o['material']} {o['shape']}" for o in truth["objects"]]
+        size = SIZES[(truth["scene_index"] - first) // 2 // len(LAWS) % len(SIZES)]  # as `ViolationsConfig` orders them
+        rows.append(Row(truth.get("violation"), names, size, *judged(proposals)))
+    return rows
+
+
+def judged(proposals: VideoProposals) -> tuple[Judgement, list[Evidence]]:
+    tracks = track(proposals)
+    return judge(proposals), evidence_of(tracks, proposals) if tracks.tracks else []
+
+
+def area(broken: list[float], lawful: list[float]) -> tuple[float, float, float]:
+    """Area under the ROC curve, and its 95 % interval by a bootstrap over videos."""
+    wins = (np.array(broken)[:, None] > np.array(lawful)) + 0.5 * (np.array(broken)[:, None] == np.array(lawful))
+    rng = np.random.default_rng(0)
+    n, m = wins.shape
+    means = [wins[rng.integers(n, size=n)][:, rng.integers(m, size=m)].mean() for _ in range(1000)]
+    return float(wins.mean()), *np.quantile(means, [0.025, 0.975]).tolist()
+
+
+def report(rows: list[Row], official: list[Judgement]) -> str:
+    lawful = [row.judgement.probability for row in rows if row.violation is None]
+    lines = [
+        "# Violations of the laws of CLEVRER's world",
+        "",
+        "| law | size | pairs | AUC | found (%) | law right (%) | objects right (%) | frame within 3 (%) | taken for |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    cases: dict[tuple[str, str], list[Row]] = defaultdict(list)
+    for row in rows:
+        if row.violation is not None:
+            cases[row.violation["law"], row.size].append(row)
+    for law in LAWS:
+        for size in SIZES:
+            if not (case := cases[law, size]):
+                continue
+            found = [row for row in case if row.judgement.violations]
+            right: Counter[str] = Counter()
+            taken: Counter[str] = Counter()
+            for row in found:
+                assert row.violation is not None
+                top = max(row.judgement.violations, key=lambda v: v.probability)
+                named = {row.judgement.objects[i].name for i in top.objects}
+                true = {row.names[i] for i in row.violation["objects"]}
+                right["law"] += top.law == law
+                right["objects"] += bool(named & true) if law == "identity" else named <= true
+                right["frame"] += abs(top.frame - row.violation["frame"]) <= FRAMES
+                if top.law != law:
+                    taken[top.law] += 1
+            auc = area([row.judgement.probability for row in case], lawful)
+            shares = [percent(right[k], len(found)) for k in ("law", "objects", "frame")]
+            others = ", ".join(f"{name} {n}" for name, n in taken.most_common()) or "-"
+            values = [law, size, len(case), f"{auc[0]:.3f} ({auc[1]:.3f}-{auc[2]:.3f})", percent(len(found), len(case))]
+            lines.append(f"| {' | '.join(map(str, [*values, *shares, others]))} |")
+    alarms = sum(p > 0.5 for p in lawful)
+    lines += [
+        "",
+        f"False alarms: {alarms} of {len(lawful)} lawful videos of the suite ({percent(alarms, len(lawful))} %).",
+    ]
+    if official:
+        alarms = sum(bool(j.violations) for j in official)
+        laws = Counter(v.law for j in official for v in j.violations)
+        kinds = ", ".join(f"{law} {n}" for law, n in laws.most_common())
+        share = percent(alarms, len(official))
+        lines.append(f"Official proposals: {alarms} of {len(official)} videos ({share} %){': ' * bool(kinds)}{kinds}.")
+    return "\n".join(lines)
+
+
+def percent(k: int, n: int) -> str:
+    if not n:
+        return "-"
+    low, high = wilson_interval(k / n, n)
+    return f"{100 * k / n:.0f} ({100 * low:.0f}-{100 * high:.0f})"
+
+
+def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
+    """Print the evidence against each law that counts as even, and how steep the probability is around it.
+
+    Even is `MARGIN` times the second highest that lawful videos show: the highest may be a failure of the detector.
+    """
+    lawful = [row.evidence for row in rows if row.violation is None] + official
+    logits: list[NDArray[np.floating[Any]]] = []
+    for law in LAWS:
+        broken = [row.evidence for row in rows if row.violation is not None and row.violation["law"] == law]
+        hits, misses = (
+            np.sort([max((e.nats for e in found if e.law == law), default=1.0) for found in side])
+            for side in (broken, lawful)
+        )
+        even = max(MARGIN * float(misses[-2]), LEAST)
+        print(
+            f'    "{law}": {even:.1f},  # the highest of {len(lawful)} lawful videos: {misses[-4:].round(1).tolist()}'
+        )
+        logits += [np.log(even / np.maximum(hits, 1.0)), np.log(np.maximum(misses, 1.0) / even)]
+    best = minimize_scalar(
+        lambda k: sum(np.logaddexp(0, k * x).mean() for x in logits), bounds=(0.5, 10), method="bounded"
+    )
+    print(f"STEEPNESS = {best.x:.1f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("suites", nargs="+", type=Path, help="folders of `nsdr generate violations`")
+    parser.add_argument("--lawful", type=Path, help="official proposals, .npz")
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("-o", "--output", type=Path)
+    o = parser.parse_args()
+    rows = [row for root in o.suites for row in rows_of(root)]
+    given = list(read_compact_proposals(o.lawful))[o.first :: o.every] if o.lawful else []
+    official = [judged(proposals) for _, proposals in tqdm(given, desc="official")]
+    if o.fit:
+        fit(rows, [evidence for _, evidence in official])
+        return
+    text = report(rows, [judgement for judgement, _ in official])
+    command = f"python benchmarks/violations.py SUITE --lawful {o.lawful.name if o.lawful else ''} -o {o.output}"
+    text += f"\n95 % intervals. Made by `{command}`, revision {code_revision()}.\n"
+    print(text)
+    if o.output:
+        o.output.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""Scenes that break a law, and the judge that finds which."""
+
+import json
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from nsdr.clevrer import CLEVRER, read_proposals, read_questions
+from nsdr.clevrer.example import VIDEO
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.cli.main import main
+from nsdr.errors import DataError
+from nsdr.generate.dataset import Files
+from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
+from nsdr.generate.physics.violations import break_law
+from nsdr.generate.scene_files import annotation_document, proposal_document
+from nsdr.generate.violations import ViolationsConfig, generate_violations
+from nsdr.io.files import write_json
+from nsdr.laws.evidence import evidence_of
+from nsdr.laws.judge import judge
+from nsdr.tracking.tracker import tracks_from_annotation
+from nsdr.types import LAWS, Judgement, VideoProposals, VideoTracks, Violation
+from nsdr.world.camera import CLEVRER_CAMERA
+
+SEEDS = {
+    "permanence": 330000,
+    "identity": 330001,
+    "continuity": 330000,
+    "inertia": 330000,
+    "friction": 330013,
+    "solidity": 330004,
+    "reaction": 330015,
+    "distance": 330002,
+    "arrow": 330014,
+}
+"""Scenes that give an occasion."""
+
+
+@lru_cache
+def lawful(seed: int) -> SimulatedScene:
+    return simulate_scene(seed)
+
+
+def tracks_of(scene: SimulatedScene) -> VideoTracks:
+    return tracks_from_annotation(annotation_document(scene, 0, "video.mp4", CLEVRER_CAMERA))
+
+
+def test_every_law_has_a_seed() -> None:
+    assert list(SEEDS) == list(LAWS)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_broken_law_is_found_and_the_lawful_scene_breaks_none(law: str) -> None:
+    scene = lawful(SEEDS[law])
+    assert not evidence_of(tracks_of(scene))
+    made = break_law(scene, law, "clear", SEEDS[law])
+    assert made is not None
+    broken, violation = made
+    assert violation.law == law
+    tracks = tracks_of(broken)
+    strongest = evidence_of(tracks)[0]
+    assert strongest.law == law
+    named = {tracks.tracks[i].object.name for i in strongest.objects}
+    assert named == {broken.objects[i].name for i in violation.objects}
+    assert abs(strongest.frame - violation.frame) <= 3
+
+
+def test_before_the_violation_nothing_is_changed() -> None:
+    scene = lawful(SEEDS["inertia"])
+    made = break_law(scene, "inertia", "small", 1)
+    assert made is not None
+    broken, violation = made
+    before = slice(0, violation.frame)
+    assert np.array_equal(broken.motion.location_world[:, before], scene.motion.location_world[:, before])
+    (i,) = violation.objects
+    change = broken.motion.velocity[i, violation.frame] - scene.motion.velocity[i, violation.frame]
+    assert np.linalg.norm(change[:2]) == pytest.approx(0.3, abs=1e-6)
+
+
+def test_the_same_seed_breaks_a_law_in_the_same_way() -> None:
+    scene = lawful(SEEDS["continuity"])
+    first, second = (break_law(scene, "continuity", "limit", 5) for _ in range(2))
+    assert first is not None
+    assert second is not None
+    assert first[1] == second[1]
+
+
+def test_a_scene_without_an_occasion_gives_none() -> None:
+    assert break_law(lawful(SEEDS["permanence"]), "solidity", "clear", 0) is None
+
+
+def test_what_is_not_seen_is_not_judged() -> None:
+    nothing = VideoProposals(
+        128,
+        np.zeros(0, int),
+        np.zeros(0, int),
+        np.zeros(0),
+        np.zeros((0, 2)),
+        np.zeros(0, int),
+        np.zeros((0, 4), int),
+    )
+    assert judge(nothing) == Judgement((), 128, (), 0.0)
+
+
+def test_a_colour_that_changes_is_seen_in_the_proposals(tmp_path) -> None:
+    scene = lawful(SEEDS["identity"])
+    made = break_law(scene, "identity", "limit", 0)
+    assert made is not None
+    broken, violation = made
+    path = tmp_path / "proposal_00000.json"
+    write_json(path, proposal_document(broken, 0, "video.mp4", CLEVRER_CAMERA))
+    found = judge(read_proposals(path))
+    assert [v.law for v in found.violations] == ["identity"]
+    assert abs(found.violations[0].frame - violation.frame) <= 1
+    assert found.objects[found.violations[0].objects[0]].name == broken.objects[violation.objects[0]].name
+    assert found.probability > 0.9
+
+
+def test_pairs_are_a_data_set_with_questions(tmp_path) -> None:
+    config = ViolationsConfig(
+        str(tmp_path / "data"), videos=4, first_scene=SEEDS["continuity"], laws=("continuity", "permanence"), renderer="none",
+        masks=False, sizes=("clear",), workers=1,
+    )  # fmt: skip
+    root = generate_violations(config)
+    truths = [read_truth_file(Files(root, "validation", 10000 + i).truth) for i in range(4)]
+    assert [t.get("violation", {}).get("law") for t in truths] == [None, "continuity", None, "permanence"]
+    assert truths[0]["frames"][0] == truths[1]["frames"][0]
+    questions = read_questions(root / "questions" / "validation.json")
+    assert [s.questions[0].answer for s in questions] == ["yes", "no", "yes", "no"]
+    objects = truths[1]["violation"]["objects"]
+    right = [c.id for c in questions[1].questions[1].choices if c.answer == "correct"]
+    assert right == objects
+    assert CLEVRER(root).split("validation").question_file is not None
+    assert generate_violations(config) == root  # resumes
+
+
+def test_the_command_judges_videos_and_says_which_it_cannot(tmp_path, capsys) -> None:
+    other = tmp_path / "other.mp4"
+    other.write_text("no video")
+    report = tmp_path / "report.json"
+    assert main(["judge", str(other), str(VIDEO), "-o", str(report)]) == 1
+    refused, judged = json.loads(report.read_text())
+    assert str(other) in refused["error"]
+    assert judged["video"] == str(VIDEO)
+    assert judged["violations"] == []
+    assert judged["probability"] < 0.1
+    assert "0.0% that a law is broken" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"splits": {"train": 1, "validation": 1}}, "one split"),
+        ({"laws": ("gravity",)}, "gravity"),
+        ({"sizes": ()}, "sizes"),
+        ({"videos": 3}, "videos"),
+        ({"counterfactual_videos": 1}, "counterfactual_videos"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(change, message: str, tmp_path) -> None:
+    with pytest.raises(DataError, match=message):
+        ViolationsConfig(str(tmp_path), **change)
+
+
+def test_a_judgement_names_its_objects() -> None:
+    with pytest.raises(DataError, match="objects of the video"):
+        Judgement((), 128, (Violation("inertia", (0,), 3, 4, 0.5, "world units/s"),), 1.0)
