@@ -2,6 +2,7 @@
 
     nsdr generate violations --first_scene 560000 --videos 486 --renderer none -o SUITE
     python benchmarks/violations.py SUITE --lawful PROPOSALS_VALIDATION.npz -o results/violations.md
+    python benchmarks/violations.py --figure docs/images/violations.png
 
 The suite needs masks. `--lawful` takes official proposals, in which nothing is broken; of these, `--every N --first K` takes a
 part. `--fit` prints the constants of `nsdr.laws.judge`, from a suite of training seeds and proposals of `train`.
@@ -13,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
@@ -21,7 +23,11 @@ from tqdm import tqdm
 from nsdr.clevrer import read_compact_proposals, read_proposals
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.evaluation.measures import wilson_interval
-from nsdr.generate.physics.violations import SIZES
+from nsdr.generate.physics.scene import simulate_scene
+from nsdr.generate.physics.violations import SIZES, break_law
+from nsdr.generate.render.preview import render_preview
+from nsdr.generate.render.view import RenderConfig, view_of
+from nsdr.generate.scene_files import solids_at
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.laws.evidence import Evidence, evidence_of
@@ -31,6 +37,8 @@ from nsdr.types import LAWS, Judgement, VideoProposals
 
 FRAMES = 3
 """Frames that the first frame of a violation may be off."""
+FIGURE_SEED = 340000
+"""Scenes of the figure come after this one."""
 MARGIN, LEAST = 1.5, 6.0
 """See `fit`; the least evidence that counts as even (nats)."""
 
@@ -152,15 +160,38 @@ def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
     print(f"STEEPNESS = {best.x:.1f}")
 
 
+def draw(path: Path) -> None:
+    """A row of frames around a clear violation of each law."""
+    rows = []
+    for law in LAWS:
+        seed, made = FIGURE_SEED, None
+        while made is None:
+            seed += 1
+            made = break_law(simulate_scene(seed), law, "clear", seed)
+        scene, violation = made
+        middle = scene.n_frames // 2 if law == "arrow" else violation.frame
+        view = view_of(RenderConfig(width=192, height=128), seed)
+        frames = np.clip(middle + np.array([-16, -6, 0, 6, 16]), 0, scene.n_frames - 1)
+        images = [render_preview(scene.objects, solids_at(scene, int(f)), view) for f in frames]
+        label = np.full((128, 110, 3), 255, np.uint8)
+        cv2.putText(label, law, (6, 68), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+        rows.append(np.concatenate([label, *images], 1))
+    cv2.imwrite(str(path), cv2.cvtColor(np.concatenate(rows), cv2.COLOR_RGB2BGR))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("suites", nargs="+", type=Path, help="folders of `nsdr generate violations`")
+    parser.add_argument("suites", nargs="*", type=Path, help="folders of `nsdr generate violations`")
     parser.add_argument("--lawful", type=Path, help="official proposals, .npz")
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--figure", type=Path, help="draw each law broken into a PNG file, and no more")
     parser.add_argument("-o", "--output", type=Path)
     o = parser.parse_args()
+    if o.figure:
+        draw(o.figure)
+        return
     rows = [row for root in o.suites for row in rows_of(root)]
     given = list(read_compact_proposals(o.lawful))[o.first :: o.every] if o.lawful else []
     official = [judged(proposals) for _, proposals in tqdm(given, desc="official")]

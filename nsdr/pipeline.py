@@ -332,7 +332,8 @@ class Pipeline:
             VideoError: as of `perceive`.
         """
         check_is_video(Path(video))
-        proposals = self.frame_parser.parse(self.frames(video), progress=self.progress)
+        frames = clip_frames(video, self.video, beyond_cuts=True)
+        proposals = self.frame_parser.parse(frames, progress=self.progress)
         if not len(proposals):
             raise VideoError(f"{video}: no objects found; is it a CLEVRER clip?")
         return judge(proposals, self.tracker, self.camera)

@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -94,10 +95,17 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
     return found
 
 
-def clip_frames(path: str | Path, config: VideoConfig | None = None) -> Iterator[NDArray[np.uint8]]:
+def clip_frames(
+    path: str | Path, config: VideoConfig | None = None, beyond_cuts: bool = False
+) -> Iterator[NDArray[np.uint8]]:
     """The frames of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
 
     Warns of all that is unusual.
+
+    Args:
+        path: video file.
+        config: what is expected; None for CLEVRER's videos.
+        beyond_cuts: whether frames after a cut are processed, too: where objects jump, a video may seem to have one.
 
     Raises:
         VideoError, DataError: as of `check_video`; before the first frame.
@@ -110,7 +118,8 @@ def clip_frames(path: str | Path, config: VideoConfig | None = None) -> Iterator
     if config.check == "off":
         yield from frames
         return
-    shot = first_shot(_without_empty_start(frames, path), path, config.max_frames)
+    shown = _without_empty_start(frames, path)
+    shot = islice(shown, config.max_frames) if beyond_cuts else first_shot(shown, path, config.max_frames)
     yield from shot if check.levels is None else (check.levels[frame] for frame in shot)
 
 
