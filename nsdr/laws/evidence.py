@@ -6,7 +6,8 @@ both objects change as masses and restitution allow; objects that meet need to c
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import partial
+from itertools import pairwise, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,6 +56,8 @@ MISSED_NATS = 2.0
 MASS_RATIOS = np.geomspace(MASS_RANGE[0] / MASS_RANGE[1], MASS_RANGE[1] / MASS_RANGE[0], 15)
 MAX_RESTITUTION = 0.8
 """Largest restitution that a collision may show; CLEVRER's is 0.64, and up to 0.76 was measured in official proposals."""
+MIN_CLOSING_WORLD_PER_S = 0.05
+"""Speeds of approach that restitutions are divided by are at least this (world units/s)."""
 MIN_ALONG = 0.6
 """Least cosine between an impulse and the line from one object to the other: cubes push along their sides."""
 CAUSE_FRAMES = 6
@@ -81,10 +84,12 @@ class Explanation:
 
     Args:
         states: the tracks.
+        processed: (F,) bool, the frames that were looked at.
         noise: standard deviation of their positions; None to measure it.
     """
 
     states: MotionStates
+    processed: NDArray[np.bool_]
     noise: float | None = None
 
     def __post_init__(self) -> None:
@@ -120,7 +125,6 @@ class Explanation:
 
     def _changes(self) -> Iterator[Evidence]:
         """Against continuity, inertia, reaction and action at a distance alone: changes of motion without a good reason."""
-        met: set[tuple[int, int, int]] = set()
         for b in (b for one in self.breaks for b in one):
             if not b.is_sure:
                 continue
@@ -147,9 +151,7 @@ class Explanation:
                 yield Evidence("inertia", (b.i,), frame, frame + 1, kick.size, "world units/s", nats)
                 continue
             pair = (min(b.i, best.j), max(b.i, best.j))
-            if not any(p == pair and abs(f - frame) <= SAME_FRAMES for *p, f in met if tuple(p) == pair):
-                met.add((*pair, frame))
-                yield Evidence(law, pair, frame, frame + 1, amount, unit, nats)
+            yield Evidence(law, pair, frame, frame + 1, amount, unit, nats)
 
     def at(self, j: int, frame: float) -> Stretch | None:
         """The stretch of object j that a frame is in, or nearest to."""
@@ -252,13 +254,13 @@ class Explanation:
                 (int(seen[-1]) + 1, self.frames),
             ]
             for start, end in gaps:
-                frames = [f for f in range(start, end) if self._should_be_seen(i, f)]
-                # Unseen frames count from where it was seen: a place at the border or behind another object is a reason.
-                frames = _connected(frames, start, end, self.frames)
-                if len(frames) * MISSED_NATS > MIN_EVIDENCE / 2:
-                    found = len(frames), "frames", len(frames) * MISSED_NATS
-                    first, last = (end, end) if start == 0 else (frames[0], frames[-1] + 1)
-                    yield Evidence("permanence", (i,), min(first, self.frames - 1), last, *found)
+                # Counted from where it was seen: a place at the border or behind another object is a reason.
+                order = range(end - 1, -1, -1) if start == 0 else range(start, end)
+                missed = list(takewhile(partial(self._should_be_seen, i), (f for f in order if self.processed[f])))
+                nats = len(missed) * MISSED_NATS * self.states.spacing_frames
+                if nats > MIN_EVIDENCE:
+                    first, last = (min(end, self.frames - 1), end) if start == 0 else (missed[0], missed[-1] + 1)
+                    yield Evidence("permanence", (i,), first, last, abs(missed[-1] - missed[0]) + 1, "frames", nats)
 
     def _should_be_seen(self, i: int, frame: int) -> bool:
         near = min(self.stretches[i], key=lambda s: max(s.start - frame, frame - s.last))
@@ -281,22 +283,6 @@ class Explanation:
                     width, height = min(x1, high[0]) - max(x0, low[0]), min(y1, high[1]) - max(y0, low[1])
                     covered += max(width, 0.0) * max(height, 0.0) / float(np.prod(high - low))
         return covered < COVERED_SHARE
-
-
-def _connected(frames: list[int], start: int, end: int, n_frames: int) -> list[int]:
-    """The frames of a gap that lie next to a detection: before the first one, or from the last one on."""
-    wanted = set(frames)
-    if start == 0:
-        found, f = [], end - 1
-        while f in wanted:
-            found.append(f)
-            f -= 1
-        return found[::-1]
-    found, f = [], start
-    while f in wanted:
-        found.append(f)
-        f += 1
-    return found
 
 
 class _Contact(NamedTuple):
@@ -369,7 +355,7 @@ def _exchange(mine: Sequence[Stretch], other: Sequence[Stretch], frame: float) -
         best = min(best, float(off @ off) / (2 * variance) + float(other_off @ other_off) / (2 * other_variance))
     closing = -float(approach @ away)
     apart = float((after - other_after) @ away)
-    return best, apart / closing if closing > 0.05 else np.inf
+    return best, apart / max(closing, MIN_CLOSING_WORLD_PER_S)
 
 
 def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) -> list[Evidence]:
@@ -383,11 +369,14 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
         proposals: from which they were made; None says nothing of words that change in a track.
     """
     states = states_from_tracks(tracks)
-    forwards = Explanation(states)
+    processed = np.ones(tracks.n_frames, bool)
+    if proposals is not None and proposals.processed is not None:
+        processed = np.isin(np.arange(tracks.n_frames), proposals.processed)
+    forwards = Explanation(states, processed)
     found = [*forwards.motion(), *_replaced(forwards, list(forwards.permanence()))]
     if proposals is not None:
         found += _other_words(forwards, tracks, proposals)
-    backwards = Explanation(_reversed(states), forwards.noise)
+    backwards = Explanation(_reversed(states), processed[::-1], forwards.noise)
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:
         every = tuple(range(len(states.objects)))
@@ -446,11 +435,10 @@ def _other_words(explanation: Explanation, tracks: VideoTracks, proposals: Video
             elif good:
                 run = [*run, (f, sum(a != b for a, b in zip(row, name, strict=True)))]
                 best = max(best, run, key=len)
-        if len(best) * MISSED_NATS > MIN_EVIDENCE / 2:
+        nats = len(best) * MISSED_NATS * explanation.states.spacing_frames
+        if nats > MIN_EVIDENCE:
             count = max(n for _, n in best)
-            yield Evidence(
-                "identity", (t.object.id,), best[0][0], best[-1][0] + 1, count, "words", len(best) * MISSED_NATS
-            )
+            yield Evidence("identity", (t.object.id,), best[0][0], best[-1][0] + 1, count, "words", nats)
 
 
 def _reversed(states: MotionStates) -> MotionStates:
