@@ -30,8 +30,9 @@ from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.generate.scene_files import solids_at
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
-from nsdr.laws.evidence import Evidence, evidence_of
+from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge
+from nsdr.laws.motion import Evidence
 from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, Judgement, VideoProposals
 
@@ -150,12 +151,13 @@ def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
             for side in (broken, lawful)
         )
         even = max(MARGIN * float(misses[-2]), LEAST)
+        hits, misses = hits[hits > 1], misses[misses > 1]  # how probable a violation is of which something speaks
         print(
             f'    "{law}": {even:.1f},  # the highest of {len(lawful)} lawful videos: {misses[-4:].round(1).tolist()}'
         )
-        logits += [np.log(even / np.maximum(hits, 1.0)), np.log(np.maximum(misses, 1.0) / even)]
+        logits += [np.log(even / hits), np.log(misses / even)]
     best = minimize_scalar(
-        lambda k: sum(np.logaddexp(0, k * x).mean() for x in logits), bounds=(0.5, 10), method="bounded"
+        lambda k: np.logaddexp(0, k * np.concatenate(logits)).mean(), bounds=(0.5, 10), method="bounded"
     )
     print(f"STEEPNESS = {best.x:.1f}")
 

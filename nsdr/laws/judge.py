@@ -32,7 +32,7 @@ def judge(
     """Which laws of CLEVRER's world a video breaks, by which objects, and when.
 
     The tracks are explained by free sliding between contacts, with free masses and restitutions and the noise of positions as
-    measured in the video, and by the same with a law broken; see `nsdr.laws.evidence`. What is hidden, cut by the border or too
+    measured in the video, and by the same with a law broken; see `nsdr.laws.motion`. What is hidden, cut by the border or too
     short to tell is no evidence.
 
     Args:

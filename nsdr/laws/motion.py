@@ -1,0 +1,302 @@
+"""What speaks against the laws of motion: how much worse the tracks fit lawful motion than motion that breaks it once, in nats.
+
+A lawful object slides freely between its contacts (`nsdr.laws.stretches`). So each change of motion needs a contact, in which
+both objects change as masses and restitution allow, and objects that meet need to change.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.laws.stretches import SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, Stretch, noise_of
+from nsdr.tracking.visibility import in_image
+from nsdr.world.camera import on_ground
+from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
+
+__all__ = ["MIN_EVIDENCE", "SAME_FRAMES", "Evidence", "Explanation"]
+
+FloatArray = NDArray[np.floating[Any]]
+CORNER_WORLD = 0.07
+"""How much farther a cube's edges reach than its sides (world units)."""
+REACH_NOISE_WORLD = 0.01
+"""Standard deviation of the distance at which two objects touch (world units)."""
+SAME_FRAMES = 3
+"""Two objects that change within so many frames may do so in one contact."""
+UNSEEN_FRAMES = 10
+"""Objects may touch so long before they are first seen, or after they are last seen (frames)."""
+CROWDED_FRAMES, CROWDED_WORLD = 14, 1.2
+"""Other changes so near to a contact make its effect unknown (frames, world units)."""
+JUMP_FRAMES = 6
+"""An object that is hidden for longer may have been hit twice, so that its place tells nothing (frames)."""
+HIDDEN_FRAMES = 24
+"""Changes during which an object is hidden for longer do not show the effect of one contact alone (frames)."""
+CONTACT_COST, TOUCH_NATS = 12.0, 4.0
+"""Contacts against which more speaks explain nothing; pairs against whose contact less speaks touch (nats)."""
+MIN_EVIDENCE = 4.0
+"""Less evidence is not reported (nats)."""
+MIN_EXTRA = 0.08
+"""Smaller differences of the deceleration are those of the fit, where an object comes to rest (world units/s²)."""
+SPIN_RELIEF = {"cube": 0.2, "cylinder": 0.2, "sphere": MIN_EXTRA}
+"""So much less slows down an object that spins, as friction acts against both motions (world units/s²)."""
+MASS_RATIOS = np.geomspace(MASS_RANGE[0] / MASS_RANGE[1], MASS_RANGE[1] / MASS_RANGE[0], 15)
+MAX_RESTITUTION = 0.8
+"""Largest restitution that a collision may show; CLEVRER's is 0.64, and up to 0.76 was measured in official proposals."""
+MIN_CLOSING_WORLD_PER_S = 0.05
+"""Speeds of approach that restitutions are divided by are at least this (world units/s)."""
+MIN_ALONG = 0.6
+"""Least cosine between an impulse and the line from one object to the other: cubes push along their sides."""
+
+
+class Evidence(NamedTuple):
+    """What speaks for one violation: as `nsdr.types.Violation`, with nats in place of a probability."""
+
+    law: str
+    objects: tuple[int, ...]
+    frame: int
+    end: int
+    amount: float
+    unit: str
+    nats: float
+
+
+@dataclass
+class Explanation:
+    """The motion of a video's objects, and what in it is against the laws.
+
+    Args:
+        states: the tracks.
+        noise: standard deviation of their positions; None to measure it.
+    """
+
+    states: MotionStates
+    noise: float | None = None
+
+    def __post_init__(self) -> None:
+        every = range(len(self.states.objects))
+        if self.noise is None:
+            self.noise = noise_of(s for i in every for s in ObjectStretches(self.states, i).stretches())
+        objects = [ObjectStretches(self.states, i, self.noise) for i in every]
+        self.frames = self.states.present.shape[1]
+        self._cut([o.stretches() for o in objects])
+        for one in objects:
+            one.merge(lambda b: min((c.nats for c in self._contacts(b)), default=np.inf) < CONTACT_COST)
+        self._cut([o.stretches() for o in objects])
+
+    def _cut(self, stretches: list[list[Stretch]]) -> None:
+        self.stretches = stretches
+        self.breaks = [[Break(a, b) for a, b in pairwise(one)] for one in stretches]
+
+    def motion(self) -> Iterator[Evidence]:
+        """Against the laws of motion."""
+        yield from self._friction()
+        yield from self._changes()
+        yield from self._solidity()
+
+    def cost(self) -> float:
+        """Of the positions and of all that is against the laws of motion (nats)."""
+        fit = sum(s.cost for one in self.stretches for s in one)
+        return fit + sum(e.nats for e in self.motion())
+
+    def _friction(self) -> Iterator[Evidence]:
+        for s in (s for one in self.stretches for s in one):
+            if s.gain > MIN_EVIDENCE and not -SPIN_RELIEF[s.shape] < s.extra < MIN_EXTRA:
+                yield Evidence("friction", (s.track.i,), s.onset(), s.last + 1, s.extra, "world units/s²", s.gain)
+
+    def _changes(self) -> Iterator[Evidence]:
+        """Against continuity, inertia, reaction and action at a distance alone: changes of motion without a good reason."""
+        for b in (b for one in self.breaks for b in one):
+            if not b.is_sure:
+                continue
+            jump, kick = b.jump(), b.kick()
+            frame = round(b.frame)
+            if jump.nats > kick.nats:
+                if jump.nats > MIN_EVIDENCE and b.hidden_frames <= JUMP_FRAMES:
+                    yield Evidence("continuity", (b.i,), frame, frame + 1, jump.size, "world units", jump.nats)
+                continue
+            contacts = self._contacts(b)
+            lawful = min((c.nats for c in contacts), default=np.inf)
+            nats = min(kick.nats, lawful, self._unseen_nats(b))
+            if nats < MIN_EVIDENCE:
+                continue
+            touching = [c for c in contacts if c.gap_nats < TOUCH_NATS and c.exchange_nats is not None]
+            apart = [c for c in contacts if c.opposite and (c.exchange_nats or 0.0) < c.gap_nats]
+            if touching:
+                best = min(touching, key=lambda c: c.nats)
+                law, amount, unit = "reaction", best.restitution, "restitution"
+            elif apart:
+                best = min(apart, key=lambda c: c.nats)
+                law, amount, unit = "distance", best.gap, "world units"
+            else:
+                yield Evidence("inertia", (b.i,), frame, frame + 1, kick.size, "world units/s", nats)
+                continue
+            pair = (min(b.i, best.j), max(b.i, best.j))
+            yield Evidence(law, pair, frame, frame + 1, amount, unit, nats)
+
+    def at(self, j: int, frame: float) -> Stretch | None:
+        """The stretch of object j that a frame is in, or nearest to."""
+        near = [s for s in self.stretches[j] if s.start - SAME_FRAMES <= frame <= s.last + SAME_FRAMES]
+        return min(near, key=lambda s: max(s.start - frame, frame - s.last), default=None)
+
+    def _sides(self, j: int, frame: float) -> tuple[Stretch, Stretch] | None:
+        """Object j's motion before and after a frame: of two stretches, or of the parts of one; None where too little is
+        seen."""
+        for b in self.breaks[j]:
+            if abs(b.frame - frame) <= SAME_FRAMES:
+                return b.before, b.after
+        s = self.at(j, frame)
+        return None if s is None else s.parts(frame)
+
+    def _contacts(self, b: Break) -> "list[_Contact]":
+        """Contacts with each other object that is seen around a change of motion."""
+        found = [self._contact(b, j) for j in range(len(self.stretches)) if j != b.i]
+        return [c for c in found if c is not None]
+
+    def _contact(self, b: Break, j: int) -> "_Contact | None":
+        """How well a contact with object j explains a change of motion; None where j is not seen around it."""
+        frame, when = b.frame, b.window
+        near = [
+            s for s in self.stretches[j] if s.start - UNSEEN_FRAMES <= when[-1] and when[0] <= s.last + UNSEEN_FRAMES
+        ]
+        if not near:
+            return None
+        gap, nats = np.inf, np.inf
+        reach = 2 * OBJECT_RADIUS_WORLD + CORNER_WORLD * sum(s.shape == "cube" for s in (b.before, near[0]))
+        for one in (b.before, b.after):
+            for other in near:
+                gaps = np.maximum(_distance(one, other, when) - reach, 0.0)
+                found = gaps**2 / (2 * _distance_variance(one, other, when))
+                if found.min() < nats:
+                    gap, nats = float(gaps[found.argmin()]), float(found.min())
+        others = [o for o in self.breaks[j] if abs(o.frame - frame) <= SAME_FRAMES]
+        sides = self._sides(j, frame)
+        exchange, restitution = None, np.nan
+        if sides is not None and not self._is_crowded(b, j):
+            # What is hidden for long may have changed twice.
+            hidden = [o.hidden_frames for o in (b, *others)]
+            if max(hidden) <= HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
+                exchange, restitution = _exchange((b.before, b.after), sides, frame)
+        opposite = any(float(b.change @ o.change) < -MIN_ALONG * b.kick().size * o.kick().size for o in others)
+        return _Contact(j, gap, nats, exchange, restitution, opposite)
+
+    def _is_crowded(self, b: Break, j: int) -> bool:
+        """Whether more happens around a contact than that of the two objects, so that its effect alone is not seen."""
+        frame = b.frame
+        for k, breaks in enumerate(self.breaks):
+            for other in breaks:
+                since = abs(other.frame - frame)
+                if other.is_slight:
+                    continue
+                if k in (b.i, j):
+                    if SAME_FRAMES < since <= CROWDED_FRAMES:
+                        return True
+                elif since <= CROWDED_FRAMES and np.hypot(*(other.place - b.place)) < CROWDED_WORLD:
+                    return True
+        return False
+
+    def _unseen_nats(self, b: Break) -> float:
+        """Of the explanation that an object hit it that is not in the image."""
+        other = b.place - 2 * OBJECT_RADIUS_WORLD * b.change / max(float(np.hypot(*b.change)), 1e-9)
+        near = in_image("sphere", on_ground(other[None]), np.zeros(1), self.states.camera)[0]
+        return np.inf if near else 0.0
+
+    def _solidity(self) -> Iterator[Evidence]:
+        """Against solidity: objects that are nearer to each other than they can be."""
+        for i, mine in enumerate(self.stretches):
+            for j in range(i):
+                found = [self._overlap(one, other) for one in mine for other in self.stretches[j]]
+                best = max((e for e in found if e is not None), key=lambda e: e.nats, default=None)
+                if best is not None and best.nats > MIN_EVIDENCE:
+                    yield best
+
+    def _overlap(self, one: Stretch, other: Stretch) -> Evidence | None:
+        # Near its ends a stretch may have been cut a frame too late.
+        frames = np.arange(max(one.start, other.start) + 2.0, min(one.last, other.last) - 1.0)
+        if not len(frames):
+            return None
+        distance = _distance(one, other, frames)
+        depth = np.maximum(2 * OBJECT_RADIUS_WORLD - distance, 0.0)
+        nats = depth**2 / (2 * _distance_variance(one, other, frames))
+        inside, deepest = frames[depth > 0], int(nats.argmax())
+        if not len(inside):
+            return None
+        pair = (other.track.i, one.track.i)
+        found = int(inside[0]), int(inside[-1]) + 1, float(distance[deepest])
+        return Evidence("solidity", pair, *found, "world units", float(nats[deepest]))
+
+
+class _Contact(NamedTuple):
+    """How well a contact explains a change of motion.
+
+    Attributes:
+        j: the other object.
+        gap: between the two (world units).
+        gap_nats: of the gap.
+        exchange_nats: of how both change; None where that is not seen.
+        restitution: speed of separation over speed of approach.
+        opposite: the other one changes at the same time, in the opposite direction.
+    """
+
+    j: int
+    gap: float
+    gap_nats: float
+    exchange_nats: float | None
+    restitution: float
+    opposite: bool
+
+    @property
+    def nats(self) -> float:
+        """Against the contact as the reason."""
+        return self.gap_nats + (self.exchange_nats or 0.0)
+
+
+def _distance(one: Stretch, other: Stretch, frames: FloatArray) -> FloatArray:
+    """(F,) between the centres of two objects (world units)."""
+    return np.asarray(np.linalg.norm(one.place(frames) - other.place(frames), axis=1))
+
+
+def _distance_variance(one: Stretch, other: Stretch, frames: FloatArray) -> FloatArray:
+    """(F,) of that, and of the distance at which they touch."""
+    return one.place_variance(frames) + other.place_variance(frames) + REACH_NOISE_WORLD**2
+
+
+def _exchange(mine: Sequence[Stretch], other: Sequence[Stretch], frame: float) -> tuple[float, float]:
+    """Evidence against a lawful collision in how two objects change (nats), and the restitution that they show.
+
+    The impulse on both is opposite, along the line from one to the other or nearly so, and no larger than `MAX_RESTITUTION`
+    allows; the ratio of the masses is free within `MASS_RANGE`.
+    """
+    at = np.array([frame])
+    p, q = mine[0].place(at)[0], other[0].place(at)[0]
+    (before, after), (other_before, other_after) = ([s.velocity(frame) for s in pair] for pair in (mine, other))
+    change, other_change = after - before, other_after - other_before
+    variance, other_variance = (
+        a.velocity_variance + b.velocity_variance + VELOCITY_NOISE[a.shape] ** 2 for a, b in (mine, other)
+    )
+    away = (p - q) / max(float(np.hypot(*(p - q))), 1e-9)
+    approach = before - other_before
+    rotates = any(pair[0].shape == "cube" for pair in (mine, other))
+    best = np.inf
+    for ratio in MASS_RATIOS:
+        # The impulse that explains both changes best, then the nearest one that is allowed.
+        weight, other_weight = 1 / variance, ratio**2 / other_variance
+        impulse = (weight * change - other_weight / ratio * other_change) / (weight + other_weight)
+        size = float(np.hypot(*impulse))
+        normal = impulse / size if size > 0 else away
+        if normal @ away < MIN_ALONG:
+            normal, size = away, max(float(impulse @ away), 0.0)
+        # The direction of a small impulse is not well known, and so neither is how fast the objects approach along it.
+        closing, across = -float(approach @ normal), float(np.hypot(*(approach - (approach @ normal) * normal)))
+        off_by = 2 * across * min(float(min(variance, other_variance)) ** 0.5 / max(size, 1e-9), 1.0)
+        least, most = (max(closing + sign * off_by, 0.0) / (1 + ratio) for sign in (-1, 1))
+        size = min(max(size, 0.0 if rotates else least), (1 + MAX_RESTITUTION) * most)
+        impulse = size * normal
+        off, other_off = change - impulse, other_change + ratio * impulse
+        best = min(best, float(off @ off) / (2 * variance) + float(other_off @ other_off) / (2 * other_variance))
+    closing = -float(approach @ away)
+    apart = float((after - other_after) @ away)
+    return best, apart / max(closing, MIN_CLOSING_WORLD_PER_S)

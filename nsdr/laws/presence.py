@@ -1,0 +1,126 @@
+"""What speaks against permanence and identity: objects that are not seen where they should be, and words that change."""
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise, takewhile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.laws.motion import MIN_EVIDENCE, SAME_FRAMES, Evidence, Explanation
+from nsdr.tracking.localization import outline
+from nsdr.tracking.visibility import in_image
+from nsdr.types import VideoProposals, VideoTracks
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, on_ground
+from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
+
+__all__ = ["other_words", "presence"]
+
+SEEN_MARGIN_PX, COVERED_SHARE = 8.0, 0.3
+"""An object should be seen when its outline is so far inside the image, and nearer objects cover less than this of its box."""
+MAX_UNKNOWN_WORLD = 0.15
+"""Where an object is that is not seen must be known as well (standard deviation, world units)."""
+MISSED_NATS = 2.0
+"""Evidence of each frame in which an object should be seen, but is not, or has another word."""
+PLACE_WORLD = 0.3
+"""An object that turns up as near to the place of one that disappears takes its place (world units)."""
+
+
+def presence(explanation: Explanation, processed: NDArray[np.bool_]) -> list[Evidence]:
+    """Against permanence; where one object takes another one's place, against identity.
+
+    Args:
+        explanation: of the tracks.
+        processed: (F,) the frames that were looked at.
+    """
+    return _replaced(explanation, list(_permanence(explanation, processed)))
+
+
+def _permanence(explanation: Explanation, processed: NDArray[np.bool_]) -> Iterator[Evidence]:
+    """Against permanence: frames in which an object should be seen."""
+    states = explanation.states
+    for i in range(len(explanation.stretches)):
+        seen = np.flatnonzero(states.detected[i])
+        gaps = [
+            (0, int(seen[0])),
+            *((int(a) + 1, int(b)) for a, b in pairwise(seen)),
+            (int(seen[-1]) + 1, explanation.frames),
+        ]
+        for start, end in gaps:
+            # Counted from where it was seen: a place at the border or behind another object is a reason.
+            order = range(end - 1, -1, -1) if start == 0 else range(start, end)
+            missed = list(takewhile(partial(_should_be_seen, explanation, i), (f for f in order if processed[f])))
+            nats = len(missed) * MISSED_NATS * states.spacing_frames
+            if nats > MIN_EVIDENCE:
+                first, last = (min(end, explanation.frames - 1), end) if start == 0 else (missed[0], missed[-1] + 1)
+                yield Evidence("permanence", (i,), first, last, abs(missed[-1] - missed[0]) + 1, "frames", nats)
+
+
+def _should_be_seen(explanation: Explanation, i: int, frame: int) -> bool:
+    """Whether an object would be seen in a frame, if it went on as before."""
+    states = explanation.states
+    near = min(explanation.stretches[i], key=lambda s: max(s.start - frame, frame - s.last))
+    at = np.array([frame])
+    place = near.place(at)[0]
+    if near.place_variance(at)[0] > MAX_UNKNOWN_WORLD**2:
+        return False
+    shape = states.objects[i].shape
+    if not in_image(shape, on_ground(place[None]), np.zeros(1), states.camera)[0]:
+        return False
+    polygon = outline(shape, float(place[0]), float(place[1]), camera=states.camera)
+    low, high = polygon.min(0), polygon.max(0)
+    if (low < SEEN_MARGIN_PX).any() or (high > np.array([WIDTH_PX, HEIGHT_PX]) - SEEN_MARGIN_PX).any():
+        return False
+    covered = 0.0
+    for j in range(len(explanation.stretches)):
+        if j != i and states.present[j, frame]:
+            x0, y0, x1, y1 = states.box_xyxy_px[j, frame]
+            if y1 > high[1] - 2:  # nearer
+                width, height = min(x1, high[0]) - max(x0, low[0]), min(y1, high[1]) - max(y0, low[1])
+                covered += max(width, 0.0) * max(height, 0.0) / float(np.prod(high - low))
+    return covered < COVERED_SHARE
+
+
+def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]:
+    """Evidence against permanence; where one object takes another one's place, against identity."""
+    objects, seen = explanation.states.objects, explanation.states.detected
+    result, used = [], set()
+    for new, one in enumerate(explanation.stretches):
+        start = one[0].start
+        for old in range(len(objects)):
+            near = explanation.at(old, start)
+            if old == new or start == 0 or near is None or seen[old, start : start + SAME_FRAMES].any():
+                continue
+            if np.hypot(*(near.place(np.array([start])) - one[0].place(np.array([start])))[0]) < PLACE_WORLD:
+                both = [e for e in found if e.objects in ((old,), (new,)) and e.frame - SAME_FRAMES <= start <= e.end]
+                if both:
+                    words = sum(getattr(objects[old], w) != getattr(objects[new], w) for w in ATTRIBUTES)
+                    nats = sum(e.nats for e in both)
+                    end = int(one[-1].last) + 1
+                    result.append(Evidence("identity", (old, new), start, end, words, "words", nats))
+                    used |= set(both)
+    return result + [e for e in found if e not in used]
+
+
+def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
+    """Against identity: reliable frames in a row in which an object has another word than in most."""
+    words = {
+        (int(f), *c): attributes_of(int(a))
+        for f, c, a in zip(proposals.frame_index, proposals.centroid_px.tolist(), proposals.attribute, strict=True)
+    }
+    for t in tracks.tracks:
+        rows = [words.get((int(f), *c)) for f, c in zip(t.frame_index, t.centroid_px.tolist(), strict=True)]
+        name = (t.object.color, t.object.material, t.object.shape)
+        reliable = explanation.states.reliable[t.object.id, t.frame_index]
+        run: list[tuple[int, int]] = []
+        best: list[tuple[int, int]] = []
+        for f, row, good in zip(t.frame_index.tolist(), rows, reliable, strict=True):
+            if row is None or row == name:
+                run = []
+            elif good:
+                run = [*run, (f, sum(a != b for a, b in zip(row, name, strict=True)))]
+                best = max(best, run, key=len)
+        nats = len(best) * MISSED_NATS * explanation.states.spacing_frames
+        if nats > MIN_EVIDENCE:
+            count = max(n for _, n in best)
+            yield Evidence("identity", (t.object.id,), best[0][0], best[-1][0] + 1, count, "words", nats)
