@@ -1,7 +1,7 @@
 """How well violations are found: area under the ROC curve by law and size, what is said of them, and false alarms.
 
     nsdr generate violations --first_scene 560000 --videos 486 --renderer none -o SUITE
-    python benchmarks/violations.py SUITE --lawful PROPOSALS_VALIDATION.npz -o results/violations.md
+    python benchmarks/violations.py SUITE --lawful PROPOSALS_VALIDATION.npz --every 5 -o results/violations.md
     python benchmarks/violations.py --figure docs/images/violations.png
 
 The suite needs masks. `--lawful` takes official proposals, in which nothing is broken; of these, `--every N --first K` takes a
@@ -201,7 +201,8 @@ def main() -> None:
         fit(rows, [evidence for _, evidence in official])
         return
     text = report(rows, [judgement for judgement, _ in official])
-    command = f"python benchmarks/violations.py SUITE --lawful {o.lawful.name if o.lawful else ''} -o {o.output}"
+    part = f" --lawful {o.lawful.name} --every {o.every} --first {o.first}" if o.lawful else ""
+    command = f"python benchmarks/violations.py SUITE{part} -o {o.output}"
     text += f"\n95 % intervals. Made by `{command}`, revision {code_revision()}.\n"
     print(text)
     if o.output:
