@@ -21,7 +21,7 @@ from nsdr.validation import Share, one_of
 
 __all__ = ["ViolationsConfig", "generate_violations"]
 
-SCENES_PER_PAIR = 100
+SCENES_PER_PAIR = 400
 """Scenes tried for one pair: not every scene has an occasion to break every law."""
 PARTS = 4
 """Parts of a video, of which a question asks."""
