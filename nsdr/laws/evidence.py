@@ -7,7 +7,7 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.laws.motion import MIN_EVIDENCE, Evidence, Explanation
-from nsdr.laws.presence import other_words, presence
+from nsdr.laws.presence import other_words, presence, renamed
 from nsdr.types import VideoProposals, VideoTracks
 
 __all__ = ["evidence_of"]
@@ -31,15 +31,16 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     if proposals is not None and proposals.processed is not None:
         processed = np.isin(np.arange(tracks.n_frames), proposals.processed)
     forwards = Explanation(states)
-    found = [*forwards.motion(), *presence(forwards, processed)]
+    motion, found = list(forwards.motion()), presence(forwards, processed)
     if proposals is not None:
+        found = renamed(found, tracks, proposals)
         found += other_words(forwards, tracks, proposals)
     backwards = Explanation(_reversed(states), forwards.noise)
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:
         every = tuple(range(len(states.objects)))
         found.append(Evidence("arrow", every, 0, tracks.n_frames, gain, "nats", gain))
-    return _strongest(found)
+    return _strongest([*motion, *found])
 
 
 def _strongest(found: list[Evidence]) -> list[Evidence]:

@@ -14,7 +14,7 @@ from nsdr.types import VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, on_ground
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
-__all__ = ["other_words", "presence"]
+__all__ = ["other_words", "presence", "renamed"]
 
 SEEN_MARGIN_PX, COVERED_SHARE = 8.0, 0.3
 """An object should be seen when its outline is so far inside the image, and nearer objects cover less than this of its box."""
@@ -22,6 +22,8 @@ MAX_UNKNOWN_WORLD = 0.15
 """Where an object is that is not seen must be known as well (standard deviation, world units)."""
 MISSED_NATS = 2.0
 """Evidence of each frame in which an object should be seen, but is not, or has another word."""
+PLACE_PX = 8.0
+"""A proposal so near to where an object was seen last is of the same thing (pixels)."""
 PLACE_WORLD = 0.3
 """An object that turns up as near to the place of one that disappears takes its place (world units)."""
 
@@ -100,6 +102,27 @@ def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]
                     result.append(Evidence("identity", (old, new), start, end, words, "words", nats))
                     used |= set(both)
     return result + [e for e in found if e not in used]
+
+
+def renamed(found: list[Evidence], tracks: VideoTracks, proposals: VideoProposals) -> list[Evidence]:
+    """The evidence, where an object that vanishes or turns up is seen on with other words as evidence against identity.
+
+    The tracker takes two objects of which one rests where the other one did for one that has wrong words at times.
+    """
+    result = []
+    for e in found:
+        track = tracks.tracks[e.objects[0]]
+        turns_up = e.frame == e.end
+        beside, k = (e.frame - 1, 0) if turns_up else (e.frame, int(np.searchsorted(track.frame_index, e.frame)) - 1)
+        near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < PLACE_PX
+        rows = np.flatnonzero(near & (proposals.frame_index == beside))
+        if e.law == "permanence" and len(rows):
+            words = (track.object.color, track.object.material, track.object.shape)
+            others = attributes_of(int(proposals.attribute[rows[0]]))
+            n = sum(a != b for a, b in zip(words, others, strict=True))
+            e = e._replace(law="identity", amount=n, unit="words")
+        result.append(e)
+    return result
 
 
 def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
