@@ -100,9 +100,11 @@ def test_a_question_type_baseline_answers_the_questions_of_its_neighbours(experi
 
 def test_the_docs_show_the_tables_as_they_were_measured() -> None:
     root = Path(__file__).parent.parent
-    page = "".join((root / "docs" / name).read_text() for name in ("results.md", "interventions.md", "rewards.md"))
+    page = "".join(
+        (root / "docs" / name).read_text() for name in ("results.md", "interventions.md", "rewards.md", "judge.md")
+    )
     included = re.findall(r"<!-- (results/\w+\.md) -->\n(.*?)<!-- end -->", page, re.DOTALL)
-    assert len(included) == 13
+    assert len(included) == 14
     for name, text in included:
         rows = [line for line in (root / name).read_text().splitlines() if line.startswith("|")]
         assert [line for line in text.splitlines() if line.startswith("|")] == rows, name
