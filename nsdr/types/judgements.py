@@ -32,8 +32,8 @@ class Violation(Checked):
         frame: the first frame that shows it.
         end: the first frame that no longer does; the video's end where it stays so.
         amount: how much is wrong, in `unit`.
-        unit: "frames", "words", "world units", "world units/s", "world units/s²", "restitution", "share" or
-            "collisions".
+        unit: "frames", "words", "world units", "world units/s", "world units/s²", "restitution"; in truth
+            files also "share" and "collisions", in judgements also "nats".
         probability: that the law is broken; 1 in truth files.
     """
 
