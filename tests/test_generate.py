@@ -20,7 +20,7 @@ from nsdr.datasets import VideoDataset
 from nsdr.generate import dataset
 from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Contact, Simulator
-from nsdr.generate.physics.scene import SimulatedScene, removals, scene_without, simulate_scene
+from nsdr.generate.physics.scene import SimulatedScene, removals_by_effect, scene_without, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.render.preview import render_preview
@@ -135,7 +135,7 @@ def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) 
 
 def test_a_world_without_an_object_is_that_of_the_truth(scenes) -> None:
     scene = scenes[0]
-    for removed in removals(scene)[:2]:
+    for removed in removals_by_effect(scene)[:2]:
         world = scene_without(scene, removed)
         kept = [o for o in scene.objects if o.id != removed]
         assert [(o.id, o.name) for o in world.objects] == [(i, o.name) for i, o in enumerate(kept)]
@@ -156,7 +156,7 @@ def test_removals_that_change_what_else_happens_come_first(scenes) -> None:
         4: (*contacts, Contact(9, (0, 3), at)),
     }
     motion = replace(scenes[0].motion, contacts=contacts)
-    assert removals(replace(scenes[0], motion=motion, counterfactual=without)) == [0, 4, 1, 2, 3]
+    assert removals_by_effect(replace(scenes[0], motion=motion, counterfactual=without)) == [0, 4, 1, 2, 3]
 
 
 def test_scenes_obey_the_configuration() -> None:

@@ -24,7 +24,7 @@ from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError
 from nsdr.generate import VERSION
 from nsdr.generate.physics.changed import TruthWorlds
-from nsdr.generate.physics.scene import SimulatedScene, removals, scene_without, simulate_scene
+from nsdr.generate.physics.scene import SimulatedScene, removals_by_effect, scene_without, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.generate.render.preview import render_preview
@@ -72,7 +72,7 @@ class DatasetConfig(Settings):
         questions: balanced questions for each split, or None. The test split's answers are in `truth/questions_test.json`
             only.
         counterfactual_videos: for each video, how many of its worlds without an object are written, too, into data sets of
-            their own below `counterfactual/` (`Files`): those first that differ most (`nsdr.generate.physics.scene.removals`).
+            their own below `counterfactual/` (`Files`): those first that differ most (`removals_by_effect`).
         scene: what scenes look like.
         render: rendering options.
         engine: "processes" or "ray".
@@ -258,7 +258,7 @@ def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
     """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
     split, index = job
     scene, more_truth = config.made(index)
-    for world, removed in enumerate(removals(scene)[: config.counterfactual_videos], 1):
+    for world, removed in enumerate(removals_by_effect(scene)[: config.counterfactual_videos], 1):
         files = Files(config.output, split, index, world)
         _write_files(config, job, scene_without(scene, removed, config.scene), files, {"removed": removed})
     _write_files(config, job, scene, Files(config.output, split, index), more_truth)

@@ -74,7 +74,7 @@ class ViolationsConfig(DatasetConfig):
         size, law = (names[k % len(names)] for names, k in ((self.sizes, pair // len(self.laws)), (self.laws, pair)))
         for attempt in range(SCENES_PER_PAIR):
             seed = self.scene_seed(pair + attempt * (self.videos // 2))
-            scene = simulate_scene(seed, self.scene)
+            scene = simulate_scene(seed, self.scene, removals=False)
             broken = break_law(scene, law, size, seed)
             if broken is not None:
                 return scene, *broken

@@ -22,7 +22,7 @@ from nsdr.types import SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
-__all__ = ["SimulatedScene", "removals", "scene_without", "simulate_scene"]
+__all__ = ["SimulatedScene", "removals_by_effect", "scene_without", "simulate_scene"]
 
 FloatArray = NDArray[np.floating[Any]]
 STATIC_FRACTION = (0.0, 0.6, 0.35, 0.35)
@@ -80,6 +80,7 @@ class SimulatedScene:
         n_frames: frames that the video shows.
         motion: motion over all simulated frames, and the collisions.
         counterfactual: collisions with each object removed, by the removed object's id; bodies are indexed as in `objects`.
+            Empty where they were not asked for.
     """
 
     seed: int
@@ -90,12 +91,13 @@ class SimulatedScene:
     counterfactual: Mapping[int, tuple[Contact, ...]]
 
 
-def simulate_scene(seed: int, config: SceneConfig | None = None) -> SimulatedScene:
+def simulate_scene(seed: int, config: SceneConfig | None = None, removals: bool = True) -> SimulatedScene:
     """Generate the scene of a seed. It depends on the seed and the configuration only.
 
     Args:
         seed: 0 or more.
         config: what scenes look like; None is CLEVRER.
+        removals: simulate it without each object, too, which takes as long again.
 
     Raises:
         DataError: a negative seed, no scene fits the configuration, or PyBullet is not installed.
@@ -110,7 +112,9 @@ def simulate_scene(seed: int, config: SceneConfig | None = None) -> SimulatedSce
                 continue
             triples, bodies, motion = scene
             objects = tuple(SceneObject(i, *triple) for i, triple in enumerate(triples))
-            return _with_removals(seed, objects, bodies, motion, config, simulator)
+            if removals:
+                return _with_removals(seed, objects, bodies, motion, config, simulator)
+            return SimulatedScene(seed, objects, np.array([b.mass for b in bodies]), config.n_frames, motion, {})
     raise DataError(
         f"seed {seed}: no scene found in {RESTARTS} attempts; the configuration's speed or n_frames allows too few"
     )
@@ -137,7 +141,7 @@ def scene_without(scene: SimulatedScene, removed: int, config: SceneConfig | Non
         return _with_removals(scene.seed, objects, bodies, motion, config, simulator)
 
 
-def removals(scene: SimulatedScene) -> list[int]:
+def removals_by_effect(scene: SimulatedScene) -> list[int]:
     """Ids of all objects: those first without which most pairs of others collide that did not, or no longer do; among equals
     those that collide most."""
     pairs = {c.bodies for c in scene.motion.contacts}
