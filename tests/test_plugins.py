@@ -1,25 +1,37 @@
-"""The worked example of docs/plugins.md runs as it stands there, in Python and as an installed package."""
+"""The worked examples of docs/plugins.md run as they stand there, in Python and as an installed package."""
 
 import json
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from pycocotools import mask as rle
 
 import nsdr
+from nsdr.clevrer import proposals_from_masks
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics import BACKENDS
 from nsdr.io.registry import Registry
+from nsdr.io.video import read_video
+from nsdr.world.vocabulary import attributes_of
 
 PAGE = Path(__file__).parent.parent / "docs" / "plugins.md"
 
 
-def example() -> str:
-    code = re.search(r"<!-- example -->\n```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+def example(name: str) -> str:
+    code = re.search(rf"<!-- example: {name} -->\n```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert code is not None
     return code[1]
+
+
+def defined(name: str) -> dict[str, Any]:
+    names: dict[str, Any] = {}
+    exec(example(name), names)
+    return names
 
 
 @pytest.fixture
@@ -35,7 +47,7 @@ def make_source(data, wanted):
 
     return lambda questions: load(Scene, data / "scene_500002.json")
 """
-    (tmp_path / "my_package.py").write_text(example() + source)
+    (tmp_path / "my_package.py").write_text(example("dynamics") + source)
     metadata = tmp_path / "my_package-1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n")
@@ -77,12 +89,43 @@ def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
 def test_the_documented_dynamics_backend_answers_questions(short_video) -> None:
-    code = example()
-    assert len([line for line in code.splitlines() if line.strip()]) <= 22
-    names: dict[str, object] = {}
-    exec(code, names)
     pipeline = nsdr.Pipeline.from_pretrained()
-    pipeline.dynamics = names["ConstantVelocity"]()  # type: ignore[operator]
+    pipeline.dynamics = defined("dynamics")["ConstantVelocity"]()
     assert pipeline.answer(short_video, "How many collisions happen?").answer == "0"
     answer = pipeline.answer(short_video, "What will happen next?", ["The brown cube collides with the purple cube"])
     assert len(answer.choices) == 1
+
+
+@pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
+def test_the_documented_detector_makes_proposals_of_another_detectors_masks(short_video) -> None:
+    frames = read_video(short_video)[:3]
+    expected = nsdr.FrameParser.from_pretrained().parse(frames)
+    assert expected.masks is not None
+    arrays: dict[int, list[Any]] = {0: [], 1: [], 2: []}
+    rows = zip(expected.frame_index, expected.attribute, expected.score, expected.masks, strict=True)
+    for frame, attribute, score, counts in rows:
+        mask = rle.decode({"size": [320, 480], "counts": counts.encode()}).astype(bool)
+        arrays[int(frame)].append((attributes_of(int(attribute)), float(score), mask))
+    of_frame = iter(arrays.values())
+    detector = defined("detector")["MyDetector"](lambda frame: next(of_frame))
+    proposals = detector.parse(frames)
+    assert len(proposals) > 6
+    for name in ("frame_index", "attribute", "score", "centroid_px", "box_xyxy_px"):
+        np.testing.assert_array_equal(getattr(proposals, name), getattr(expected, name))
+    assert proposals.masks == expected.masks
+
+
+def test_masks_of_another_size_are_refused() -> None:
+    red = ("red", "metal", "cube")
+    with pytest.raises(nsdr.DataError, match=r"frame 1: mask: expected \(320, 480\), got \(480, 320\)"):
+        proposals_from_masks(2, [(1, red, 1.0, np.ones((480, 320), bool))])
+    with pytest.raises(nsdr.DataError, match="pink"):
+        proposals_from_masks(2, [(1, ("pink", "metal", "cube"), 1.0, np.ones((320, 480), bool))])
+
+
+def test_the_documented_question_parser_answers_in_german(example_scene) -> None:
+    pipeline = nsdr.Pipeline.from_pretrained()
+    pipeline.question_parser = defined("parser")["German"]()
+    assert pipeline.answer(example_scene, "Wie viele Würfel gibt es?").answer == "2"
+    with pytest.raises(nsdr.QuestionError, match="Wie viele Kollisionen"):
+        pipeline.answer(example_scene, "Was passiert?")

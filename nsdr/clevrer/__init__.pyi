@@ -55,6 +55,7 @@ from .files.proposals import (
     ground_truth_of as ground_truth_of,
     parse_proposals as parse_proposals,
     proposals_document as proposals_document,
+    proposals_from_masks as proposals_from_masks,
     proposals_from_rows as proposals_from_rows,
     read_compact_proposals as read_compact_proposals,
     read_ground_truth as read_ground_truth,

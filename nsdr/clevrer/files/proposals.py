@@ -1,6 +1,6 @@
 """CLEVRER's mask proposals: official JSON files (plain or gzipped), and compact NPZ files of many videos without masks."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from pycocotools import mask as rle
 
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
 from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, MaskNumbers, numbers_of_runs, runs_of_mask
@@ -19,13 +20,24 @@ from nsdr.types import VideoProposals
 from nsdr.validation import Array, IntArray, Settings, Share, convert, expect
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import VIDEO_FRAMES
-from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, Color, Material, Shape, attribute_index, attributes_of
+from nsdr.world.vocabulary import (
+    COLORS,
+    MATERIALS,
+    N_ATTRIBUTE_TRIPLES,
+    SHAPES,
+    Color,
+    Material,
+    Shape,
+    attribute_index,
+    attributes_of,
+)
 
 __all__ = [
     "compact_rows",
     "ground_truth_of",
     "parse_proposals",
     "proposals_document",
+    "proposals_from_masks",
     "proposals_from_rows",
     "read_compact_proposals",
     "read_ground_truth",
@@ -207,6 +219,31 @@ def proposals_from_rows(
         tuple(mask for _, _, _, mask in kept),
         None if processed is None or len(processed) == n_frames else np.array(processed, np.int64),
     )
+
+
+def proposals_from_masks(
+    n_frames: int,
+    detections: Iterable[tuple[int, tuple[str, str, str], float, NDArray[Any]]],
+    processed: Sequence[int] | None = None,
+) -> VideoProposals:
+    """Make proposals from the masks that a detector found; empty ones are dropped.
+
+    Args:
+        n_frames: number of frames of the video.
+        detections: (frame, (color, material, shape), score in 0-1, mask (320, 480), true where the object is), in any order.
+        processed: ascending frames that were processed; None for all.
+
+    Raises:
+        DataError: a mask of another size, words that no object of CLEVRER has, or a value out of its range.
+    """
+    rows = []
+    for frame, words, score, mask in detections:
+        for word, known in zip(words, (COLORS, MATERIALS, SHAPES), strict=True):
+            expect(word in known, f"frame {frame}: words", f"one of {', '.join(known)}", word)
+        expect(mask.shape == (HEIGHT_PX, WIDTH_PX), f"frame {frame}: mask", f"({HEIGHT_PX}, {WIDTH_PX})", mask.shape)
+        counts = rle.encode(np.asfortranarray(mask, np.uint8))["counts"].decode()
+        rows.append((frame, attribute_index(*words), score, counts))
+    return proposals_from_rows(n_frames, rows, processed)
 
 
 def proposals_document(proposals: VideoProposals, video_filename: str) -> dict[str, Any]:
