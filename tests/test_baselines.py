@@ -415,7 +415,7 @@ def test_plain_questions_are_learnt_first(scenes, tmp_path) -> None:
 def test_every_baseline_has_the_papers_settings_and_small_ones(name: str) -> None:
     folder = Path(__file__).parent.parent / "configs" / "baselines"
     paper = parse_config(BaselineTraining, ["--config", str(folder / f"{name}.yaml")], "baseline")
-    small = parse_config(BaselineTraining, ["--config", str(folder / "reference" / f"{name}.yaml")], "baseline")
+    small = parse_config(BaselineTraining, ["--config", str(folder / "small" / f"{name}.yaml")], "baseline")
     kind = BASELINES[name]
     assert (paper.system, small.system) == (name, name)
     assert paper.model_config() == kind.Config()

@@ -183,7 +183,7 @@ def test_configurations(name: str) -> None:
     """The file of the paper's settings spells out the defaults; that of the small ones is usable."""
     kind = BASELINES[name].Config
     folder = Path(__file__).parents[1] / "configs" / "baselines"
-    paper, small = read_yaml(folder / f"{name}.yaml"), read_yaml(folder / "reference" / f"{name}.yaml")
+    paper, small = read_yaml(folder / f"{name}.yaml"), read_yaml(folder / "small" / f"{name}.yaml")
     assert paper["system"] == small["system"] == name
     assert set(paper["model"]) == {f.name for f in fields(kind)}
     assert config_of(kind, paper["model"]) == kind()
