@@ -1,7 +1,7 @@
 """The README's chart: the default system beside published ones, by type of question.
 
-`python benchmarks/chart.py -o docs/images/results.png` draws the first row of `results/real_dev.json`, with its intervals, and published
-accuracies.
+`python benchmarks/chart.py -o docs/images/results.png` draws the first row of `results/real_dev.json`, with its intervals, and
+published accuracies.
 """
 
 import argparse
