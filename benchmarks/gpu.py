@@ -1,8 +1,8 @@
 """Everything that runs on a GPU, once: `python -m benchmarks.gpu -o results/gpu.md [--device cuda] [--small]` (`make gpu`).
 
-Each part's results beside the CPU's (`gpu_results`); of every training one step beside the CPU's, a resumed run, and the time of
-a step with batches made in several ways (`gpu_trainings`); two processes on two devices; frames per second from video to answer.
-Without a GPU, results and single steps are those of a simulated second device, and the rest runs on the CPU.
+Each part's results beside the CPU's (`gpu_results`); of every training one step beside the CPU's, a resumed run, and the time
+of a step with batches made in several ways (`gpu_trainings`); two processes on two devices; frames per second from video to
+answer. Without a GPU, results and single steps are those of a simulated second device, and the rest runs on the CPU.
 
 A row that fails is in the table with its reason. After it a new process goes on, because an error of CUDA spoils its process.
 """
@@ -28,8 +28,9 @@ from benchmarks import gpu_results as results, gpu_trainings as trainings
 from benchmarks.gpu_results import SIMULATED, Result, Setting, nsdr
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.questions import write_questions
+from nsdr.errors import DataError
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.io.device import available_cores
+from nsdr.io.device import available_cores, resolve_device
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.video import read_frames
@@ -172,7 +173,7 @@ def heading(setting: Setting) -> str:
     if setting.device == SIMULATED:
         where = "no GPU: results and single steps are of a simulated second device, the rest of the CPU"
     elif torch.cuda.is_available() and setting.device != "cpu":
-        where = f"{torch.cuda.get_device_name()}, CUDA {torch.version.cuda}"
+        where = f"{torch.cuda.get_device_name(setting.device)}, CUDA {torch.version.cuda}"
     else:
         where = setting.device
     size = " with `--small`" if setting.small else ""
@@ -195,6 +196,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, default=Path("runs/gpu"), help="folder of data and runs, which is kept")
     options = parser.parse_args(argv)
     setting = Setting(options.device, options.work.resolve(), options.small)
+    try:
+        resolve_device(setting.real)
+    except DataError as e:
+        parser.error(str(e))
     chosen = {name: row for name, row in rows().items() if any(part in name for part in options.only)}
     if not chosen:
         parser.error(f"no row has {' or '.join(options.only)} in its name")

@@ -35,6 +35,8 @@ LOSS, SAMPLED_LOSS = 0.01, 0.05
 that differ by rounding."""
 RESUMED_LOSS = 1e-3
 """Largest relative difference of the losses of two runs on one device: some sums have no fixed order on CUDA."""
+SMALL_LOSS = 0.01
+"""Differences of losses below this are relative to it."""
 STEPS = 4
 """Steps of a resumed run, and of two processes."""
 WORKERS = (1, 4, 16)
@@ -124,8 +126,8 @@ def one_step(setting: Setting, name: str) -> Result:
 
 
 def most_apart(found: Sequence[float], expected: Sequence[float]) -> float:
-    """The largest relative difference."""
-    return max(abs(a / b - 1) for a, b in zip(found, expected, strict=True))
+    """The largest difference, relative to the loss or to `SMALL_LOSS`."""
+    return max(abs(a - b) / max(abs(b), SMALL_LOSS) for a, b in zip(found, expected, strict=True))
 
 
 def losses_in(folder: Path) -> list[float]:
