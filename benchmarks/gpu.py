@@ -44,8 +44,8 @@ Row = Callable[[Setting], Result]
 """Measures one row of the table."""
 
 
-def rows() -> dict[str, Row]:
-    """What is measured, by name."""
+def rows(small: bool) -> dict[str, Row]:
+    """What is measured, by name; fewer rows of frames where it is `small`."""
     found: dict[str, Row] = {
         "results: frame parser, float32": partial(results.frame_parser, precision="float32"),
         "results: frame parser, auto": partial(results.frame_parser, precision="auto"),
@@ -57,17 +57,13 @@ def rows() -> dict[str, Row]:
     for name in ("truth/mac", "truth/mac_objects", "truth/tbd", "pixels/mac_objects"):
         found[f"results: baseline {name}"] = partial(results.baseline, name=name)
     found["results: video to answers"] = results.pipeline
-    for title, row in (
-        ("one step", trainings.one_step),
-        ("resumed", trainings.resumed),
-        ("rate", trainings.rates),
-    ):
+    for title, row in (("one step", trainings.one_step), ("resumed", trainings.resumed), ("rate", trainings.rates)):
         found |= {f"{title}: {name}": partial(row, name=name) for name in trainings.trainings()}
     for name in ("question-parser", "dynamics on states"):
         found[f"two processes: {name}"] = partial(trainings.two_processes, name=name)
     found["frames: by stage"] = stages
-    for workers, size in ((1, 8), (1, 128), (4, 32), (16, 32)):
-        title = f"frames: video to answer, {workers} processes, batches of {size}"
+    for workers, size in ((1, 8), (1, 128), (4, 32), (16, 32))[: 1 if small else None]:
+        title = f"frames: video to answer, --workers {workers}, batches of {size}"
         found[title] = partial(video_to_answer, workers=workers, batch_size=size)
     return found
 
@@ -200,7 +196,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         resolve_device(setting.real)
     except DataError as e:
         parser.error(str(e))
-    chosen = {name: row for name, row in rows().items() if any(part in name for part in options.only)}
+    chosen = {name: row for name, row in rows(setting.small).items() if any(part in name for part in options.only)}
     if not chosen:
         parser.error(f"no row has {' or '.join(options.only)} in its name")
     setting.work.mkdir(parents=True, exist_ok=True)

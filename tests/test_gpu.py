@@ -27,7 +27,9 @@ def differs(setting: Setting) -> Result:
 
 
 def test_rows_go_on_after_a_failure_and_the_death_of_their_process(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(gpu, "rows", lambda: {"a": dies, "b": fails, "c": differs, "d": gpu.results.question_parser})
+    monkeypatch.setattr(
+        gpu, "rows", lambda small: {"a": dies, "b": fails, "c": differs, "d": gpu.results.question_parser}
+    )
     table = tmp_path / "gpu.md"
     assert gpu.main(["-o", str(table), "--device", SIMULATED, "--small", "--work", str(tmp_path)]) == 1
     head, a, b, c, d = table.read_text().splitlines()[-5:]
