@@ -32,8 +32,8 @@ browser: .venv/installed-browser
 bench: .venv/installed-dev
 	$(BIN)/python benchmarks/speed.py -o results/speed.md $(if $(DATA),--data $(DATA))
 
-# Everything that runs on a GPU, in about ten minutes there. ARGS="--device cuda:1" takes another; ARGS=--small tries it, without a GPU
-# on a simulated one and the CPU.
+# Everything that runs on a GPU. ARGS="--device cuda:1" takes another one; ARGS=--small tries it on few frames, without a GPU on a
+# simulated one and the CPU.
 gpu: .venv/installed-dev
 	$(BIN)/python -m benchmarks.gpu -o results/gpu.md $(ARGS)
 

@@ -101,30 +101,13 @@ def video_to_answer(setting: Setting, workers: int, batch_size: int) -> Result:
         free, total = torch.cuda.mem_get_info(setting.real)
         used.append(total - free)
 
+    options = {"--source": "videos", "--data": folder, "--questions": folder / "questions.json", "--output": report}
+    options |= {"--device": setting.real, "--workers": workers, "--set": f"batch_size={batch_size}"}
     for limit in (few, many):
         with tempfile.TemporaryDirectory() as cache:
-            inputs = [
-                "--source",
-                "videos",
-                "--data",
-                folder,
-                "--questions",
-                folder / "questions.json",
-                "--limit",
-                limit,
-            ]
-            how = [
-                "--device",
-                setting.real,
-                "--workers",
-                workers,
-                "--set",
-                f"batch_size={batch_size}",
-                "--cache",
-                cache,
-            ]
+            arguments = [x for pair in {**options, "--limit": limit, "--cache": cache}.items() for x in pair]
             begin = time.perf_counter()
-            nsdr("evaluate", *inputs, *how, "-o", report, "--keep-going", watch=watch if on_gpu else None)
+            nsdr("evaluate", *arguments, "--keep-going", watch=watch if on_gpu else None)
             seconds.append(time.perf_counter() - begin)
     rate = (many - few) * VIDEO_FRAMES / (seconds[1] - seconds[0])
     done = json.loads(report.read_text())
