@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN ?= .venv/bin
 
-.PHONY: demo test check robustness browser docs bench weights clean
+.PHONY: demo test check robustness browser docs bench gpu weights clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -31,6 +31,11 @@ browser: .venv/installed-browser
 # proposals as proposals_dev.npz, truth_dev.json.gz, questions/mixed_dev.json); without it, what needs them is left out.
 bench: .venv/installed-dev
 	$(BIN)/python benchmarks/speed.py -o results/speed.md $(if $(DATA),--data $(DATA))
+
+# Everything that runs on a GPU. ARGS="--device cuda:1" takes another one; ARGS=--small tries it on few frames, without a GPU on a
+# simulated one and the CPU.
+gpu: .venv/installed-dev
+	$(BIN)/python -m benchmarks.gpu -o results/gpu.md $(ARGS)
 
 # Makes every shipped weight: about ten hours, the sum of the times in docs/training.md. WHAT=weights-dynamics-paper makes one part
 # (configs/weights.mk).

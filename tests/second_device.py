@@ -61,6 +61,8 @@ class _FromData(TorchFunctionMode):
         device = kwargs.get("device")
         if function in (torch.tensor, torch.as_tensor) and device is not None and torch.device(device) == DEVICE:
             return function(*args, **{**kwargs, "device": CPU}).to(DEVICE)
+        if function is torch.Tensor.new_tensor and isinstance(args[0], SecondTensor):
+            return args[0].held.new_tensor(*args[1:], **kwargs).to(DEVICE)
         return function(*args, **kwargs)
 
 

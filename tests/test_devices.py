@@ -12,6 +12,8 @@ from accelerate.utils import send_to_device
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.cli.main import main
+from nsdr.dynamics.collisions.network import CollisionNetworkConfig, TrackCollisionDetector
+from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.dynamics.propnet.state_model import StateModelConfig
@@ -23,6 +25,7 @@ from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.training import loop
+from nsdr.training.collisions import CollisionTask, CollisionTraining
 from nsdr.training.dynamics import StateModelTask
 from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
 from nsdr.training.loop import LoopConfig, Task
@@ -55,14 +58,17 @@ def make_task(name: str, tiny_motion: tuple[Path, Path], tiny_frames: Path, fold
     if name == "paper":
         return PatchModelTask(dynamics_training(tiny_motion, folder, name))
     if name == "question-parser":
-        small = QuestionParserConfig(embedding=8, hidden=16, max_tokens=10)
-        return QuestionParserTask(QuestionParserTraining(str(folder), evaluation_texts=3, model=small))
+        texts = QuestionParserConfig(embedding=8, hidden=16, max_tokens=10)
+        return QuestionParserTask(QuestionParserTraining(str(folder), evaluation_texts=3, model=texts))
+    if name == "collisions":
+        small = CollisionNetworkConfig(width=8)
+        return CollisionTask(CollisionTraining(*map(str, tiny_motion), str(folder), evaluation_scenes=1, model=small))
     return FrameParserTask(
         FrameParserTraining(str(tiny_frames), str(folder), evaluation_frames=1, model=SMALL_DETECTOR)
     )
 
 
-@pytest.fixture(params=["state", "paper", "question-parser", "frame-parser"])
+@pytest.fixture(params=["state", "paper", "collisions", "question-parser", "frame-parser"])
 def task(request, tiny_motion, tiny_frames, tmp_path) -> Task:
     return make_task(request.param, tiny_motion, tiny_frames, tmp_path)
 
@@ -101,6 +107,17 @@ def test_dynamics_predictors_run_where_their_weights_are(kind, checkpoint, tiny_
     expected = predictor.predict(tracks)
     with second_device() as device:
         assert_same_motion(predictor.to(str(device)).predict(tracks), expected)
+
+
+def test_the_collision_network_runs_where_its_weights_are(tiny_motion) -> None:
+    _, proposals = next(iter(read_compact_proposals(tiny_motion[0])))
+    states = states_from_tracks(track(proposals))
+    detector = TrackCollisionDetector.from_pretrained(device="cpu")
+    ((expected, probability),) = detector.collision_candidates(states)
+    with second_device() as device:
+        ((found, of_second),) = detector.to(str(device)).collision_candidates(states)
+    assert found == expected
+    assert of_second == pytest.approx(probability, abs=1e-6)
 
 
 def assert_same_motion(prediction: Any, expected: Any) -> None:

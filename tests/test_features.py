@@ -371,7 +371,7 @@ def test_images_are_scaled_and_normalised() -> None:
 
 @pytest.mark.parametrize("backbone", ["resnet18", "frame_parser"])
 def test_features_are_the_same_on_another_device(backbone, config) -> None:
-    size = {"image_size": (320, 480)} if backbone == "frame_parser" else {}
+    size = {"image_size": (320, 480), "kinds": KINDS} if backbone == "frame_parser" else {}
     frames, c = extraction.frames_of(VIDEO), replace(config, backbone=backbone, frames=2, **size)
     features = FeatureExtractor(c, "cpu")(frames)
     with second_device() as device:

@@ -142,6 +142,12 @@ def test_more_processes_than_devices_are_refused(monkeypatch: pytest.MonkeyPatch
         _accelerator(LoopConfig())
 
 
+def test_without_cuda_the_cpu_trains_also_where_accelerate_finds_another_accelerator(monkeypatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr("accelerate.state.is_mps_available", lambda *_, **__: True)
+    assert _accelerator(LoopConfig()).device == torch.device("cpu")
+
+
 def test_an_optimizers_state_keeps_the_memory_format() -> None:
     def state() -> TrainingState:
         torch.manual_seed(0)

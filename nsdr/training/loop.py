@@ -64,7 +64,7 @@ class LoopConfig(Settings):
         log_every: steps between two lines of losses in `metrics.jsonl`.
         evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
         save_every: steps between two checkpoints.
-        device: "auto" (an accelerator where there is one), "cpu", "cuda" or "cuda:N". With several processes
+        device: "auto" (CUDA where there is one, else the CPU), "cpu", "cuda" or "cuda:N". With several processes
             (`torchrun`, `accelerate launch`), "auto" or "cpu": the launcher assigns the devices.
     """
 
@@ -282,10 +282,9 @@ def _accelerator(config: LoopConfig) -> Accelerator:
     if precision == torch.bfloat16 and device.type == "cpu" and not has_bfloat16():
         raise DataError("precision is 'bfloat16', which this processor lacks (no AVX-512); expected float32 or auto")
     unused = DistributedDataParallelKwargs(find_unused_parameters=True)
-    # Unless it is told so, Accelerate takes each of several processes without a GPU for the only one.
-    on_cpu = config.device == "cpu" or (several and not torch.cuda.is_available())
     mixed = "bf16" if precision == torch.bfloat16 else "no"
-    return Accelerator(mixed_precision=mixed, cpu=on_cpu, kwargs_handlers=[unused])
+    # Left to itself, Accelerate takes other accelerators, and each of several processes without a GPU for the only one.
+    return Accelerator(mixed_precision=mixed, cpu=device.type == "cpu", kwargs_handlers=[unused])
 
 
 def train_part(

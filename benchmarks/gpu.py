@@ -1,0 +1,196 @@
+"""Everything that runs on a GPU, once: `python -m benchmarks.gpu -o results/gpu.md [--device cuda] [--small]` (`make gpu`).
+
+Each part's results beside the CPU's (`gpu_results`); of every training one step beside the CPU's, a resumed run, and the time
+of a step with batches made in several ways (`gpu_trainings`); two processes on two devices; frames per second from video to
+answer. Without a GPU, results and single steps are those of a simulated second device, and the rest runs on the CPU.
+
+A row that fails is in the table with its reason. After it a new process goes on, because an error of CUDA spoils its process.
+"""
+
+import argparse
+import json
+import platform
+import struct
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import torch
+from msgspec.structs import replace
+from tqdm import tqdm
+
+from benchmarks import gpu_results as results, gpu_trainings as trainings
+from benchmarks.gpu_results import SIMULATED, Result, Setting, nsdr
+from nsdr.clevrer.example import VIDEO
+from nsdr.clevrer.files.questions import write_questions
+from nsdr.errors import DataError
+from nsdr.frame_parser.parser import FrameParser
+from nsdr.io.device import available_cores, resolve_device
+from nsdr.io.files import atomic_path
+from nsdr.io.fingerprint import code_revision
+from nsdr.io.video import read_frames
+from nsdr.world.physics_constants import VIDEO_FRAMES
+
+TARGET = 400
+"""Frames per second from video to answer that one GPU should reach."""
+GIB = 2**30
+
+Row = Callable[[Setting], Result]
+"""Measures one row of the table."""
+
+
+def rows(small: bool) -> dict[str, Row]:
+    """What is measured, by name; fewer rows of frames where it is `small`."""
+    found: dict[str, Row] = {
+        "results: frame parser, float32": partial(results.frame_parser, precision="float32"),
+        "results: frame parser, auto": partial(results.frame_parser, precision="auto"),
+        "results: question parser": results.question_parser,
+        "results: collision network": results.collision_network,
+    }
+    for name in ("physics", "state", "paper", "paper_images"):
+        found[f"results: dynamics {name}"] = partial(results.dynamics, name=name)
+    for name in ("truth/mac", "truth/mac_objects", "truth/tbd", "pixels/mac_objects"):
+        found[f"results: baseline {name}"] = partial(results.baseline, name=name)
+    found["results: video to answers"] = results.pipeline
+    for title, row in (("one step", trainings.one_step), ("resumed", trainings.resumed), ("rate", trainings.rates)):
+        found |= {f"{title}: {name}": partial(row, name=name) for name in trainings.trainings()}
+    for name in ("question-parser", "dynamics on states"):
+        found[f"two processes: {name}"] = partial(trainings.two_processes, name=name)
+    found["frames: by stage"] = stages
+    for workers, size in ((1, 8), (1, 128), (4, 32), (16, 32))[: 1 if small else None]:
+        title = f"frames: video to answer, --workers {workers}, batches of {size}"
+        found[title] = partial(video_to_answer, workers=workers, batch_size=size)
+    return found
+
+
+def stages(setting: Setting) -> Result:
+    """Frames per second of one process: of decoding alone, and of the frame parser with frames in memory."""
+    begin = time.perf_counter()
+    frames = list(read_frames(VIDEO))
+    found = [f"decoding {len(frames) / (time.perf_counter() - begin):.0f}"]
+    for size in (8,) if setting.small else (8, 32, 128):
+        parser = FrameParser.from_pretrained(device=setting.real, batch_size=size)
+        parser.parse(frames[:size])
+        shown = frames[:size] if setting.small else frames
+        begin = time.perf_counter()
+        parser.parse(shown)
+        found.append(f"frame parser {len(shown) / (time.perf_counter() - begin):.0f} in batches of {size}")
+    return f"{', '.join(found)} frames/s", True
+
+
+def video_to_answer(setting: Setting, workers: int, batch_size: int) -> Result:
+    """Frames per second of `nsdr evaluate`: of the videos that a longer run has more than a shorter one, so without start."""
+    split, folder, on_gpu = setting.videos(), setting.work / "copies", setting.real != "cpu"
+    sources, asked = [path.read_bytes() for path in split.entries("videos").values()], split.questions()
+    few, many = (1, 2) if setting.small else (4 * workers, 12 * workers)
+    folder.mkdir(exist_ok=True)
+    scenes = []
+    for i in range(many):
+        name, box = f"video_{i:05d}.mp4", struct.pack(">I4sI", 12, b"free", i)  # makes each copy another file
+        (folder / name).write_bytes(sources[i % len(sources)] + box)
+        scenes.append(replace(asked[i % len(asked)], scene_index=i, video_filename=name))
+    write_questions(folder / "questions.json", scenes)
+    report, seconds, used = folder / "report.json", list[float](), [0]
+
+    def watch() -> None:
+        free, total = torch.cuda.mem_get_info(setting.real)
+        used.append(total - free)
+
+    options = {"--source": "videos", "--data": folder, "--questions": folder / "questions.json", "--output": report}
+    options |= {"--device": setting.real, "--workers": workers, "--set": f"batch_size={batch_size}"}
+    for limit in (few, many):
+        with tempfile.TemporaryDirectory() as cache:
+            arguments = [x for pair in {**options, "--limit": limit, "--cache": cache}.items() for x in pair]
+            begin = time.perf_counter()
+            nsdr("evaluate", *arguments, "--keep-going", watch=watch if on_gpu else None)
+            seconds.append(time.perf_counter() - begin)
+    rate = (many - few) * VIDEO_FRAMES / (seconds[1] - seconds[0])
+    done = json.loads(report.read_text())
+    text = f"{rate:.0f} frames/s (target {TARGET}; {few} videos in {seconds[0]:.0f} s, {many} in {seconds[1]:.0f} s)"
+    memory = f"; {max(used) / GIB:.1f} GiB of the GPU in use" if on_gpu else ""
+    return f"{text}{memory}; {done['errors']} of {len(done['results'])} questions failed", not done["errors"]
+
+
+def measured(row: Row, setting: Setting) -> tuple[str, bool]:
+    """The cells of a row after its name: what was found, verdict, seconds, peak memory in this process; and the verdict."""
+    on_gpu = torch.cuda.is_available() and setting.real != "cpu"
+    if on_gpu:
+        torch.cuda.reset_peak_memory_stats(setting.real)
+    begin = time.perf_counter()
+    text, is_well = row(setting)
+    seconds = time.perf_counter() - begin
+    peak = f"{torch.cuda.max_memory_reserved(setting.real) / GIB:.2f}" if on_gpu else "-"
+    return f"{text} | {'yes' if is_well else '**no**'} | {seconds:.0f} | {peak}", is_well
+
+
+def all_measured(chosen: Mapping[str, Row], setting: Setting) -> Iterator[tuple[str, bool]]:
+    """A line of the table for each row, and whether it is as expected.
+
+    An error, or the death of the process that measures, costs one row.
+    """
+    pool: ProcessPoolExecutor | None = None
+    for name, row in tqdm(chosen.items(), unit="row"):
+        pool = pool or ProcessPoolExecutor(1, get_context("spawn"))
+        try:
+            cells, is_well = pool.submit(measured, row, setting).result()
+        except Exception as e:
+            pool.shutdown()
+            pool, reason = None, " ".join(f"{type(e).__name__}: {e}".split())[:200].replace("|", "/")
+            cells, is_well = f"{reason} | **failed** | - | -", False
+        yield f"| {name} | {cells} |\n", is_well
+    if pool is not None:
+        pool.shutdown()
+
+
+def heading(setting: Setting) -> str:
+    """What was measured, where and with what; and the head of the table."""
+    if setting.device == SIMULATED:
+        where = "no GPU: results and single steps are of a simulated second device, the rest of the CPU"
+    elif torch.cuda.is_available() and setting.device != "cpu":
+        where = f"{torch.cuda.get_device_name(setting.device)}, CUDA {torch.version.cuda}"
+    else:
+        where = setting.device
+    size = " with `--small`" if setting.small else ""
+    return (
+        "# Everything on a GPU\n\n"
+        f"`make gpu`{size} at revision {code_revision()}, {time.strftime('%Y-%m-%d')}. Device: {where}; "
+        f"{available_cores()} cores, torch {torch.__version__}, Python {platform.python_version()}.\n"
+        "Time in seconds; memory is the most that torch reserved on the GPU in one process, GiB.\n\n"
+        "| what | found | as expected | time | memory |\n|---|---|---|---|---|\n"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    default = "cuda" if torch.cuda.is_available() else SIMULATED
+    parser.add_argument("--device", default=default, help=f"of torch, or {SIMULATED}; {default} by default here")
+    parser.add_argument("--small", action="store_true", help="few frames, videos and steps, to try the script")
+    parser.add_argument("--only", nargs="+", default=[""], help="rows whose names contain one of these")
+    parser.add_argument("--work", type=Path, default=Path("runs/gpu"), help="folder of data and runs, which is kept")
+    options = parser.parse_args(argv)
+    setting = Setting(options.device, options.work.resolve(), options.small)
+    try:
+        resolve_device(setting.real)
+    except DataError as e:
+        parser.error(str(e))
+    chosen = {name: row for name, row in rows(setting.small).items() if any(part in name for part in options.only)}
+    if not chosen:
+        parser.error(f"no row has {' or '.join(options.only)} in its name")
+    setting.work.mkdir(parents=True, exist_ok=True)
+    text, failures = heading(setting), 0
+    for line, is_well in all_measured(chosen, setting):
+        text, failures = text + line, failures + (not is_well)
+        with atomic_path(options.output) as temporary:  # what is done is kept if the rest is killed
+            temporary.write_text(text)
+    print(f"{options.output}: {failures} of {len(chosen)} rows not as expected")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
