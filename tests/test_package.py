@@ -5,6 +5,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
@@ -68,6 +69,34 @@ def test_checkpoints_are_found_by_path_variable_and_checkout(tmp_path, monkeypat
     (tmp_path / "mine").mkdir()
     monkeypatch.setenv("NSDR_CHECKPOINTS", str(tmp_path))
     assert find_checkpoint("mine") == tmp_path / "mine"
+
+
+@pytest.mark.parametrize(
+    "package", ["lib/python3.13/site-packages", "Lib/site-packages", "local/lib/python3.13/dist-packages", ""]
+)
+def test_checkpoints_of_a_wheel_are_found_wherever_pip_puts_it(package, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("nsdr.io.checkpoint.__file__", str(tmp_path / package / "nsdr" / "io" / "checkpoint.py"))
+    shipped = tmp_path / ("local" if package.startswith("local") else "") / "share" / "nsdr" / "checkpoints" / "default"
+    shipped.mkdir(parents=True)
+    assert find_checkpoint("default") == shipped.resolve()
+
+
+def test_the_wheel_has_every_checkpoint_and_file_of_data() -> None:
+    root = Path(__file__).parents[1]
+    setuptools = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]
+    shipped = {path.parent for path in (root / "checkpoints").rglob("*.json")}
+    assert {f"share/nsdr/{folder.relative_to(root).as_posix()}" for folder in shipped} == set(setuptools["data-files"])
+    for target, (pattern,) in setuptools["data-files"].items():
+        assert f"share/nsdr/{pattern}" == f"{target}/*"
+    packaged = {
+        path
+        for package, patterns in setuptools["package-data"].items()
+        for pattern in patterns
+        for path in (root / "nsdr").rglob(pattern)
+        if package in ("*", ".".join(path.parent.relative_to(root).parts))
+    }
+    files = {path for path in (root / "nsdr").rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    assert {path for path in files if path.suffix != ".py"} == packaged
 
 
 def test_a_missing_checkpoint_says_where_it_was_looked_for(tmp_path, monkeypatch) -> None:
