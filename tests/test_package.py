@@ -225,7 +225,11 @@ def test_every_public_name_says_what_it_does_and_of_what_shape() -> None:
             missing.append(f"{name}: no docstring")
             continue
         hints = {k: str(v) for k, v in getattr(value, "__annotations__", {}).items()}
-        arrays = [k for k, v in hints.items() if re.search("Array|Tensor", v) and not re.search("Callable|Mapping", v)]
+        arrays = [
+            k
+            for k, v in hints.items()
+            if re.search("Array|ndarray|Tensor", v) and not re.search("Callable|Mapping|dict", v)
+        ]
         if arrays and not re.search(r"\([\w.][\w .+*/-]*,[^)]*\)|\bscalar", text):
             missing.append(f"{name}: no shape of {', '.join(arrays)}")
     assert not missing, "\n".join(missing)

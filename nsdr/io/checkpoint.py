@@ -61,7 +61,9 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     if name.startswith("hf:"):
         raise CheckpointError(f"{name}: fetch it first, and give the folder: `hf download USER/NAME --revision COMMIT`")
     looked = ", ".join([name, *(str(root / name) for root in roots)])
-    remedy = "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has all that ship"
+    remedy = (
+        "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has all that ship"
+    )
     raise CheckpointError(f"no checkpoint {name!r} (looked in {looked}); {remedy}")
 
 
