@@ -1,4 +1,4 @@
-"""The wheel as users get it: installed with what it declares (extra web), away from the repository, it answers and serves the page.
+"""The wheel as users get it, installed with its declared dependencies away from the repository: it answers and serves the page.
 
 `make wheel-check` builds it and calls this: `python .ci/check_wheel.py WHEEL`.
 """

@@ -38,7 +38,7 @@ def _parameters(value: Any) -> str:
 
 
 def _described(name: str, value: Any) -> Iterator[str]:
-    """A name with its parameters, and the public methods and properties of a class: what this package gave it, not its bases."""
+    """A name with its parameters, and the public methods and properties of a class, if this package gave it them."""
     if not callable(value) or not getattr(value, "__module__", "").startswith("nsdr"):
         yield name
     elif not inspect.isclass(value):
