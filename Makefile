@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN ?= .venv/bin
 
-.PHONY: demo test check robustness browser docs bench gpu weights clean
+.PHONY: demo test check robustness browser docs bench gpu weights wheel wheel-check clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -47,6 +47,16 @@ weights: .venv/installed-dev
 docs: .venv/installed-docs
 	$(BIN)/mkdocs build --strict --site-dir site
 
+# What is published: an sdist and, built from it, a wheel.
+wheel: .venv/installed-release
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
+
+# The wheel in a new environment of its own, away from the repository (about 6 GB on Linux for a while: PyTorch with CUDA).
+wheel-check: wheel
+	$(BIN)/python .ci/check_wheel.py dist/*.whl
+
 .venv/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.11") if sys.version_info < (3, 11) else 0'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
@@ -65,5 +75,9 @@ docs: .venv/installed-docs
 	$(BIN)/pip install --quiet -e '.[docs]'
 	touch $@
 
+.venv/installed-release: .venv/installed
+	$(BIN)/pip install --quiet -e '.[release]'
+	touch $@
+
 clean:
-	rm -rf .venv demo site
+	rm -rf .venv demo dist site

@@ -5,6 +5,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
@@ -43,8 +44,8 @@ def test_other_machines_run_the_same_steps() -> None:
     root = Path(__file__).parents[1]
     jobs = yaml.safe_load((root / ".github" / "workflows" / "ci.yml").read_text())["jobs"]
     commands = " ".join(step.get("run", "") for job in jobs.values() for step in job["steps"])
-    targets = set(re.findall(r"make (\w+)", commands))
-    assert targets == {"check", "docs", "robustness", "browser"}
+    targets = set(re.findall(r"make ([\w-]+)", commands))
+    assert targets == {"check", "docs", "robustness", "browser", "wheel-check"}
     makefile = (root / "Makefile").read_text()
     assert all(f"\n{target}:" in makefile for target in targets)
     hooks = yaml.safe_load((root / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
@@ -68,6 +69,38 @@ def test_checkpoints_are_found_by_path_variable_and_checkout(tmp_path, monkeypat
     (tmp_path / "mine").mkdir()
     monkeypatch.setenv("NSDR_CHECKPOINTS", str(tmp_path))
     assert find_checkpoint("mine") == tmp_path / "mine"
+
+
+@pytest.mark.parametrize(
+    "package", ["lib/python3.13/site-packages", "Lib/site-packages", "local/lib/python3.13/dist-packages", ""]
+)
+def test_checkpoints_of_a_wheel_are_found_wherever_pip_puts_it(package, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("nsdr.io.checkpoint.__file__", str(tmp_path / package / "nsdr" / "io" / "checkpoint.py"))
+    shipped = tmp_path / ("local" if package.startswith("local") else "") / "share" / "nsdr" / "checkpoints" / "default"
+    shipped.mkdir(parents=True)
+    assert find_checkpoint("default") == shipped.resolve()
+
+
+def test_the_wheel_has_every_checkpoint_and_file_of_data() -> None:
+    root = Path(__file__).parents[1]
+    setuptools = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]
+    weights = {path: path.parent.relative_to(root).as_posix() for path in (root / "checkpoints").rglob("*.safetensors")}
+    shipped = {f"share/nsdr/{folder}" for folder in weights.values()}
+    optional = {
+        f"share/nsdr/{folder}" for path, folder in weights.items() if path.stat().st_size > 10e6
+    }  # docs/release.md
+    assert shipped - optional <= set(setuptools["data-files"]) <= shipped
+    for target, (pattern,) in setuptools["data-files"].items():
+        assert f"share/nsdr/{pattern}" == f"{target}/*"
+    packaged = {
+        path
+        for package, patterns in setuptools["package-data"].items()
+        for pattern in patterns
+        for path in (root / "nsdr").rglob(pattern)
+        if package in ("*", ".".join(path.parent.relative_to(root).parts))
+    }
+    files = {path for path in (root / "nsdr").rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    assert {path for path in files if path.suffix != ".py"} == packaged
 
 
 def test_a_missing_checkpoint_says_where_it_was_looked_for(tmp_path, monkeypatch) -> None:
@@ -196,7 +229,11 @@ def test_every_public_name_says_what_it_does_and_of_what_shape() -> None:
             missing.append(f"{name}: no docstring")
             continue
         hints = {k: str(v) for k, v in getattr(value, "__annotations__", {}).items()}
-        arrays = [k for k, v in hints.items() if re.search("Array|Tensor", v) and not re.search("Callable|Mapping", v)]
+        arrays = [
+            k
+            for k, v in hints.items()
+            if re.search("Array|ndarray|Tensor", v) and not re.search("Callable|Mapping|dict", v)
+        ]
         if arrays and not re.search(r"\([\w.][\w .+*/-]*,[^)]*\)|\bscalar", text):
             missing.append(f"{name}: no shape of {', '.join(arrays)}")
     assert not missing, "\n".join(missing)

@@ -75,12 +75,12 @@ def _slide_all(shape, speed, seconds, distance, final):  # type: ignore[no-untyp
 
 
 def slide(shape: str, speed: FloatArray, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance that freely sliding objects cover (world units), and their speed afterwards (world units/s); broadcast.
+    """Distance that freely sliding objects cover (world units), and their speed afterwards (world units/s).
 
     Args:
         shape: "cube", "sphere" or "cylinder".
-        speed: at time 0 (world units/s).
-        seconds: simulated time, positive for later and negative for earlier.
+        speed: at time 0 (world units/s): (N, …), or a scalar.
+        seconds: simulated time, positive for later and negative for earlier; broadcast against `speed`.
     """
     speed, seconds = np.broadcast_arrays(np.asarray(speed, float), np.asarray(seconds, float))
     distance, final = np.empty(speed.size), np.empty(speed.size)

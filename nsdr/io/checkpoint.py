@@ -1,7 +1,6 @@
 """Checkpoints: a folder with one safetensors file and one JSON file for each part. Nothing is ever unpickled."""
 
 import os
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
@@ -41,8 +40,8 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     """The folder of a checkpoint.
 
     Looked for in this order: `path_or_id` as a path; below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of
-    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts `default`. Those of others
-    are fetched first, such as by `huggingface_hub.snapshot_download`, which returns the folder.
+    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts those that ship. Those of
+    others are fetched first, such as by `huggingface_hub.snapshot_download`, which returns the folder.
 
     Raises:
         CheckpointError: found nowhere; says where it was looked for.
@@ -51,15 +50,20 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     if not name.strip():
         raise CheckpointError("the checkpoint's name is empty; expected a folder, or a name such as default")
     roots = [Path(os.environ["NSDR_CHECKPOINTS"])] if os.environ.get("NSDR_CHECKPOINTS") else []
-    roots.append(Path(__file__).resolve().parents[2] / "checkpoints")
-    roots.append(Path(sys.prefix) / "share" / "nsdr" / "checkpoints")
+    above = Path(__file__).resolve().parents
+    roots.append(above[2] / "checkpoints")
+    # Not sys.prefix: pip also installs for a user, into a folder, and on Debian below /usr/local.
+    installed = [folder / "share" / "nsdr" / "checkpoints" for folder in above]
+    roots += [root for root in installed if root.is_dir()][:1]
     for folder in [Path(name), *(root / name for root in roots)]:
         if folder.is_dir():
             return folder
     if name.startswith("hf:"):
         raise CheckpointError(f"{name}: fetch it first, and give the folder: `hf download USER/NAME --revision COMMIT`")
     looked = ", ".join([name, *(str(root / name) for root in roots)])
-    remedy = "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has `default`"
+    remedy = (
+        "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has all that ship"
+    )
     raise CheckpointError(f"no checkpoint {name!r} (looked in {looked}); {remedy}")
 
 

@@ -240,7 +240,7 @@ def _scaled(frame: NDArray[np.uint8], most: float = math.inf, stretched: bool = 
 
 
 def spaced(n_frames: int, count: int) -> NDArray[np.intp]:
-    """`count` frame indices, evenly spaced from the first to the last one; of a shorter video, some repeatedly."""
+    """Frame indices (count,), evenly spaced from the first to the last one; of a shorter video, some repeatedly."""
     return np.linspace(0, n_frames - 1, count).round().astype(np.intp)
 
 

@@ -323,7 +323,7 @@ def train_part(
 
 
 def held_out(indices: NDArray[np.integer[Any]], every: int, where: str) -> NDArray[np.bool_]:
-    """Which of the scenes are for evaluation: those whose index `every` divides, and the others are trained on.
+    """Which of the scenes (N,) are for evaluation: those whose index `every` divides, and the others are trained on.
 
     Raises:
         DataError: there are none of either; names `where` they are from.

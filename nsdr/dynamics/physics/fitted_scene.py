@@ -149,7 +149,7 @@ class FittedScene:
         return rollout, run.states[..., YAW]
 
     def original(self, extra: int, from_frame: int) -> tuple[Rollout, FloatArray]:
-        """The rollout without interventions, and its yaws (radians), with a number of further objects that are absent.
+        """The rollout without interventions, and its yaws (N, F) in radians, with a number of further objects that are absent.
 
         Like the rollout with interventions, it has the first collision of each pair after their frame, too.
         """
@@ -174,7 +174,7 @@ class FittedScene:
         return padded, _padded(yaw, extra, 0.0)
 
     def what_if(self, changes: Changes, from_frame: int) -> tuple[Rollout, FloatArray]:
-        """The rollout with interventions at a frame of the video, and its yaws (radians).
+        """The rollout with interventions at a frame of the video, and its yaws (N, F) in radians.
 
         Raises:
             DataError: an intervention is impossible (see `change_bodies`).

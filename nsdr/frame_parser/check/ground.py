@@ -79,7 +79,7 @@ def cells(image: NDArray[Any]) -> FloatArray:
 
 
 def turned(image: NDArray[Any], turn: str) -> NDArray[Any]:
-    """An image that was turned as `TURNS` says, turned back."""
+    """An image (H, W, 3) that was turned as `TURNS` says, turned back."""
     quarters, is_mirrored = TURNS[turn]
     back = np.rot90(image, -quarters)
     return np.ascontiguousarray(back[:, ::-1] if is_mirrored else back)
@@ -142,7 +142,7 @@ def corrected_levels(frames: NDArray[np.uint8], fit: GroundFit, may_be_right: bo
 
 
 def best_fit(image: FloatArray, expected: Sequence[FloatArray]) -> tuple[GroundFit, FloatArray]:
-    """The fit to the reference that fits best, and this reference."""
+    """The fit of an image (H, W, 3) to the reference (32, 48, 3) that fits it best, and this reference."""
     return min(((fit_ground(image, reference), reference) for reference in expected), key=lambda f: f[0].distance)
 
 
@@ -158,7 +158,7 @@ def references() -> dict[str, FloatArray]:
 
 
 def read_background(path: str | Path) -> FloatArray:
-    """An image file of another camera's empty scene, as a reference.
+    """An image file of another camera's empty scene, as a reference (32, 48, 3).
 
     Raises:
         DataError: no such file, or not an image.

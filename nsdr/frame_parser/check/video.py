@@ -98,7 +98,7 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
 def clip_frames(
     path: str | Path, config: VideoConfig | None = None, beyond_cuts: bool = False
 ) -> Iterator[NDArray[np.uint8]]:
-    """The frames of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
+    """The frames (H, W, 3) of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
 
     Warns of all that is unusual.
 
