@@ -144,6 +144,7 @@ class _Page:
                     with gr.Tab("What if"):
                         self._what_if_tab()
                     with gr.Tab("Laws"):
+                        self.drop = gr.File(label="Video", file_types=["video"], height=DROP_PX, elem_id="drop")
                         self.laws = gr.HTML(elem_id="laws")
             self._connect()
         return page
@@ -152,9 +153,7 @@ class _Page:
         gr = self.gr
         with gr.Row(equal_height=True):
             self.pick = gr.Dropdown(list(self.files), value=None, label="Clip", elem_id="pick", scale=3)
-            self.upload = gr.File(
-                label="Upload a clip", file_types=["video"], height=DROP_PX, elem_id="upload", scale=2
-            )
+            self.upload = gr.UploadButton("Upload a clip", file_types=["video"], elem_id="upload", scale=1)
         self.video = gr.Video(label="What was found", interactive=False, buttons=[], elem_id="tracks")
         self.notes = gr.Markdown(elem_id="notes")
         self.timeline = gr.HTML(elem_id="timeline")
@@ -216,9 +215,10 @@ class _Page:
         found += [*self.buttons, self.from_frame, self.change, *change_parts, self.laws]
         looked = self.pick.input(told(picked), self.pick, found, show_progress_on=self.video, **work)
         looked.then(told(lambda name: self._judge(self.files[name])), self.pick, self.laws, **work)
-        looked = self.upload.upload(told(uploaded), self.upload, found, show_progress_on=self.video, **work)
-        judged = looked.then(told(self._judge), self.upload, self.laws, **work)
-        judged.then(lambda: None, None, self.upload, **silent)  # the next one can be dropped
+        for place in (self.upload, self.drop):
+            looked = place.upload(told(uploaded), place, found, show_progress_on=self.video, **work)
+            judged = looked.then(told(self._judge), place, self.laws, **work)
+        judged.then(lambda: None, None, self.drop, **silent)  # makes room for the next one
         asked = [self.clip, self.question, self.choices]
         self.ask.click(told(self._ask), asked, self.answer, **quick)
         self.question.submit(told(self._ask), asked, self.answer, **quick)
