@@ -199,7 +199,7 @@ def draw(path: Path) -> None:
             when = f"frame {f}" if law == "arrow" or f == middle else f"{f - middle:+d}"
             cv2.putText(image, when, (6, CELL_PX[1] - 8), *TEXT, (255, 255, 255), 1, cv2.LINE_AA)
         rows.append(np.concatenate([label, *cells], 1))
-    Image.fromarray(np.concatenate(rows)).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    Image.fromarray(np.concatenate(rows)).save(path, optimize=True)
 
 
 def cut_out(boxes: NDArray[np.integer[Any]]) -> tuple[int, int, int, int]:

@@ -214,11 +214,13 @@ class _Page:
         found = [self.clip, self.video, self.notes, self.timeline, self.answer, self.compared, self.difference]
         found += [*self.buttons, self.from_frame, self.change, *change_parts, self.laws]
         looked = self.pick.input(told(picked), self.pick, found, show_progress_on=self.video, **work)
-        looked.then(told(lambda name: self._judge(self.files[name])), self.pick, self.laws, **work)
+        for after in (looked.success, looked.failure):
+            after(told(lambda name: self._judge(self.files[name])), self.pick, self.laws, **work)
         for place in (self.upload, self.drop):
             looked = place.upload(told(uploaded), place, found, show_progress_on=self.video, **work)
-            judged = looked.then(told(self._judge), place, self.laws, **work)
-        judged.then(lambda: None, None, self.drop, **silent)  # makes room for the next one
+            for after in (looked.success, looked.failure):  # whose reason is shown
+                judged = after(told(self._judge), place, self.laws, **work)
+                judged.success(lambda: None, None, self.drop, **silent)  # makes room for the next one
         asked = [self.clip, self.question, self.choices]
         self.ask.click(told(self._ask), asked, self.answer, **quick)
         self.question.submit(told(self._ask), asked, self.answer, **quick)

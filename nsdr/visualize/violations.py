@@ -28,7 +28,8 @@ VIOLATIONS_STYLE = (
     TIMELINE_STYLE
     + """
 .timeline .event rect.broken { fill: #d33 } .timeline .event path.broken { fill: #d33; stroke: #fff }
-.violation { margin: .6em 0 } .violation summary { cursor: pointer; font-weight: 600; color: inherit; opacity: 1 }
+.violation { margin: .6em 0 } details.violation summary { cursor: pointer; font-weight: 600; color: inherit;
+opacity: 1 }
 .violation p { margin: .2em 0 } .violation .cards { grid-template-columns: repeat(3, 1fr) }
 """
 )
