@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.optimize import minimize_scalar
 from tqdm import tqdm
 
@@ -27,19 +28,26 @@ from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.violations import SIZES, break_law
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, view_of
-from nsdr.generate.scene_files import solids_at
+from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge
 from nsdr.laws.motion import Evidence
-from nsdr.tracking.tracker import track
+from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 
 FRAMES = 3
 """Frames that the first frame of a violation may be off."""
 FIGURE_SEED = 340000
 """Scenes of the figure come after this one."""
+FIGURE_FRAMES = (-16, -6, 0, 6, 16)
+"""Its frames, from that of the violation; of time that runs backwards, from the video's middle."""
+CELL_PX = (240, 160)
+"""Width and height of its frames (pixels)."""
+TEXT = (cv2.FONT_HERSHEY_SIMPLEX, 0.5)
+"""Font of its texts, and size in OpenCV's unit."""
 MARGIN, LEAST = 1.5, 6.0
 """See `fit`; the least evidence that counts as even (nats)."""
 
@@ -163,7 +171,7 @@ def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
 
 
 def draw(path: Path) -> None:
-    """A row of frames around a clear violation of each law."""
+    """A row of frames around a clear violation of each law, with boxes around the objects that break it."""
     rows = []
     for law in LAWS:
         seed, made = FIGURE_SEED, None
@@ -172,13 +180,45 @@ def draw(path: Path) -> None:
             made = break_law(simulate_scene(seed), law, "clear", seed)
         scene, violation = made
         middle = scene.n_frames // 2 if law == "arrow" else violation.frame
-        view = view_of(RenderConfig(width=192, height=128), seed)
-        frames = np.clip(middle + np.array([-16, -6, 0, 6, 16]), 0, scene.n_frames - 1)
-        images = [render_preview(scene.objects, solids_at(scene, int(f)), view) for f in frames]
-        label = np.full((128, 110, 3), 255, np.uint8)
-        cv2.putText(label, law, (6, 68), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
-        rows.append(np.concatenate([label, *images], 1))
-    cv2.imwrite(str(path), cv2.cvtColor(np.concatenate(rows), cv2.COLOR_RGB2BGR))
+        frames = np.clip(middle + np.array(FIGURE_FRAMES), 0, scene.n_frames - 1).tolist()
+        tracks = tracks_from_annotation(annotation_document(scene, 0, "", CLEVRER_CAMERA))
+        names = [scene.objects[i].name for i in violation.objects]
+        about = [t for t in tracks.tracks if t.object.name in names]
+        view = view_of(RenderConfig(), seed)
+        images = [render_preview(scene.objects, solids_at(scene, f), view) for f in frames]
+        boxes = [[t.box_xyxy_px[np.abs(t.frame_index - f).argmin()].tolist() for t in about] for f in frames]
+        shown = [  # what vanishes is missed where it was seen last
+            [box for t, box in zip(about, row, strict=True) if law == "permanence" or f in t.frame_index]
+            for f, row in zip(frames, boxes, strict=True)
+        ]
+        part = (0, 0, WIDTH_PX, HEIGHT_PX) if law == "arrow" else cut_out(np.concatenate(boxes))
+        label = np.full((CELL_PX[1], 110, 3), 255, np.uint8)
+        cv2.putText(label, law, (6, CELL_PX[1] // 2), *TEXT, (0, 0, 0), 1, cv2.LINE_AA)
+        cells = [cell(image, [] if law == "arrow" else row, part) for image, row in zip(images, shown, strict=True)]
+        for f, image in zip(frames, cells, strict=True):
+            when = f"frame {f}" if law == "arrow" or f == middle else f"{f - middle:+d}"
+            cv2.putText(image, when, (6, CELL_PX[1] - 8), *TEXT, (255, 255, 255), 1, cv2.LINE_AA)
+        rows.append(np.concatenate([label, *cells], 1))
+    Image.fromarray(np.concatenate(rows)).save(path, optimize=True)
+
+
+def cut_out(boxes: NDArray[np.integer[Any]]) -> tuple[int, int, int, int]:
+    """The part of the image around boxes (x0, y0, x1, y1 each): at least a half of each side, and of the same shape."""
+    low, high = boxes[:, :2].min(0), boxes[:, 2:].max(0)
+    size = np.array([WIDTH_PX, HEIGHT_PX])
+    share = min(max(float(((high - low + 60) / size).max()), 0.5), 1.0)
+    width, height = (share * size).astype(int).tolist()
+    x, y = np.clip((low + high) // 2 - (width // 2, height // 2), 0, size - (width, height)).tolist()
+    return x, y, x + width, y + height
+
+
+def cell(image: NDArray[np.uint8], boxes: list[list[int]], part: tuple[int, int, int, int]) -> NDArray[np.uint8]:
+    """A part of a frame with boxes, as large as each cell of the figure."""
+    image = image.copy()
+    for x0, y0, x1, y1 in boxes:
+        cv2.rectangle(image, (x0 - 2, y0 - 2), (x1 + 2, y1 + 2), (255, 210, 60), 1, cv2.LINE_AA)
+    x0, y0, x1, y1 = part
+    return np.asarray(cv2.resize(image[y0:y1, x0:x1], CELL_PX, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def main() -> None:

@@ -12,10 +12,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from nsdr.clevrer.example import VIDEO
+from nsdr.io.video import read_video, write_video
 
 PORT = 7899
 SIZE = {"width": 1240, "height": 960}
@@ -76,6 +78,14 @@ def walk(page: Any, folder: Path) -> None:
     picture(page, folder / "page_what_if.png")
 
     with tempfile.TemporaryDirectory() as temporary:
+        jump, frames = Path(temporary) / "jump.mp4", read_video(VIDEO)
+        write_video(jump, np.concatenate([frames[:60], frames[72:]]), preset="veryfast")
+        page.get_by_role("tab", name="Laws").click()
+        page.set_input_files("#drop input", str(jump))
+        page.wait_for_selector("#laws .violation")
+        page.evaluate("window.scrollTo(0, 0)")
+        picture(page, folder / "page_laws.png", "#laws")
+
         wrong = Path(temporary) / "notes.mp4"
         wrong.write_text("This is no video.\n")
         with page.expect_file_chooser() as chooser:

@@ -169,6 +169,7 @@ class Pipeline:
         self.camera = camera
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
+        self._proposals: tuple[str, tuple[Any, ...], VideoProposals] | None = None
 
     @classmethod
     def from_pretrained(
@@ -227,9 +228,12 @@ class Pipeline:
                 part.to(name)
         return self
 
-    def frames(self, video: str | Path) -> Iterator[NDArray[np.uint8]]:
-        """The frames (320, 480, 3) uint8 RGB of a video file that perception processes, with its warnings and errors."""
-        return clip_frames(video, self.video)
+    def frames(self, video: str | Path, beyond_cuts: bool = False) -> Iterator[NDArray[np.uint8]]:
+        """The frames (320, 480, 3) uint8 RGB of a video file that perception processes, with its warnings and errors.
+
+        With `beyond_cuts`, those that are judged.
+        """
+        return clip_frames(video, self.video, beyond_cuts)
 
     def scene(self, video: str | Path) -> Scene:
         """The symbolic scene of a video file. Computed once for each content of the file.
@@ -331,12 +335,24 @@ class Pipeline:
         Raises:
             VideoError: as of `perceive`.
         """
+        return judge(self.proposals(video), self.tracker, self.camera)
+
+    def proposals(self, video: str | Path) -> VideoProposals:
+        """What the frame parser sees in all frames of a video, also after a cut; kept until another video's are asked for.
+
+        Raises:
+            VideoError: the file cannot be read or is not of CLEVRER's scene, or nothing is seen in it.
+        """
         check_is_video(Path(video))
-        frames = clip_frames(video, self.video, beyond_cuts=True)
-        proposals = self.frame_parser.parse(frames, progress=self.progress)
+        key = fingerprint(inputs=[Path(video)])
+        parts = (self.frame_parser, vars(self.frame_parser).get("stride"), self.video)
+        if self._proposals is not None and self._proposals[:2] == (key, parts):
+            return self._proposals[2]
+        proposals = self.frame_parser.parse(self.frames(video, beyond_cuts=True), progress=self.progress)
         if not len(proposals):
             raise VideoError(f"{video}: no objects found; is it a CLEVRER clip?")
-        return judge(proposals, self.tracker, self.camera)
+        self._proposals = key, parts, proposals
+        return proposals
 
     def answer(
         self,

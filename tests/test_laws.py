@@ -17,6 +17,7 @@ from nsdr.generate.physics.violations import break_law
 from nsdr.generate.scene_files import annotation_document, proposal_document
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import write_json
+from nsdr.io.video import read_video, write_video
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge
 from nsdr.tracking.tracker import tracks_from_annotation
@@ -139,13 +140,24 @@ def test_the_command_judges_videos_and_says_which_it_cannot(tmp_path, capsys) ->
     other = tmp_path / "other.mp4"
     other.write_text("no video")
     report = tmp_path / "report.json"
-    assert main(["judge", str(other), str(VIDEO), "-o", str(report)]) == 1
+    page = tmp_path / "page.html"
+    assert main(["judge", str(other), str(VIDEO), "-o", str(report), "--report", str(page)]) == 1
     refused, judged = json.loads(report.read_text())
     assert str(other) in refused["error"]
     assert judged["video"] == str(VIDEO)
     assert judged["violations"] == []
     assert judged["probability"] < 0.1
     assert "0.0% that a law is broken" in capsys.readouterr().out
+    assert "0 of 1 judged videos break a law" in page.read_text()
+
+
+def test_a_reversed_video_is_reported_with_its_frames(tmp_path, capsys) -> None:
+    write_video(tmp_path / "back.mp4", read_video(VIDEO)[::-1], preset="veryfast")
+    assert main(["judge", str(tmp_path / "back.mp4"), "--report", str(tmp_path / "page.html")]) == 0
+    assert "frame 0: arrow, all objects" in capsys.readouterr().out
+    page = (tmp_path / "page.html").read_text()
+    assert "1 of 1 judged videos break a law" in page
+    assert page.count("<img alt=") == 3
 
 
 @pytest.mark.parametrize(

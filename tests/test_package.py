@@ -241,7 +241,7 @@ def test_every_public_name_says_what_it_does_and_of_what_shape() -> None:
 
 def test_notebooks_are_stored_without_outputs() -> None:
     files = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
-    assert len(files) == 4
+    assert len(files) == 5
     for file in files:
         for cell in json.loads(file.read_text())["cells"]:
             assert not cell.get("outputs"), file

@@ -17,10 +17,12 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.io.video import read_video
 from nsdr.pipeline import Perception, Pipeline
-from nsdr.types import DynamicsPrediction, Rollout
+from nsdr.types import LAWS, DynamicsPrediction, Judgement, Rollout, Violation
 from nsdr.visualize import annotated_image, stroboscopic_image, write_report
 from nsdr.visualize.annotate import write_image
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+from nsdr.visualize.html_parts import thumbnail
+from nsdr.visualize.violations import JudgedVideo, judgement_html, write_judgements
 from nsdr.world.vocabulary import COLORS
 
 
@@ -207,3 +209,56 @@ def test_errors_say_what_is_wrong(short_video, tmp_path, capsys) -> None:
         main(["visualize", str(short_video), "--image", "plan", "--removed", "9", "-o", str(tmp_path / "a.png")]) == 2
     )
     assert "--removed 9: the objects are 0 to" in capsys.readouterr().err
+
+
+def judgement_of(p, probability: float, *violations: Violation) -> Judgement:
+    return Judgement(tuple(t.object for t in p.tracks.tracks), 128, violations, probability)
+
+
+def test_violations_are_marked_in_the_timeline_and_shown_in_frames(perceived) -> None:
+    frames, p = perceived
+    one = Violation("solidity", (0, 2), 20, 30, 0.314, "world units", 0.9)
+    other = Violation("arrow", (0, 1), 0, 128, 960.4, "nats", 0.7)
+    page = judgement_html(judgement_of(p, 0.97, one, other), p.tracks, frames, "#tracks video")
+    names = [t.object.name for t in p.tracks.tracks]
+    text = f"frame 20: solidity, the {names[0]} and the {names[2]} (0.31 world units, 90 %)"
+    assert f"<title>{text}</title>" in page
+    assert "frame 0: arrow, all objects (960 nats, 70 %)" in page
+    assert [int(f) for f in re.findall(r"<b>frame (\d+)</b>", page)] == [12, 20, 28, 0, 64, 127]
+    assert LAWS["solidity"] in page
+    assert page.count("<path class=broken") == 4
+    assert re.search(r"<rect class=broken x=255.9 \S+ width=43.0 ", page)  # ten of 128 frames, on 550 units
+    assert page.count("v.currentTime=0.82") == 2  # the mark and the line of frame 20
+    assert re.findall(r"data-violation=(\d)( open)?>", page) == [("0", " open"), ("1", "")]
+    alone = judgement_html(judgement_of(p, 0.97, one, other), p.tracks, frames)
+    assert "currentTime" not in alone
+    assert alone.count(" open>") == 2
+
+
+def test_judged_videos_are_reported_worst_first(perceived, tmp_path) -> None:
+    _, p = perceived
+    bad = Violation("inertia", (0,), 20, 30, 0.3, "world units/s", 0.8)
+    worse = [replace(bad, probability=0.9), replace(bad, law="friction", frame=60)]
+    videos = [
+        JudgedVideo("lawful.mp4", judgement_of(p, 0.1)),
+        JudgedVideo("bad.mp4", judgement_of(p, 0.8, bad), "first"),
+        JudgedVideo("<b>.mp4", None, "no <video>"),
+        JudgedVideo("worse.mp4", judgement_of(p, 0.95, *worse), "second"),
+    ]
+    write_judgements(tmp_path / "report.html", videos)
+    page = (tmp_path / "report.html").read_text()
+    assert "<h1>2 of 3 judged videos break a law</h1><p>inertia 2, friction 1</p>" in page
+    parts = ["<h2>worse.mp4</h2>second", "<h2>bad.mp4</h2>first", "No law broken", "lawful.mp4", "Not judged"]
+    assert sorted(parts, key=page.index) == parts
+    assert "<td>lawful.mp4<td>6 objects in 128 frames. A law is broken: 10 %" in page
+    assert "<td>&lt;b&gt;.mp4<td>no &lt;video&gt;" in page
+
+
+def test_a_box_is_thin_where_its_object_is_not_seen(perceived) -> None:
+    frames, p = perceived
+    late = max(p.tracks.tracks, key=lambda t: int(t.frame_index[0]))
+    f = int(late.frame_index[0])
+    assert f > 0
+    seen, unseen = (thumbnail(frames[f], index, p.tracks, [late.object.id]) for index in (f, f - 1))
+    assert seen != unseen
+    assert unseen != thumbnail(frames[f], f, p.tracks, [])

@@ -20,7 +20,9 @@ from nsdr.cli.main import main
 from nsdr.io.video import video_seconds, write_video
 from nsdr.pipeline import Perception
 from nsdr.question_parser.grammar import GrammarParser
-from nsdr.types import Add, Remove, SetVelocity
+from nsdr.tracking.tracker import TrackerConfig
+from nsdr.types import Add, Remove, SetVelocity, VideoProposals
+from nsdr.world.camera import CLEVRER_CAMERA
 
 
 class FakePipeline:
@@ -167,6 +169,36 @@ def test_frames_that_an_answer_rests_on(small_scene: Scene) -> None:
     first = "events objects green filter_color unique filter_collision first filter_order"
     assert frames(f"{first} objects green filter_color unique get_col_partner query_color") == {40: (1, 2)}
     assert frames("objects cube filter_shape null filter_moving count") == {64: (0,)}
+
+
+@pytest.mark.parametrize("after_cut", [0, 3])
+def test_frames_after_a_cut_are_judged_too(small_scene: Scene, clip_files: list[Path], after_cut: int) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    parsed = []
+
+    def frames(path: Path, beyond_cuts: bool = False) -> Any:
+        yield from np.zeros((4 + beyond_cuts * after_cut, 320, 480, 3), np.uint8)
+
+    def parse(frames: Any) -> VideoProposals:
+        n = len(list(frames))
+        parsed.append(n)
+        none = np.zeros(0, int)
+        return VideoProposals(n, none, none, np.zeros(0), np.zeros((0, 2)), none, np.zeros((0, 4), int))
+
+    pipeline.frames, pipeline.frame_parser.parse = frames, parse
+    pipeline.perceive = lambda path, proposals: Perception(proposals, None, None, small_scene)
+    pipeline.tracker, pipeline.camera = TrackerConfig(), CLEVRER_CAMERA
+    judgement, _, shown = Clips(pipeline, 5).judge(clip_files[0])
+    assert judgement.n_frames == len(shown) == 4 + after_cut
+    assert parsed == [4, 7][: 1 + (after_cut > 0)]
+
+
+def test_what_is_not_judged_has_its_reason(small_scene: Scene, tmp_path: Path) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    (tmp_path / "<i>.mp4").write_text("no video")
+    page = web._Page(SimpleNamespace(), Clips(pipeline, 5), {}, tmp_path)
+    said = page._judge(str(tmp_path / "<i>.mp4"))
+    assert "Not judged: &lt;i&gt;.mp4: is a text file; expected a video" in said
 
 
 def test_messages_name_files_without_their_folders() -> None:

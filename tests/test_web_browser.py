@@ -188,6 +188,24 @@ def test_intervention_runs_beside_the_original(visit: Callable[[], Any]) -> None
     page.wait_for_function("document.querySelector('#compared video').videoWidth == 960", timeout=ANSWERED_MS)
 
 
+def test_a_dropped_video_is_judged(visit: Callable[[], Any], tmp_path: Path) -> None:
+    page = visit()
+    page.get_by_role("tab", name="Laws").click()
+    write_video(tmp_path / "back.mp4", read_video(VIDEO)[::-1], preset="veryfast")
+    page.set_input_files("#drop input", str(tmp_path / "back.mp4"))
+    page.wait_for_selector("#laws .violation", timeout=WATCHED_MS)
+    assert "frame 0: arrow, all objects" in page.inner_text("#laws")
+    assert page.locator("#laws .violation img").count() == 3
+    page.locator("#laws .violation summary").click()
+    page.locator("#laws .violation img").first.wait_for(state="hidden")
+    page.locator("#laws .timeline .event").dispatch_event("click")
+    page.locator("#laws .violation img").first.wait_for(state="visible")
+    (tmp_path / "notes.mp4").write_text("This is a text.\n" * 9)
+    page.wait_for_selector("#drop input", state="attached", timeout=ANSWERED_MS)
+    page.set_input_files("#drop input", str(tmp_path / "notes.mp4"))
+    page.get_by_text("Not judged: notes.mp4: is a text file").wait_for(timeout=ANSWERED_MS)
+
+
 def test_wrong_files_are_refused_in_one_line(visit: Callable[[], Any], tmp_path: Path) -> None:
     page = visit()
     (tmp_path / "notes.mp4").write_text("This is a text.\n" * 9)

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from nsdr.errors import VideoError
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.video import check_is_video, video_seconds
+from nsdr.laws.judge import judge
 from nsdr.pipeline import Perception, Pipeline
-from nsdr.types import Answer, Simulation
+from nsdr.tracking.tracker import track
+from nsdr.types import Answer, Judgement, Simulation, VideoTracks
 from nsdr.types.interventions import Intervention
 from nsdr.visualize.html_parts import jpeg
 from nsdr.world.physics_constants import FPS
@@ -101,6 +103,23 @@ class Clips:
         assert clip.perception.tracks is not None
         with self._working:
             return self.pipeline.simulate(clip.perception.tracks, interventions, from_frame)
+
+    def judge(self, path: str | Path) -> tuple[Judgement, VideoTracks, NDArray[np.uint8]]:
+        """Which laws a video breaks, with the tracks and the frames (T, 320, 480, 3) uint8 RGB in which they are shown.
+
+        Frames after a cut are judged, too, and are looked at for that.
+
+        Raises:
+            VideoError: as of `watch`.
+        """
+        path, clip = Path(path), self.watch(path)
+        with self._working, _notes(path):  # which are the clip's
+            frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True)))
+            proposals = clip.perception.proposals
+            if proposals is None or proposals.n_frames < len(frames):
+                proposals = self.pipeline.frame_parser.parse(frames)
+            how = self.pipeline.tracker, self.pipeline.camera
+            return judge(proposals, *how), track(proposals, *how), frames
 
     def _perceived(self, path: Path, seconds: float, progress: Progress) -> Clip:
         jpegs: list[bytes] = []

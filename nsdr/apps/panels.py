@@ -10,14 +10,14 @@ from nsdr.apps.clips import Clip
 from nsdr.types import Answer, Scene, Simulation, TraceStep
 from nsdr.visualize.event_words import change_text, interventions_text
 from nsdr.visualize.html_parts import answer_html, summary_html, thumbnail
-from nsdr.visualize.timeline import TIMELINE_STYLE
+from nsdr.visualize.violations import VIOLATIONS_STYLE
 
 __all__ = ["STYLE", "answer_panel", "difference_panel", "notes_panel", "rests_on"]
 
 MAX_FRAMES = 6
 """Frames that are shown beside an answer."""
 STYLE = (
-    TIMELINE_STYLE
+    VIOLATIONS_STYLE
     + """
 .gradio-container { max-width: 1500px !important }
 .panel { line-height: 1.45 } .panel .answer { font-size: 1.3em; margin: .2em 0 } .panel h2 { display: none }

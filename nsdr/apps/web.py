@@ -1,9 +1,10 @@
-"""The page to ask on: pick or upload a clip, see what was found, ask, and try interventions. Made with Gradio.
+"""The page to ask on: pick or drop a clip, see what was found, ask, try interventions, and judge. Made with Gradio.
 
 Everything stays on this machine: no analytics, no fonts or scripts from outside (a Content-Security-Policy forbids them), and
 uploads are deleted when the server ends.
 """
 
+import html
 import logging
 import os
 import re
@@ -20,10 +21,11 @@ from nsdr.apps import menus
 from nsdr.apps.clips import Clip, Clips
 from nsdr.apps.comparison import write_comparison
 from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
-from nsdr.errors import DataError, NsdrError
+from nsdr.errors import DataError, NsdrError, VideoError
 from nsdr.types.interventions import Intervention
 from nsdr.visualize.annotate import write_annotated_video
 from nsdr.visualize.timeline import timeline_html
+from nsdr.visualize.violations import judgement_html
 
 __all__ = ["serve"]
 
@@ -37,12 +39,15 @@ KEPT_VIDEOS = 30
 """Videos that are kept on the disk, besides those of clips."""
 ERROR_SECONDS = 20
 """How long an error is shown, unless the visitor closes it (seconds)."""
+DROP_PX = 120
+"""Height of the place where videos are dropped (pixels)."""
 EXAMPLES = 5
 """Buttons with questions about the clip."""
 PRESET = "veryfast"
 """Of the videos, as of `nsdr.io.video.write_video`: visitors wait for them."""
 INTRODUCTION = """# Ask a video
-Pick or upload a clip of colliding objects, look at what was found in it, then ask, or change something and see what happens."""
+Pick or upload a clip of colliding objects, look at what was found in it, then ask, change something and see what happens, or
+see which laws it breaks."""
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; media-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; form-action 'self'"
@@ -138,6 +143,9 @@ class _Page:
                         self._ask_tab()
                     with gr.Tab("What if"):
                         self._what_if_tab()
+                    with gr.Tab("Laws"):
+                        self.drop = gr.File(label="Video", file_types=["video"], height=DROP_PX, elem_id="drop")
+                        self.laws = gr.HTML(elem_id="laws")
             self._connect()
         return page
 
@@ -204,9 +212,15 @@ class _Page:
         silent = {**quick, "show_progress": "hidden"}
         change_parts = [self.object, *self.sliders]
         found = [self.clip, self.video, self.notes, self.timeline, self.answer, self.compared, self.difference]
-        found += [*self.buttons, self.from_frame, self.change, *change_parts]
-        self.pick.input(told(picked), self.pick, found, show_progress_on=self.video, **work)
-        self.upload.upload(told(uploaded), self.upload, found, show_progress_on=self.video, **work)
+        found += [*self.buttons, self.from_frame, self.change, *change_parts, self.laws]
+        looked = self.pick.input(told(picked), self.pick, found, show_progress_on=self.video, **work)
+        for after in (looked.success, looked.failure):
+            after(told(lambda name: self._judge(self.files[name])), self.pick, self.laws, **work)
+        for place in (self.upload, self.drop):
+            looked = place.upload(told(uploaded), place, found, show_progress_on=self.video, **work)
+            for after in (looked.success, looked.failure):  # whose reason is shown
+                judged = after(told(self._judge), place, self.laws, **work)
+                judged.success(lambda: None, None, self.drop, **silent)  # makes room for the next one
         asked = [self.clip, self.question, self.choices]
         self.ask.click(told(self._ask), asked, self.answer, **quick)
         self.question.submit(told(self._ask), asked, self.answer, **quick)
@@ -260,7 +274,7 @@ class _Page:
         buttons += [update(visible=False)] * (EXAMPLES - len(texts))
         change = next(iter(menus.CHANGES))
         return {
-            **dict.fromkeys([self.answer, self.difference], ""),
+            **dict.fromkeys([self.answer, self.difference, self.laws], ""),
             self.clip: str(path),
             self.video: str(video),
             self.notes: notes_panel(clip),
@@ -271,6 +285,15 @@ class _Page:
             **self._change(str(path), change),
             self.from_frame: update(maximum=scene.n_frames - 1, value=0),
         }
+
+    def _judge(self, path: str | Path) -> str:
+        """Which laws a clip breaks, or why it is not judged."""
+        try:
+            judgement, tracks, frames = self.clips.judge(path)
+            whole = len(frames) == self.clips.watch(path).perception.scene.n_frames
+        except VideoError as e:
+            return f"<div class=panel><p>Not judged: {html.escape(_without_folders(str(e)))}</p></div>"
+        return f"<div class=panel>{judgement_html(judgement, tracks, frames, '#tracks video' if whole else '')}</div>"
 
     def _ask(self, path: str, question: str, choices: str) -> str:
         clip = self._clip(path)

@@ -120,34 +120,41 @@ def judge_options(parser: Any) -> None:
     add = parser.add_argument
     add("videos", nargs="+", help="video files")
     add("-o", "--output", default=None, help="report, .json")
+    add("--report", default=None, help="page with frames of the violations, .html")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def judge(options: Any) -> int:
     """`nsdr judge`: which laws videos break; a video that cannot be judged has the reason in place of a judgement."""
-    check_outputs(options.videos, (options.output, (".json",)))
+    check_outputs(options.videos, (options.output, (".json",)), (options.report, (".html",)))
     pipeline = make_pipeline(options)
     from dataclasses import asdict
 
     from nsdr.errors import VideoError
     from nsdr.io.files import write_json
+    from nsdr.visualize.event_words import violation_text
+    from nsdr.visualize.violations import JudgedVideo, judged_video, write_judgements
 
     report: list[dict[str, Any]] = []
+    pictured = []
     for video in options.videos:
         try:
             found = pipeline.judge(video)
         except VideoError as e:
             print(f"not judged: {e}")
             report.append({"video": video, "error": str(e)})
+            pictured.append(JudgedVideo(video, None, str(e)))
             continue
-        names = [o.name for o in found.objects]
         print(f"{video}: {found.probability:.1%} that a law is broken")
         for v in found.violations:
-            which = "all objects" if v.law == "arrow" else " and ".join(f"the {names[i]}" for i in v.objects)
-            print(f"  frame {v.frame}: {v.law}, {which} ({v.amount:.2g} {v.unit}, {v.probability:.1%})")
+            print(f"  {violation_text(v, found.objects)}")
         report.append({"video": video, **asdict(found)})
+        if options.report:
+            pictured.append(judged_video(pipeline, video, found))
     if options.output:
         write_json(options.output, report, indent=1)
+    if options.report:
+        write_judgements(options.report, pictured)
     return int(any("error" in row for row in report))
 
 

@@ -5,3 +5,4 @@ from .annotate import (
 )
 from .figures import causal_figure as causal_figure, figure_png as figure_png, plan_figure as plan_figure
 from .report import write_report as write_report
+from .violations import write_judgements as write_judgements

@@ -1,13 +1,13 @@
-"""Events in words, and what differs in a simulation."""
+"""Events and violations in words, and what differs in a simulation."""
 
 from collections.abc import Sequence
 
 from nsdr.symbolic.traces import percent
 from nsdr.symbolic.world import VERBS
-from nsdr.types import Event, EventChange, SceneObject, Simulation
+from nsdr.types import Event, EventChange, SceneObject, Simulation, Violation
 from nsdr.types.interventions import intervention_text
 
-__all__ = ["change_text", "event_text", "interventions_text"]
+__all__ = ["change_text", "event_text", "interventions_text", "violation_text"]
 
 
 def event_text(event: Event, objects: Sequence[SceneObject]) -> str:
@@ -27,3 +27,11 @@ def change_text(simulation: Simulation, change: EventChange) -> str:
     before = "" if change.kind != "other frame" else f" instead of {change.before}"
     happens = event_text(change.event, simulation.objects)
     return f"{change.kind}: {happens} (frame {change.event.frame}{before}{probable})"
+
+
+def violation_text(violation: Violation, objects: Sequence[SceneObject]) -> str:
+    """For example "frame 43: solidity, the red metal cube and the blue rubber sphere (0.31 world units, 98 %)"."""
+    v = violation
+    which = "all objects" if v.law == "arrow" else " and ".join(f"the {objects[i].name}" for i in v.objects)
+    amount = float(f"{v.amount:.2g}")
+    return f"frame {v.frame}: {v.law}, {which} ({amount:g} {v.unit}, {percent(v.probability)})"

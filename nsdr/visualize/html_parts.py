@@ -1,8 +1,9 @@
-"""Parts of HTML pages that are shared by the report and the page to ask on: answers, steps of a trace, and pictures."""
+"""What reports and the page to ask on share: answers, steps of a trace, pictures, and how a report looks."""
 
 import base64
 import html
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -10,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.claims.narration import reasons
+from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.symbolic import format_probability, format_tree
 from nsdr.types import Answer, ChoiceAnswer, Scene, TraceStep, VideoTracks
 
-__all__ = ["answer_html", "data_uri", "figure_html", "jpeg", "summary_html", "thumbnail"]
+__all__ = ["answer_html", "data_uri", "figure_html", "jpeg", "summary_html", "thumbnail", "write_page"]
 
 OBSERVED_FRAMES_PER_STEP = 3
 """Maximum number of frames shown beside a step of the trace."""
@@ -22,6 +24,24 @@ HIGHLIGHT_COLOR = (255, 210, 60)
 """Colour of the boxes around a step's objects, RGB."""
 HIGHLIGHT_WIDTH_PX = 3
 """Line width of these boxes (pixels of the video)."""
+STYLE = """
+:root { color-scheme: light dark; --text: #222; --faint: #666; --line: #ddd; --back: #fff; --code: #f4f4f4; --good: #177245;
+--bad: #a33 }
+@media (prefers-color-scheme: dark) { :root { --text: #ddd; --faint: #999; --line: #444; --back: #1b1b1d; --code: #2a2a2d;
+--good: #6cc796; --bad: #e58a8a } }
+body { font: 15px/1.5 system-ui, sans-serif; color: var(--text); background: var(--back); max-width: 1060px; margin: 2em auto;
+padding: 0 1em }
+h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid var(--line) }
+h3 { font-size: 1em; margin: 1.2em 0 0 } figure { margin: 0 } figcaption { color: var(--faint); font-size: .85em }
+.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1em }
+img, video { max-width: 100%; border-radius: 4px }
+pre { background: var(--code); padding: .8em; overflow-x: auto; font-size: .85em; line-height: 1.35 }
+code { background: var(--code); padding: 0 .2em } table { border-collapse: collapse; width: 100% }
+td, th { padding: .25em .6em; text-align: left; vertical-align: top; border-top: 1px solid var(--line) }
+.answer { font-size: 1.3em } .correct { color: var(--good) } .wrong, .error { color: var(--bad) } td img { width: 150px }
+summary { cursor: pointer; color: var(--faint) } .number { text-align: right; width: 4em }
+"""
+"""Style sheet of reports."""
 
 
 def summary_html(answer: Answer, named: bool) -> str:
@@ -106,14 +126,16 @@ def thumbnail(
         frame: (320, 480, 3) uint8 RGB.
         frame_index: the frame's index in the video.
         tracks: where the objects are.
-        objects: ids of those that get a box.
+        objects: ids of those that get a box: a thin one, at the nearest place, where they are not seen in the frame.
         width_px: of the copy (pixels).
     """
     image = frame.copy()
     for i in objects:
         track = tracks.tracks[i]
-        box = track.box_xyxy_px[int(np.abs(track.frame_index - frame_index).argmin())].tolist()
-        cv2.rectangle(image, box[:2], box[2:], HIGHLIGHT_COLOR, HIGHLIGHT_WIDTH_PX)
+        nearest = int(np.abs(track.frame_index - frame_index).argmin())
+        box = track.box_xyxy_px[nearest].tolist()
+        width_of_line = HIGHLIGHT_WIDTH_PX if track.frame_index[nearest] == frame_index else 1
+        cv2.rectangle(image, box[:2], box[2:], HIGHLIGHT_COLOR, width_of_line)
     size = (width_px, width_px * frame.shape[0] // frame.shape[1])
     return data_uri(jpeg(cv2.resize(image, size, interpolation=cv2.INTER_AREA)))
 
@@ -133,3 +155,18 @@ def figure_html(image: bytes, caption: str) -> str:
     """A PNG or JPEG file with its caption, which is escaped."""
     text = html.escape(caption)
     return f"<figure><img alt='{text}' src='{data_uri(image)}'><figcaption>{text}</figcaption></figure>"
+
+
+def write_page(path: str | Path, title: str, body: str, style: str) -> None:
+    """Write an HTML page that needs no other file and no network.
+
+    Args:
+        path: HTML file to write.
+        title: text, which is escaped.
+        body: HTML.
+        style: style sheet of parts of the body, beside that of reports.
+    """
+    head = f"<meta charset=utf-8><meta name=viewport content='width=device-width'><title>NS-DR: {html.escape(title)}</title>"
+    page = f"<!doctype html><html lang=en>{head}<style>{STYLE}{style}</style>{body}</html>"
+    with atomic_path(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")

@@ -10,34 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.interventions import simulate_removal
-from nsdr.io.files import atomic_path
 from nsdr.pipeline import Perception
 from nsdr.types import Answer, Remove, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, summary_html
+from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, summary_html, write_page
 from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
 
 __all__ = ["write_report"]
-
-STYLE = """
-:root { color-scheme: light dark; --text: #222; --faint: #666; --line: #ddd; --back: #fff; --code: #f4f4f4; --good: #177245;
---bad: #a33 }
-@media (prefers-color-scheme: dark) { :root { --text: #ddd; --faint: #999; --line: #444; --back: #1b1b1d; --code: #2a2a2d;
---good: #6cc796; --bad: #e58a8a } }
-body { font: 15px/1.5 system-ui, sans-serif; color: var(--text); background: var(--back); max-width: 1060px; margin: 2em auto;
-padding: 0 1em }
-h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid var(--line) }
-h3 { font-size: 1em; margin: 1.2em 0 0 } figure { margin: 0 } figcaption { color: var(--faint); font-size: .85em }
-.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1em }
-img, video { max-width: 100%; border-radius: 4px }
-pre { background: var(--code); padding: .8em; overflow-x: auto; font-size: .85em; line-height: 1.35 }
-code { background: var(--code); padding: 0 .2em } table { border-collapse: collapse; width: 100% }
-td, th { padding: .25em .6em; text-align: left; vertical-align: top; border-top: 1px solid var(--line) }
-.answer { font-size: 1.3em } .correct { color: var(--good) } .wrong, .error { color: var(--bad) } td img { width: 150px }
-summary { cursor: pointer; color: var(--faint) } .number { text-align: right; width: 4em }
-"""
 
 
 def write_report(
@@ -55,8 +36,8 @@ def write_report(
         DataError: matplotlib or PyAV is missing.
     """
     scene, dynamics = perception.scene, perception.dynamics
-    title = html.escape(answers[0].question if len(answers) == 1 else "What was seen in the video")
-    body = [f"<h1>{title}</h1>", *(summary_html(answer, len(answers) > 1) for answer in answers)]
+    title = answers[0].question if len(answers) == 1 else "What was seen in the video"
+    body = [f"<h1>{html.escape(title)}</h1>", *(summary_html(answer, len(answers) > 1) for answer in answers)]
     if frames is not None and perception.tracks is not None:
         body += ["<h2>Video</h2>", _video(frames, perception)]
     body += [
@@ -75,10 +56,7 @@ def write_report(
     if dynamics is not None:
         body += ["<h2>Without each object</h2>", *_removals(perception, frames, answers)]
     body += [answer_html(answer, perception, frames) for answer in answers]
-    head = f"<meta charset=utf-8><meta name=viewport content='width=device-width'><title>NS-DR: {title}</title>"
-    page = f"<!doctype html><html lang=en>{head}<style>{STYLE}{TIMELINE_STYLE}</style>{''.join(body)}</html>"
-    with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_page(path, title, "".join(body), TIMELINE_STYLE)
 
 
 def _video(frames: NDArray[np.uint8], perception: Perception) -> str:

@@ -1,20 +1,21 @@
 """The timeline of a video as HTML: a lane for each object, a mark for each event, and the frame of each event."""
 
 import html
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.pipeline import Perception
 from nsdr.symbolic.traces import percent
-from nsdr.types import Event, Rollout, Scene
+from nsdr.types import Event, Rollout, Scene, SceneObject
 from nsdr.visualize.event_words import event_text
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.physics_constants import FPS, horizon_frame
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["TIMELINE_STYLE", "event_picture", "timeline_html"]
+__all__ = ["LANE_HEIGHT", "TIMELINE_STYLE", "event_picture", "frame_x", "lanes_html", "seek_script", "timeline_html"]
 
 LABEL_WIDTH, LANE_WIDTH, LANE_HEIGHT, AXIS_HEIGHT = 170, 550, 24, 24
 """Sizes of the drawing (units of its view box)."""
@@ -52,12 +53,33 @@ def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, vide
     """
     scene = perception.scene
     events = [*scene.events, *(scene.unseen or ())]
-    height = LANE_HEIGHT * len(scene.objects) + AXIS_HEIGHT
-    drawn = [_axis(scene), *_lanes(perception)]
-    drawn += [_mark(event, number, perception, video) for number, event in enumerate(events)]
-    box = f"0 0 {LABEL_WIDTH + LANE_WIDTH} {height}"
-    svg = f"<svg viewBox='{box}' role=img aria-label='timeline of the events'>{''.join(drawn)}</svg>"
-    return f"<div class=timeline>{svg}{_event_cards(perception, frames, video)}</div>"
+    marks = "".join(_mark(event, number, perception, video) for number, event in enumerate(events))
+    moving = None if scene.moving is None else scene.moving & scene.visible
+    lanes = lanes_html(scene.objects, scene.visible, moving, horizon_frame(scene.n_frames), marks, "events")
+    return f"<div class=timeline>{lanes}{_event_cards(perception, frames, video)}</div>"
+
+
+def lanes_html(
+    objects: Sequence[SceneObject],
+    visible: NDArray[np.bool_],
+    moving: NDArray[np.bool_] | None,
+    end: int,
+    marks: str,
+    what: str,
+) -> str:
+    """The drawing of a timeline: an axis, a lane for each object, and what is marked in them.
+
+    Args:
+        objects: in the order of their ids.
+        visible: (n_objects, n_frames) bool, whether they are in the image.
+        moving: (n_objects, n_frames) bool, whether they move; None shows no motion.
+        end: the axis ends before this frame; what is after the video lies on a grey ground.
+        marks: SVG elements.
+        what: what they mark, in the plural.
+    """
+    box = f"0 0 {LABEL_WIDTH + LANE_WIDTH} {LANE_HEIGHT * len(objects) + AXIS_HEIGHT}"
+    drawn = _axis(len(objects), visible.shape[1], end) + _lanes(objects, visible, moving, end) + marks
+    return f"<svg viewBox='{box}' role=img aria-label='timeline of the {what}'>{drawn}</svg>"
 
 
 def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video: str) -> str:
@@ -77,37 +99,42 @@ def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video
     return f"<div class=cards>{''.join(cards)}</div>"
 
 
-def _x(frame: float, scene: Scene) -> float:
-    return round(LABEL_WIDTH + LANE_WIDTH * min(frame / horizon_frame(scene.n_frames), 1), 1)
+def frame_x(frame: float, end: int) -> float:
+    """Where a frame lies on a timeline that ends before the frame `end` (units of the view box)."""
+    return round(LABEL_WIDTH + LANE_WIDTH * min(frame / end, 1), 1)
 
 
-def _axis(scene: Scene) -> str:
-    bottom = LANE_HEIGHT * len(scene.objects)
-    end = _x(scene.n_frames, scene)
-    parts = [f"<rect class=later x={end} y=0 width={LABEL_WIDTH + LANE_WIDTH - end} height={bottom} />"]
-    for frame in range(0, horizon_frame(scene.n_frames), TICK_FRAMES):
-        x = _x(frame, scene)
+def _axis(n_objects: int, n_frames: int, end: int) -> str:
+    bottom = LANE_HEIGHT * n_objects
+    later = frame_x(n_frames, end)
+    parts = [f"<rect class=later x={later} y=0 width={LABEL_WIDTH + LANE_WIDTH - later} height={bottom} />"]
+    for frame in range(0, end, TICK_FRAMES):
+        x = frame_x(frame, end)
         parts.append(f"<line class=axis x1={x} x2={x} y1=0 y2={bottom + 4} />")
         parts.append(f"<text x={x} y={bottom + 17} text-anchor=middle>{frame}</text>")
     parts.append(f"<text x=0 y={bottom + 17}>frame</text>")
     return "".join(parts)
 
 
-def _lanes(perception: Perception) -> list[str]:
-    scene = perception.scene
+def _lanes(
+    objects: Sequence[SceneObject], visible: NDArray[np.bool_], moving: NDArray[np.bool_] | None, end: int
+) -> str:
     parts = []
-    for o in scene.objects:
+    still = np.zeros(visible.shape, bool)
+    for o in objects:
         red, green, blue = COLORS_RGB[o.color]
         y = LANE_HEIGHT * o.id
         parts.append(f"<text x=0 y={y + 16}>{o.id} {html.escape(o.name)}</text>")
-        moving = np.zeros(scene.n_frames, bool) if scene.moving is None else scene.moving[o.id] & scene.visible[o.id]
-        for what, flags, opacity in (("in the image", scene.visible[o.id], 0.35), ("moves", moving, 0.95)):
-            for first, end in _spans(flags):
-                x, width = _x(first, scene), round(_x(end, scene) - _x(first, scene), 1)
+        for what, flags, opacity in (
+            ("in the image", visible, 0.35),
+            ("moves", still if moving is None else moving, 0.95),
+        ):
+            for first, after in _spans(flags[o.id]):
+                x, width = frame_x(first, end), round(frame_x(after, end) - frame_x(first, end), 1)
                 style = f"fill='rgb({red},{green},{blue})' opacity={opacity}"
-                title = f"<title>{what}: frames {first}\u2013{end - 1}</title>"
+                title = f"<title>{what}: frames {first}\u2013{after - 1}</title>"
                 parts.append(f"<rect x={x} y={y + 7} width={width} height=10 rx=3 {style}>{title}</rect>")
-    return parts
+    return "".join(parts)
 
 
 def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -118,7 +145,7 @@ def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
     scene = perception.scene
-    x = _x(event.frame, scene)
+    x = frame_x(event.frame, horizon_frame(scene.n_frames))
     lanes = [LANE_HEIGHT * i + LANE_HEIGHT / 2 for i in event.objects]
     top, bottom = min(lanes), max(lanes)
     if event.kind == "collision":
@@ -137,9 +164,14 @@ def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
 
 def _seek(frame: int, video: str) -> str:
     """An attribute that moves the video to a frame."""
+    return f' onclick="{seek_script(frame, video)}"'
+
+
+def seek_script(frame: int, video: str) -> str:
+    """JavaScript for an attribute in double quotes that moves the video of a CSS selector to a frame."""
     seconds = (frame + 0.5) / FPS
-    find = f"const v=document.querySelector('{video}');"
-    return f' onclick="{find}if(v){{v.pause();v.currentTime={seconds:.2f};v.scrollIntoView({{block:&quot;nearest&quot;}})}}"'
+    move = f"v.pause();v.currentTime={seconds:.2f};v.scrollIntoView({{block:&quot;nearest&quot;}})"
+    return f"const v=document.querySelector('{video}');if(v){{{move}}}"
 
 
 def _probability(event: Event, scene: Scene) -> str:
