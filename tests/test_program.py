@@ -77,9 +77,9 @@ def test_every_module_has_a_meaning_and_a_lower_case_name() -> None:
 
 
 def test_the_reference_page_is_up_to_date() -> None:
-    page = Path(__file__).parent.parent / "docs" / "modules.md"
+    page = Path(__file__).parent.parent / "docs" / "api" / "modules.md"
     made = reference_page() + extension_page()
-    assert page.read_text() == made, "run: python -m nsdr.symbolic.reference > docs/modules.md"
+    assert page.read_text() == made, "run: python -m nsdr.symbolic.reference > docs/api/modules.md"
 
 
 @st.composite

@@ -1,4 +1,4 @@
-"""What version 1 promises to keep (docs/stability.md): its list, docs/public_api.txt, is that of the code.
+"""What version 1 promises to keep (docs/release.md): its list, docs/public_api.txt, is that of the code.
 
 `python -m tests.test_public_api` writes the list anew.
 """
@@ -19,7 +19,7 @@ import msgspec
 import nsdr
 from nsdr.cli import generate, main, train
 
-PAGE = Path(__file__).parent.parent / "docs" / "stability.md"
+PAGE = Path(__file__).parent.parent / "docs" / "release.md"
 LIST = PAGE.with_name("public_api.txt")
 INTERNAL = {"apps", "cli", "io", "language", "laws", "training", "validation", "world"}
 """Rooms whose names may change."""

@@ -15,7 +15,7 @@ def reference_page() -> str:
     released_only = [_row(m) for m in MODULES.values() if not m.in_data_set and not m.extension]
     return f"""# Program modules
 
-<!-- Generated from the signature table: python -m nsdr.symbolic.reference > docs/modules.md -->
+<!-- Generated from the signature table: python -m nsdr.symbolic.reference > docs/api/modules.md -->
 
 A program is a postfix list of tokens: words, and modules that take their arguments from the stack, the first argument
 deepest. `nsdr.Program.parse` also reads the released executor's names.
@@ -40,7 +40,7 @@ def extension_page() -> str:
     return f"""
 ## Beyond CLEVRER
 
-For questions that CLEVRER does not ask (see [question forms](questions.md#beyond-clevrer)); `query_direction` above has a
+For questions that CLEVRER does not ask (see [question forms](../questions.md#beyond-clevrer)); `query_direction` above has a
 meaning, too. What a scene does not know, or not surely enough, is an error. No program of the data set has them, nor does
 the trained question parser.
 
