@@ -51,8 +51,8 @@ def disturbed(states: NDArray[np.float64], error_world: float, rng: np.random.Ge
 
 def bodies_of(shapes: Sequence[str], states: NDArray[np.float64]) -> list[Body]:
     """Bodies of these shapes in the states (n, 13) of `states_at`."""
-    rows = states.tolist()
-    return [
-        Body(shape, *(tuple(row[k : k + 3]) for k in (0, 3, 6, 9)), mass=row[12])
-        for shape, row in zip(shapes, rows, strict=True)
-    ]
+    bodies = []
+    for shape, row in zip(shapes, states.tolist(), strict=True):
+        location, orientation, velocity, spin = (tuple(row[k : k + 3]) for k in (0, 3, 6, 9))
+        bodies.append(Body(shape, location, orientation, velocity, spin, row[12]))
+    return bodies
