@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.continuations import VERSION
@@ -20,6 +21,7 @@ from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.measures import ratio_interval, wilson_interval
 from nsdr.frame_parser.check.video import clip_frames
 from nsdr.generate.dataset import Files
+from nsdr.generate.manifest import made_with
 from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.io.checkpoint import find_checkpoint
@@ -31,7 +33,6 @@ from nsdr.io.reading import read_json
 from nsdr.io.video import RATE_TOLERANCE, frame_rate
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
-from nsdr.validation import convert
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
 
@@ -39,7 +40,7 @@ __all__ = ["FLOORS", "GENERATED", "ROWS", "compare_videos"]
 
 MIN_FOLLOWING_FRAMES = 8
 """A video with fewer frames after the cut is too short to say anything (frames)."""
-GENERATED, TRUTH = "generated video", "truth, as perceived"
+GENERATED, TRUTH = "generated videos", "truth, as perceived"
 FLOORS = {"Bullet, known to 0.001": 0.001, "Bullet, known to 0.01": 0.01}
 """Rows of Bullet's runs, by the errors of the positions (world units) in the last given frame. The last one's runs are the
 futures that are possible: so well a video shows where its objects are."""
@@ -150,18 +151,10 @@ def _settings(
     root: Path, given_frames: int, runs: int, pipeline: PipelineConfig, checkpoint: str, device: str
 ) -> _Settings:
     """Settings with what the data set's manifest says."""
-    path = root / "manifest.json"
-    if not path.is_file():
+    manifest = CLEVRER(root).manifest
+    if manifest is None:
         raise DataError(f"{root}: has no manifest.json; expected a data set of `nsdr generate dataset`")
-    config = convert(read_json(path, dict[str, Any]).get("config"), dict[str, Any], f"{path}: config: ")
-    scene = convert(config.get("scene"), dict[str, Any], f"{path}: config.scene: ")
-    of_scene = convert(scene.get("physics"), BulletConfig, f"{path}: config.scene.physics.")
-    render = convert(config.get("render"), RenderConfig, f"{path}: config.render.")
-    if render.fps != FPS or render.frames not in (0, scene.get("n_frames")):
-        raise DataError(
-            f"{root}: its videos do not show every frame at {FPS} per second; expected render.frames and fps unset"
-        )
-    return _Settings(given_frames, runs, of_scene, render, pipeline, checkpoint, str(resolve_device(device)))
+    return _Settings(given_frames, runs, *made_with(manifest, root), pipeline, checkpoint, str(resolve_device(device)))
 
 
 def _videos(root: Path, generated: Path, split: str) -> tuple[dict[str, _Video], dict[str, str]]:

@@ -32,8 +32,8 @@ NOTES = (
     "the futures that are possible, runs of Bullet from positions known to 0.01. Log-likelihood: by object and frame, of all "
     "these futures together, relative to another such run (0: as likely as one). Missing: objects that should be in the image "
     "and are not found. Identity kept: objects that are seen with the words that they had. Collisions: pairs that really "
-    "collide; possible ones collide in some future. In brackets: 95 % intervals by a bootstrap over videos, of shares the wider "
-    "of it and Wilson's."
+    "collide; possible ones collide in some future. In brackets: 95 % intervals by a bootstrap over videos, of shares the "
+    "wider of it and Wilson's."
 )
 """Below every table."""
 
