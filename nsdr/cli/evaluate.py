@@ -128,7 +128,7 @@ def compare_videos_options(parser: Any) -> None:
     add("--split", default="", choices=["", *SPLITS], help="which videos (default: all)")
     add("--runs", type=PositiveInt, default=20, help="runs of Bullet for each of its noise floors")
     add("-o", "--output", required=True, help="folder for report.json, table.md, curves.png and report.html")
-    shared_options(parser, "checkpoint", "pipeline", "video", "work")
+    shared_options(parser, "checkpoint", "pipeline", "work")
 
 
 def compare_videos(options: Any) -> int:

@@ -150,10 +150,12 @@ def compare_videos(
 def _settings(
     root: Path, given_frames: int, runs: int, pipeline: PipelineConfig, checkpoint: str, device: str
 ) -> _Settings:
-    """Settings with what the data set's manifest says."""
+    """Settings with what the data set's manifest says. Videos are not refused for their looks: these are the model's errors."""
     manifest = CLEVRER(root).manifest
     if manifest is None:
         raise DataError(f"{root}: has no manifest.json; expected a data set of `nsdr generate dataset`")
+    if pipeline.video.check == "refuse":
+        pipeline = replace(pipeline, video=replace(pipeline.video, check="warn"))
     return _Settings(given_frames, runs, *made_with(manifest, root), pipeline, checkpoint, str(resolve_device(device)))
 
 
@@ -188,6 +190,8 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     document, cut = read_truth_file(video.truth), settings.given_frames
     if "violation" in document:
         raise DataError(f"{video.truth}: breaks a law, so what follows is not known")
+    if any("mass" not in o for o in document["objects"]):
+        raise DataError(f"{video.truth}: has no masses, which Bullet needs")
     rate = frame_rate(video.generated)
     if abs(rate - FPS) > RATE_TOLERANCE:
         reason = f"expected {FPS}, a frame for each of the truth's; write it with that rate"

@@ -50,7 +50,8 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     for name, measure in MEASURES.items():
         value, interval = row[name]["value"], row[name]["interval"]
         scale = 100 if measure.is_share else 1
-        numbers = [] if value is None else [f"{scale * x:.{measure.decimals}f}" for x in (value, *(interval or ()))]
+        known = [] if value is None else [round(scale * x, measure.decimals) + 0.0 for x in (value, *(interval or ()))]
+        numbers = [f"{x:.{measure.decimals}f}" for x in known]  # without -0
         cells.append("-" if not numbers else numbers[0] + (f" ({numbers[1]} to {numbers[2]})" if interval else ""))
     return cells
 
