@@ -14,7 +14,17 @@ from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.continuations import VERSION
 from nsdr.continuations.candidates import BASELINES, baselines, bullet_runs, perceived
-from nsdr.continuations.score import MEASURES, Measure, PossibleFutures, Sums, TrueFuture, add, score, true_future
+from nsdr.continuations.score import (
+    MEASURES,
+    Continuation,
+    Measure,
+    PossibleFutures,
+    Sums,
+    TrueFuture,
+    add,
+    score,
+    true_future,
+)
 from nsdr.dynamics import physics, propnet
 from nsdr.errors import DataError, VideoError
 from nsdr.evaluation.batch import worker_pipeline
@@ -234,7 +244,7 @@ def _proposals(pipeline: Pipeline, path: Path) -> VideoProposals:
     return pipeline.frame_parser.parse(clip_frames(path, pipeline.video, beyond_cuts=True))
 
 
-def _perceived(pipeline: Pipeline, proposals: VideoProposals, true: TrueFuture) -> Any:
+def _perceived(pipeline: Pipeline, proposals: VideoProposals, true: TrueFuture) -> Continuation:
     perception = pipeline.perceive(proposals=proposals)
     assert perception.tracks is not None
     collisions = [e for e in perception.scene.events if e.kind == "collision"]

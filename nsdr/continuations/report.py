@@ -12,7 +12,7 @@ import numpy as np
 from nsdr.continuations.compare import GENERATED, ROWS
 from nsdr.continuations.score import MEASURES
 from nsdr.io.files import atomic_path, write_json
-from nsdr.io.video import read_frames
+from nsdr.io.video import read_frames, spaced
 from nsdr.visualize.figures import figure_png, pyplot
 from nsdr.visualize.html_parts import figure_html, jpeg
 from nsdr.visualize.report import STYLE
@@ -22,7 +22,7 @@ __all__ = ["curves_figure", "markdown_table", "write_files"]
 WORST = 5
 """Videos that are shown on the page."""
 SHOWN_FRAMES = 4
-"""Frames of each, evenly spaced from the cut to the end."""
+"""Frames of each, evenly spaced after the cut, up to the last one."""
 SHOWN_SIZE_PX = (360, 240)
 """Size of each (pixels)."""
 STYLES = dict(zip(ROWS, ("k-", "k:", "C0:", "C0--", "C7-", "C1-", "C2-", "C3-"), strict=True))
@@ -127,12 +127,12 @@ def _case(video: Mapping[str, Any], cut: int) -> str:
     values = video["rows"][GENERATED]
     said = ", ".join(f"{MEASURES[m].title}: {values[m]:.3g}" for m in ("error", "nearest") if values[m] is not None)
     n = len(next(iter(video["objects"].values())))
-    shown = [cut + int(f) for f in np.linspace(0, n - 1, SHOWN_FRAMES).round()]
+    shown = [cut + int(f) for f in spaced(n, SHOWN_FRAMES + 1)[1:]]
     pictures = [_frames(video[kind], shown) for kind in ("seen", "generated")]
     figures = []
     for k, f in enumerate(shown):
         errors = [f"{name} {row[f - cut]:.2f}" for name, row in video["objects"].items() if row[f - cut] is not None]
-        images = [p[k] for p in pictures if p]
+        images = [p[k] for p in pictures if k < len(p)]
         figures.append(
             figure_html(jpeg(np.hstack(images)), f"Frame {f}; errors (world units): {', '.join(errors) or 'none'}")
         )
