@@ -118,12 +118,8 @@ def score(options: Any) -> int:
 def compare_videos_options(parser: Any) -> None:
     add = parser.add_argument
     add("--truth", type=NotEmptyStr, required=True, help="data set of `nsdr generate dataset`")
-    add(
-        "--generated",
-        type=NotEmptyStr,
-        required=True,
-        help="folder with a video_N.mp4 for each, the given frames first",
-    )
+    generated = "folder with a video_N.mp4 for each, the given frames first"
+    add("--generated", type=NotEmptyStr, required=True, help=generated)
     add("--given-frames", type=PositiveInt, default=32, help="number of frames that the video model was given")
     add("--split", default="", choices=["", *SPLITS], help="which videos (default: all)")
     add("--runs", type=PositiveInt, default=20, help="runs of Bullet for each of its noise floors")
@@ -141,7 +137,8 @@ def compare_videos(options: Any) -> int:
 
     about = (o.given_frames, o.runs, o.split, o.checkpoint, settings, o.engine, o.workers, o.device)
     report = run(o.truth, o.generated, o.output, *about)
-    command = f"nsdr compare-videos --truth {o.truth} --generated {o.generated} --given-frames {o.given_frames}"
+    given = f"--truth {o.truth} --generated {o.generated} --given-frames {o.given_frames} --runs {o.runs}"
+    command = f"nsdr compare-videos {given}{f' --split {o.split}' if o.split else ''} -o {o.output}"
     paths = write_files(report, Path(o.output), command)
     print(markdown_table(report))
     if report["not_scored"]:

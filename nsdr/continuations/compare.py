@@ -131,15 +131,10 @@ def compare_videos(
     found, not_scored = _videos(root, Path(generated), split)
     key = [VERSION, physics.VERSION, propnet.VERSION, given_frames, runs, asdict(common.physics), asdict(common.render)]
     key.append(common.pipeline.fingerprint(checkpoint, "continuations"))
-    jobs = [
-        Job(
-            name,
-            v,
-            Path(output) / "scores" / f"{name}.json",
-            fingerprint(inputs=[v.truth, v.seen, v.generated], config=key),
-        )
-        for name, v in found.items()
-    ]
+    jobs = []
+    for name, v in found.items():
+        value = fingerprint(inputs=[v.truth, v.seen, v.generated], config=key)
+        jobs.append(Job(name, v, Path(output) / "scores" / f"{name}.json", value))
     summary = run_jobs(partial(_compare, common), jobs, output, engine, workers)
     not_scored |= summary.failed
     scored = {job.name: read_json(job.output, dict[str, Any]) for job in jobs if job.name not in summary.failed}
@@ -227,13 +222,9 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     rows = {row: score(one, true, futures) for row, one in found.items()}
     rows |= {row: add(score(one, true, futures) for one in runs[row]) for row in others}
     rows[nearest] = add(score(one, true, futures, leave_out=r) for r, one in enumerate(runs[nearest]))
-    off = np.linalg.norm(found[GENERATED].location_world - true.location_world, axis=-1)
-    objects = {
-        true.objects[i].name: [
-            None if np.isnan(d) else round(float(d), 4) for d in np.where(true.asked[i], off[i], np.nan)
-        ]
-        for i in true.known
-    }
+    distance = np.linalg.norm(found[GENERATED].location_world - true.location_world, axis=-1)
+    off = np.where(true.asked, distance, np.nan).round(4)
+    objects = {true.objects[i].name: [None if np.isnan(d) else d for d in off[i].tolist()] for i in true.known}
     write_json(output, {"rows": rows, "objects": objects, "warnings": sorted({str(w.message) for w in told})})
 
 
