@@ -41,7 +41,8 @@ from nsdr.dynamics.physics import VERSION
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, simulate
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.evaluation.score import evaluate
-from nsdr.generate.physics.bullet import Body, BulletMotion, Contact, Simulator
+from nsdr.generate.physics.bullet import BulletMotion, Contact, Simulator
+from nsdr.generate.physics.disturbed import bodies_of, disturbed, states_at
 from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.generate.scene_files import proposal_document
 from nsdr.io.checkpoint import find_checkpoint
@@ -56,9 +57,6 @@ from nsdr.world.vocabulary import ATTRIBUTES, SHAPES
 
 ERRORS_WORLD = (0.001, 0.003, 0.01)
 """Standard deviations of the errors of positions (world units; objects are 0.4 wide)."""
-VELOCITY_ERROR_PER_S, YAW_ERROR_PER_WORLD, LOG_MASS_ERROR_PER_WORLD = 1.5, 40.0, 25.0
-"""Errors of velocities (world units/s), yaws (radians) and log masses, of one of 1 world unit in positions: about the ratios of
-the default's errors, which the benchmark prints, and of `PhysicsConfig`'s yaws."""
 Collisions = list[list[int]]
 """Rows (i, j, frame)."""
 UNITS = {"position": " world units", "velocity": " world units/s", "log mass": ""}
@@ -97,33 +95,12 @@ def world_of(truth: Mapping[str, Any], removed: int) -> World:
     """The scene of a truth file without an object that collides."""
     collisions = [[*sorted(c["object_ids"]), c["frame_id"]] for c in truth["collisions"]]
     start = max(min((f for i, j, f in collisions if removed in (i, j)), default=1) - 1, 0)
-    rows = sorted(truth["frames"][start]["objects"], key=lambda row: row["object_id"])
-    states = [
-        [*r["location"], *r["orientation"], *r["velocity"], *r["angular_velocity"], o["mass"]]
-        for r, o in zip(rows, truth["objects"], strict=True)
-    ]
-    return World(collisions, removed, start, np.array(states), [o["shape"] for o in truth["objects"]])
-
-
-def disturbed(world: World, error: float, rng: np.random.Generator) -> World:
-    """The world with states that are off by such errors; what rests is known to rest."""
-    states, n = world.states.copy(), len(world.shapes)
-    moves = np.linalg.norm(states[:, 6:8], axis=1, keepdims=True) > 0
-    states[:, 0:2] += error * rng.normal(size=(n, 2))
-    states[:, 6:8] += error * VELOCITY_ERROR_PER_S * rng.normal(size=(n, 2)) * moves
-    states[:, 5] += error * YAW_ERROR_PER_WORLD * rng.normal(size=n)
-    states[:, 12] *= np.exp(error * LOG_MASS_ERROR_PER_WORLD * rng.normal(size=n))
-    return world._replace(states=states)
+    return World(collisions, removed, start, states_at(truth, start), [o["shape"] for o in truth["objects"]])
 
 
 def by_bullet(world: World, frames: int, simulator: Simulator) -> Collisions:
     """What Bullet finds from the world's start on."""
-    bodies = [
-        Body(
-            world.shapes[i], *(tuple(world.states[i, k : k + 3]) for k in (0, 3, 6, 9)), mass=float(world.states[i, 12])
-        )
-        for i in world.kept
-    ]
+    bodies = bodies_of([world.shapes[i] for i in world.kept], world.states[world.kept])
     found = simulator.run(bodies, frames - world.start).contacts
     return [[*(world.kept[k] for k in c.bodies), c.frame + world.start] for c in found]
 
@@ -236,8 +213,9 @@ def explore(runs: int, truth_path: Path, removed: Sequence[int], output: Path) -
             found[EXACT][i] = most([with_video(world, told[0](world))])
             found.setdefault(f"{MEASURED[1]}, true states", {})[i] = most([with_video(world, told[1](world))])
             for error in ERRORS_WORLD:
-                measured = disturbed(world, error, rng)
-                starts = [measured, *(disturbed(measured, error, rng) for _ in range(runs - 1))]
+                measured = world._replace(states=disturbed(world.states, error, rng))
+                others = (disturbed(measured.states, error, rng) for _ in range(runs - 1))
+                starts = [measured, *(world._replace(states=states) for states in others)]
                 for name, tell in zip(MEASURED, told, strict=True):
                     of_runs = [with_video(world, tell(start)) for start in starts]
                     found.setdefault(f"{name}, {error:g}", {})[i] = most(of_runs)

@@ -1,12 +1,10 @@
 """Videos with the truth about them as a PyTorch data set, for models that learn how the world moves."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -17,12 +15,12 @@ from torch.utils.data import Dataset
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, read_truth_file
 from nsdr.errors import DataError
+from nsdr.generate.manifest import made_with
 from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
-from nsdr.generate.render.view import RenderConfig, view_of
-from nsdr.io.configuration import config_of
+from nsdr.generate.render.view import view_of
 from nsdr.io.limits import check_limit
 from nsdr.io.video import sample_frames
-from nsdr.validation import Count, PositiveCount, Settings, convert
+from nsdr.validation import Count, PositiveCount, Settings
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import FPS
 from nsdr.world.shapes import rendered_rotation
@@ -73,14 +71,6 @@ class _Options(Settings):
     hop: Count
     image_size: tuple[PositiveCount, PositiveCount] | None
     max_objects: PositiveCount
-
-
-class _ManifestConfig(msgspec.Struct):
-    render: dict[str, Any]
-
-
-class _Manifest(msgspec.Struct):
-    config: _ManifestConfig
 
 
 class VideoDataset(Dataset[dict[str, Tensor]]):
@@ -142,7 +132,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
             raise DataError("image_size: masks and flow without images need a size")
         self._root, self._split = Path(root), CLEVRER(root).split(split)
         manifest = CLEVRER(root).manifest
-        self._render = None if manifest is None else _render_config(manifest, self._root)
+        self._render = None if manifest is None else made_with(manifest, self._root)[1]
         self.image_size, self.images, self.masks, self.flow = image_size, images, masks, flow
         self.max_objects, self.step = max_objects, step
         n_frames = self._split.n_frames
@@ -265,21 +255,6 @@ def _truth_of(
         tuple((c["frame_id"], (c["object_ids"][0], c["object_ids"][1])) for c in collisions),
         camera,
     )
-
-
-def _render_config(manifest: Mapping[str, Any], root: Path) -> RenderConfig:
-    """The rendering options of a generated data set."""
-    where = f"{root / 'manifest.json'}"
-    values = convert(manifest, _Manifest, f"{where}: ").config.render
-    try:
-        config = config_of(RenderConfig, {f.name: values[f.name] for f in fields(RenderConfig) if f.name in values})
-    except DataError as e:
-        raise DataError(f"{where}: config.render: {e}") from e
-    if config.frames:
-        raise DataError(f"{root}: its videos show {config.frames} frames of each scene; make videos of all (frames: 0)")
-    if config.fps != FPS:
-        raise DataError(f"{root}: its videos have {config.fps} frames per second; expected {FPS}")
-    return config
 
 
 def _resized(image: NDArray[Any], size: tuple[int, int], how: int) -> NDArray[Any]:

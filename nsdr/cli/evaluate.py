@@ -1,4 +1,4 @@
-"""`nsdr evaluate`, `experiment`, `score`, `controls` and `tag`: scores, tables, and what questions demand."""
+"""`nsdr evaluate`, `experiment`, `score`, `compare-videos`, `controls` and `tag`: scores, tables, and what questions demand."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -6,15 +6,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from jsonargparse.typing import NonNegativeInt, NotEmptyStr
+from jsonargparse.typing import NonNegativeInt, NotEmptyStr, PositiveInt
 
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
-from nsdr.cli.common import check_outputs, failures_line, shared_options
+from nsdr.cli.common import check_outputs, failures_line, settings_of, shared_options
 from nsdr.errors import DataError
-from nsdr.io.files import check_output_folder
+from nsdr.io.files import check_installed, check_output_folder
 
-__all__ = ["controls", "evaluate", "experiment", "score", "tag"]
+__all__ = ["compare_videos", "controls", "evaluate", "experiment", "score", "tag"]
 
 
 def evaluate_options(parser: Any) -> None:
@@ -113,6 +113,41 @@ def score(options: Any) -> int:
     if options.output is not None:
         write_json(options.output, document, indent=1)
     return 0
+
+
+def compare_videos_options(parser: Any) -> None:
+    add = parser.add_argument
+    add("--truth", type=NotEmptyStr, required=True, help="data set of `nsdr generate dataset`")
+    generated = "folder with a video_N.mp4 for each, the given frames first"
+    add("--generated", type=NotEmptyStr, required=True, help=generated)
+    add("--given-frames", type=PositiveInt, default=32, help="number of frames that the video model was given")
+    add("--split", default="", choices=["", *SPLITS], help="which videos (default: all)")
+    add("--runs", type=PositiveInt, default=20, help="runs of Bullet for each of its noise floors")
+    add("-o", "--output", required=True, help="folder for report.json, table.md, curves.png and report.html")
+    shared_options(parser, "checkpoint", "pipeline", "work", "failures")
+
+
+def compare_videos(options: Any) -> int:
+    """`nsdr compare-videos`: continuations of videos; those that cannot be scored are listed with the reason."""
+    o, settings = options, settings_of(options)
+    check_output_folder(o.output)
+    check_installed("matplotlib", "figures need matplotlib", "visualize")
+    from nsdr.continuations.compare import compare_videos as run
+    from nsdr.continuations.report import markdown_table, write_files
+
+    about = (o.given_frames, o.runs, o.split, o.checkpoint, settings, o.engine, o.workers, o.device)
+    report = run(o.truth, o.generated, o.output, *about)
+    given = f"--truth {o.truth} --generated {o.generated} --given-frames {o.given_frames} --runs {o.runs}"
+    command = f"nsdr compare-videos {given}{f' --split {o.split}' if o.split else ''} -o {o.output}"
+    paths = write_files(report, Path(o.output), command)
+    print(markdown_table(report))
+    print("\n".join(map(str, paths)))
+    failed = report["not_scored"]
+    for name, reason in failed.items():
+        print(f"not scored: {name}: {reason}")
+    return failures_line(
+        len(failed), len(failed) + len(report["videos"]), "videos", "".join([*failed][:1]), o.keep_going
+    )
 
 
 def controls_options(parser: Any) -> None:

@@ -24,6 +24,7 @@ __all__ = [
     "format_comparison",
     "mean_interval",
     "percent",
+    "ratio_interval",
     "wilson_interval",
 ]
 
@@ -94,10 +95,18 @@ def mean_interval(values: NDArray[np.float64], scenes: Sequence[int]) -> tuple[f
         scenes: index of each value's scene.
     """
     index = np.unique(np.asarray(scenes), return_inverse=True)[1]
-    n = np.bincount(index).astype(float)
-    total = np.bincount(index, values)
-    drawn = np.random.default_rng(0).multinomial(len(n), np.full(len(n), 1 / len(n)), RESAMPLES)
-    low, high = np.quantile((drawn @ total) / (drawn @ n), [0.025, 0.975])
+    return ratio_interval(np.bincount(index, values).astype(float), np.bincount(index).astype(float))
+
+
+def ratio_interval(above: NDArray[np.float64], below: NDArray[np.float64]) -> tuple[float, float]:
+    """95 % interval (low, high) of the ratio of two sums over scenes, by a bootstrap that draws scenes.
+
+    Args:
+        above, below: (scenes,) what each scene adds to both sums; some of `below` are positive, none negative.
+    """
+    drawn = np.random.default_rng(0).multinomial(len(below), np.full(len(below), 1 / len(below)), RESAMPLES)
+    total = drawn @ below
+    low, high = np.quantile((drawn @ above)[total > 0] / total[total > 0], [0.025, 0.975])
     return float(low), float(high)
 
 

@@ -26,6 +26,7 @@ __all__ = [
     "VideoSample",
     "check_is_video",
     "even_frames",
+    "frame_rate",
     "read_frames",
     "read_video",
     "sample_frames",
@@ -147,6 +148,16 @@ def video_seconds(path: str | Path) -> float:
     """
     with _opened(Path(path)) as (capture, rate):
         return max(float(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0.0) / rate
+
+
+def frame_rate(path: str | Path) -> float:
+    """A video's frames per second by its header.
+
+    Raises:
+        VideoError: as of `read_video`.
+    """
+    with _opened(Path(path)) as (_, rate):
+        return rate
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from typing import Any
 
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import Body, Simulator
+from nsdr.generate.physics.disturbed import bodies_of, states_at
 from nsdr.types import Event, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, check_speed
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
@@ -26,7 +27,7 @@ class TruthWorlds:
 
     def __init__(self, truth: Mapping[str, Any]) -> None:
         self.objects: Sequence[Mapping[str, Any]] = sorted(truth["objects"], key=lambda o: int(o["object_id"]))
-        self.frames: Sequence[Mapping[str, Any]] = truth["frames"]
+        self.truth = truth
         self.collisions = [
             Event("collision", c["frame_id"], tuple(sorted(c["object_ids"]))) for c in truth["collisions"]
         ]
@@ -41,7 +42,7 @@ class TruthWorlds:
         Raises:
             DataError: another intervention, one that is impossible, or a video whose simulation does not repeat its truth.
         """
-        bodies = self._bodies(from_frame)
+        bodies = bodies_of([o["shape"] for o in self.objects], states_at(self.truth, from_frame))
         if not isinstance(change, SetMass | SetVelocity) or not isinstance(change.object, int):
             raise DataError(f"{change!r:.80}: expected a SetMass or SetVelocity of an object by its id")
         changed = list(bodies)
@@ -54,21 +55,12 @@ class TruthWorlds:
             )
         return found
 
-    def _bodies(self, frame: int) -> list[Body]:
-        rows = sorted(self.frames[frame]["objects"], key=lambda o: int(o["object_id"]))
-        bodies = []
-        for o, row in zip(self.objects, rows, strict=True):
-            location, orientation = tuple(row["location"]), tuple(row["orientation"])
-            velocity, spin = tuple(row["velocity"]), tuple(row["angular_velocity"])
-            bodies.append(Body(o["shape"], location, orientation, velocity, spin, float(o["mass"])))
-        return bodies
-
     def _simulated(self, simulator: Simulator, bodies: Sequence[Body], from_frame: int) -> list[Event]:
         first: dict[tuple[int, ...], Event] = {}
         for event in self.collisions:
             if event.frame <= from_frame:
                 first.setdefault(event.objects, event)
-        for contact in simulator.run(bodies, len(self.frames) - from_frame).contacts:
+        for contact in simulator.run(bodies, len(self.truth["frames"]) - from_frame).contacts:
             first.setdefault(contact.bodies, Event("collision", contact.frame + from_frame, contact.bodies))
         return sorted(first.values(), key=lambda e: e.frame)
 

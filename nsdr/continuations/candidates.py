@@ -1,0 +1,211 @@
+"""Continuations: what a video shows after the cut, what baselines predict from the frames before it, and runs of Bullet."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.optimize import linear_sum_assignment
+
+from nsdr.continuations.score import Continuation, TrueFuture
+from nsdr.dynamics.motion_states import extrapolate, states_from_tracks
+from nsdr.dynamics.registry import BackendConfig, load_backend
+from nsdr.errors import VideoError
+from nsdr.generate.physics.bullet import BulletConfig, Simulator
+from nsdr.generate.physics.disturbed import bodies_of, disturbed, states_at
+from nsdr.tracking.tracker import TrackerConfig, track
+from nsdr.types import Event, SceneObject, VideoProposals, VideoTracks
+from nsdr.world.camera import Camera
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.vocabulary import attributes_of
+
+__all__ = ["BASELINES", "baselines", "bullet_runs", "perceived"]
+
+FloatArray = NDArray[np.floating[Any]]
+SAME_OBJECT_WORLD = 2 * OBJECT_RADIUS_WORLD
+"""Over the given frames, a track is an object of the truth when it is nearer to it than an object's width (world units)."""
+OTHER_WORD_WORLD = 0.1
+"""Each word in which they differ counts as so much distance (world units)."""
+HIDDEN_FRAMES = 12
+"""So long after and before its detections an object counts as found between them: another one may hide it (frames)."""
+MIN_KNOWN_SHARE = 0.5
+"""A video in whose given frames fewer of the known objects are found shows other frames than those that were given (0-1)."""
+BACKENDS = {"PropNet": "state", "fitted simulator": "physics"}
+"""Baselines that are backends of `nsdr.dynamics`."""
+BASELINES = ("last frame frozen", "constant velocity", *BACKENDS)
+"""Predictions from the given frames that ship with the package."""
+
+
+def perceived(
+    proposals: VideoProposals, tracks: VideoTracks, collisions: Sequence[Event], truth: TrueFuture
+) -> Continuation:
+    """What a video shows after the cut.
+
+    Args:
+        proposals: of the video's frames; at least as many as there are given and asked for.
+        tracks: made of them.
+        collisions: seen in the video, with the ids of the tracks.
+        truth: what really follows.
+
+    Raises:
+        VideoError: the given frames do not show the truth's objects.
+    """
+    cut, end = truth.cut, truth.cut + truth.location_world.shape[1]
+    states = states_from_tracks(tracks)
+    words = _words(proposals, tracks)
+    given = [_most(row[:cut]) for row in words]
+    ids = _ids(tracks, given, truth)
+    known = truth.known
+    found = [i for i in known if i in ids]
+    if len(found) < MIN_KNOWN_SHARE * len(known):
+        names = ", ".join(truth.objects[i].name for i in known if i not in ids)
+        raise VideoError(f"the first {cut} frames do not show {names}, so they are not those of the truth's video")
+    reach = np.ones((1, 2 * HIDDEN_FRAMES + 1), bool)
+    seen = (binary_dilation(states.detected, reach) & states.present)[:, cut:end]
+    location = _by_truth(np.where(seen[..., None], states.location_world[:, cut:end], np.nan), ids, truth)
+    same = np.full(location.shape[:2], -1, np.int8)
+    for i, t in ids.items():
+        after = words[t, cut:end]
+        same[i] = np.where(after < 0, -1, after == given[t])
+    return Continuation(location, _renamed(collisions, ids), same)
+
+
+def _words(proposals: VideoProposals, tracks: VideoTracks) -> NDArray[np.int64]:
+    """(tracks, frames) index of the words that each detection has by itself; -1 where there is none."""
+    rows = zip(proposals.frame_index.tolist(), proposals.box_xyxy_px.tolist(), strict=True)
+    by_box = {(f, *box): int(a) for (f, box), a in zip(rows, proposals.attribute, strict=True)}
+    words = np.full((len(tracks.tracks), tracks.n_frames), -1)
+    for row, t in zip(words, tracks.tracks, strict=True):
+        for f, box in zip(t.frame_index.tolist(), t.box_xyxy_px.tolist(), strict=True):
+            row[f] = by_box[f, *box]
+    return words
+
+
+def _most(words: NDArray[np.int64]) -> int:
+    """The most frequent of the words of some frames; -1 where there are none."""
+    values, counts = np.unique(words[words >= 0], return_counts=True)
+    return int(values[counts.argmax()]) if len(values) else -1
+
+
+def _ids(tracks: VideoTracks, words: Sequence[int], truth: TrueFuture) -> dict[int, int]:
+    """Number of the track of each object of the truth, by its id, as far as they were found in the given frames.
+
+    Args:
+        tracks: of a video, or of its given frames.
+        words: of each track in the given frames; -1 where it has none.
+        truth: what really follows.
+    """
+    cost = np.full((len(truth.objects), len(tracks.tracks)), np.inf)
+    for k, t in enumerate(tracks.tracks):
+        before = t.frame_index < truth.cut
+        off = truth.given_world[:, t.frame_index[before]] - t.location_world[before]
+        distance = np.linalg.norm(off, axis=-1)
+        for i, o in enumerate(truth.objects):
+            shared = distance[i][np.isfinite(distance[i])]
+            if len(shared) and np.median(shared) < SAME_OBJECT_WORLD:
+                cost[i, k] = np.median(shared) + OTHER_WORD_WORLD * _different(o, words[k])
+    finite = np.where(np.isfinite(cost), cost, 1e3)  # so that there is an assignment
+    return {int(i): int(k) for i, k in zip(*linear_sum_assignment(finite), strict=True) if np.isfinite(cost[i, k])}
+
+
+def _different(o: SceneObject, words: int) -> int:
+    return sum(a != b for a, b in zip((o.color, o.material, o.shape), attributes_of(words), strict=True))
+
+
+def _by_truth(location_world: FloatArray, ids: dict[int, int], truth: TrueFuture) -> FloatArray:
+    """Positions of tracks by the truth's ids, NaN where there are none."""
+    location = np.full(truth.location_world.shape, np.nan)
+    for i, k in ids.items():
+        location[i] = location_world[k]
+    return location
+
+
+def _renamed(collisions: Sequence[Event], ids: dict[int, int]) -> tuple[Event, ...]:
+    """Collisions of tracks with the truth's ids; others are left out."""
+    of_track = {k: i for i, k in ids.items()}
+    named = [e for e in collisions if all(k in of_track for k in e.objects)]
+    return tuple(Event("collision", e.frame, tuple(sorted(of_track[k] for k in e.objects))) for e in named)
+
+
+def baselines(
+    proposals: VideoProposals, config: TrackerConfig, camera: Camera, weights: Path, truth: TrueFuture
+) -> dict[str, Continuation]:
+    """What each of `BASELINES` predicts.
+
+    Args:
+        proposals: of the truth's video; the given frames are read alone.
+        config: of the tracker.
+        camera: that took the video.
+        weights: checkpoint of the backends.
+        truth: what really follows.
+
+    Raises:
+        VideoError: no object is found in the given frames.
+    """
+    cut, frames = truth.cut, truth.location_world.shape[1]
+    rows = int(np.searchsorted(proposals.frame_index, cut))
+    names = ("frame_index", "attribute", "score", "centroid_px", "area_px", "box_xyxy_px", "masks")
+    arrays: dict[str, Any] = {n: None if getattr(proposals, n) is None else getattr(proposals, n)[:rows] for n in names}
+    processed = proposals.processed
+    processed = None if processed is None else processed[processed < cut]
+    given = replace(proposals, n_frames=cut, processed=processed, **arrays)
+    tracks = track(given, replace(config, min_frames=min(config.min_frames, cut // 2)), camera)
+    if not tracks.tracks:
+        raise VideoError(f"no objects found in the first {cut} frames of the truth; give more frames")
+    states = states_from_tracks(tracks)
+    ids = _ids(tracks, [_most(row) for row in _words(given, tracks)], truth)
+    last = np.repeat(states.location_world[:, -1:], frames, axis=1)
+    straight = extrapolate(states.location_world, frames)[:, -frames:]
+    found = {
+        BASELINES[0]: Continuation(_by_truth(last, ids, truth), ()),
+        BASELINES[1]: Continuation(_by_truth(straight, ids, truth), _renamed(_meetings(straight, cut), ids)),
+    }
+    for name, backend in BACKENDS.items():
+        rollout = _backend(weights, backend, cut + frames - 1).continue_motion(states)
+        location = _by_truth(rollout.location_world[:, cut:], ids, truth)
+        found[name] = Continuation(location, _renamed(rollout.collisions, ids))
+    return found
+
+
+@lru_cache(maxsize=4)
+def _backend(weights: Path, name: str, horizon_frame: int) -> Any:
+    return load_backend(weights, BackendConfig(name, horizon_frame=horizon_frame))
+
+
+def _meetings(location_world: FloatArray, cut: int) -> list[Event]:
+    """The frame at which each pair comes nearer than an object's width."""
+    events = []
+    for i, j in combinations(range(len(location_world)), 2):
+        near = np.linalg.norm(location_world[i] - location_world[j], axis=-1) < 2 * OBJECT_RADIUS_WORLD
+        if near.any():
+            events.append(Event("collision", cut + int(near.argmax()), (i, j)))
+    return events
+
+
+def bullet_runs(
+    document: Any, truth: TrueFuture, error_world: float, runs: int, physics: BulletConfig
+) -> list[Continuation]:
+    """Bullet from the states in the last given frame, each time with other errors.
+
+    Args:
+        document: content of the truth file.
+        truth: what really follows.
+        error_world: of positions, as of `nsdr.generate.physics.disturbed.disturbed` (world units).
+        runs: number of runs.
+        physics: of the scene.
+    """
+    start, frames = truth.cut - 1, truth.location_world.shape[1]
+    states, shapes = states_at(document, start), [o.shape for o in truth.objects]
+    rng = np.random.default_rng([document["seed"], round(1e6 * error_world)])
+    found = []
+    with Simulator(physics) as simulator:
+        for _ in range(runs):
+            motion = simulator.run(bodies_of(shapes, disturbed(states, error_world, rng)), frames + 1)
+            contacts = tuple(Event("collision", c.frame + start, tuple(sorted(c.bodies))) for c in motion.contacts)
+            found.append(Continuation(motion.location_world[:, 1:, :2], contacts))
+    return found

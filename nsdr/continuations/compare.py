@@ -1,0 +1,287 @@
+"""`compare_videos`: a folder of continuations beside the truth of a generated data set."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.proposals import read_proposals
+from nsdr.continuations import VERSION
+from nsdr.continuations.candidates import BASELINES, baselines, bullet_runs, perceived
+from nsdr.continuations.score import (
+    MEASURES,
+    Continuation,
+    Measure,
+    PossibleFutures,
+    Sums,
+    TrueFuture,
+    add,
+    score,
+    true_future,
+)
+from nsdr.dynamics import physics, propnet
+from nsdr.errors import DataError, VideoError
+from nsdr.evaluation.batch import worker_pipeline
+from nsdr.evaluation.measures import ratio_interval, wilson_interval
+from nsdr.frame_parser.check.video import clip_frames
+from nsdr.generate.dataset import Files
+from nsdr.generate.manifest import made_with
+from nsdr.generate.physics.bullet import BulletConfig
+from nsdr.generate.render.view import RenderConfig, view_of
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.device import resolve_device
+from nsdr.io.files import check_installed, find_files, write_json
+from nsdr.io.fingerprint import code_revision, fingerprint
+from nsdr.io.jobs import Job, run_jobs
+from nsdr.io.reading import read_json
+from nsdr.io.video import RATE_TOLERANCE, frame_rate
+from nsdr.pipeline import Pipeline, PipelineConfig
+from nsdr.types import VideoProposals
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.physics_constants import FPS
+
+__all__ = ["FLOORS", "GENERATED", "ROWS", "compare_videos"]
+
+MIN_FOLLOWING_FRAMES = 8
+"""A video with fewer frames after the cut is too short to say anything (frames)."""
+GENERATED, TRUTH = "generated videos", "truth, as perceived"
+FLOORS = {"Bullet, known to 0.001": 0.001, "Bullet, known to 0.01": 0.01}
+"""Rows of Bullet's runs, by the errors of the positions (world units) in the last given frame. The last one's runs are the
+futures that are possible: so well a video shows where its objects are."""
+ROWS = (GENERATED, TRUTH, *FLOORS, *BASELINES)
+"""Rows of the table."""
+BY_FRAME = ("error", "nearest", "log_likelihood", "missing", "identity")
+"""Measures that are given by frame, too."""
+
+
+@dataclass(frozen=True)
+class _Video:
+    """Files of one video.
+
+    Attributes:
+        truth: truth file.
+        seen: the truth's video or, where there is none, its proposals.
+        generated: the continuation.
+    """
+
+    truth: Path
+    seen: Path
+    generated: Path
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What the scores depend on beside the files."""
+
+    given_frames: int
+    runs: int
+    physics: BulletConfig
+    render: RenderConfig
+    pipeline: PipelineConfig
+    checkpoint: str
+    device: str
+
+
+def compare_videos(
+    truth: str | Path,
+    generated: str | Path,
+    output: str | Path,
+    given_frames: int = 32,
+    runs: int = 20,
+    split: str = "",
+    checkpoint: str = "default",
+    settings: PipelineConfig | None = None,
+    engine: str = "processes",
+    workers: int = 0,
+    device: str = "auto",
+) -> dict[str, Any]:
+    """Score continuations of a data set's videos; those that an earlier run scored are kept.
+
+    Args:
+        truth: data set of `nsdr generate dataset`.
+        generated: folder with a `video_N.mp4` for videos of the data set, named as they are: at 25 frames per second, the given
+            frames first.
+        output: folder for the scores, one file a video.
+        given_frames: number of frames that the video model was given.
+        runs: of Bullet, with each of the errors of `FLOORS`.
+        split: the videos that are expected; "" for those of all splits.
+        checkpoint: weights.
+        settings: of perception; None for the defaults. The camera is the data set's.
+        engine, workers: as of `nsdr.io.jobs.run_tasks`.
+        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
+
+    Returns:
+        The report: `table` by row and measure (`value`, 95 % `interval` or None, number of `videos`), `curves` of the measures
+        by frame after the cut, `videos` with the values of each, and `not_scored`, the reasons by the video's name.
+
+    Raises:
+        DataError: `truth` is no such data set, PyBullet is not installed, or no video could be scored.
+    """
+    check_installed("pybullet", "the possible futures need PyBullet", "generate")
+    if given_frames < 2 or runs < 2:
+        raise DataError(f"expected at least 2 given frames and 2 runs, got {given_frames} and {runs}")
+    root = Path(truth)
+    common = _settings(root, given_frames, runs, settings or PipelineConfig(), checkpoint, device)
+    found, not_scored = _videos(root, Path(generated), split)
+    key = [VERSION, physics.VERSION, propnet.VERSION, given_frames, runs, asdict(common.physics), asdict(common.render)]
+    key.append(common.pipeline.fingerprint(checkpoint, "continuations"))
+    jobs = []
+    for name, v in found.items():
+        value = fingerprint(inputs=[v.truth, v.seen, v.generated], config=key)
+        jobs.append(Job(name, v, Path(output) / "scores" / f"{name}.json", value))
+    summary = run_jobs(partial(_compare, common), jobs, output, engine, workers)
+    not_scored |= summary.failed
+    scored = {job.name: read_json(job.output, dict[str, Any]) for job in jobs if job.name not in summary.failed}
+    if not scored:
+        name, reason = min(not_scored.items())
+        raise DataError(f"{generated}: none of {len(not_scored)} videos could be scored, such as {name}: {reason}")
+    return {
+        "given_frames": given_frames,
+        "runs": runs,
+        "revision": code_revision(),
+        "table": {row: _measured([v["rows"][row] for v in scored.values()]) for row in ROWS},
+        "curves": {row: _curves(add(v["rows"][row] for v in scored.values())) for row in ROWS},
+        "videos": [_row(name, found[name], v) for name, v in scored.items()],
+        "not_scored": dict(sorted(not_scored.items())),
+    }
+
+
+def _settings(
+    root: Path, given_frames: int, runs: int, pipeline: PipelineConfig, checkpoint: str, device: str
+) -> _Settings:
+    """Settings with what the data set's manifest says. Videos are not refused for their looks: these are the model's errors."""
+    manifest = CLEVRER(root).manifest
+    if manifest is None:
+        raise DataError(f"{root}: has no manifest.json; expected a data set of `nsdr generate dataset`")
+    if pipeline.video.check == "refuse":
+        pipeline = replace(pipeline, video=replace(pipeline.video, check="warn"))
+    return _Settings(given_frames, runs, *made_with(manifest, root), pipeline, checkpoint, str(resolve_device(device)))
+
+
+def _videos(root: Path, generated: Path, split: str) -> tuple[dict[str, _Video], dict[str, str]]:
+    """Videos of the truth that have a continuation, and why the others have none, by name."""
+    truths = find_files(root / "truth" / split, "truth_*.json")
+    if not truths:
+        raise DataError(f"{root / 'truth' / split}: holds no truth_*.json")
+    if not generated.is_dir():
+        raise DataError(f"{generated}: no such folder; expected one with a video_N.mp4 for each of the truth's videos")
+    files: dict[str, Path] = {}
+    for path in find_files(generated, "*.mp4"):
+        if path.stem in files:
+            raise DataError(f"{path} and {files[path.stem]} have one name; expected each video once")
+        files[path.stem] = path
+    found, missing = {}, {}
+    for path in truths:
+        name = f"video_{path.stem.removeprefix('truth_')}"
+        of_truth = Files(root, path.parent.name, int(path.stem.removeprefix("truth_")))
+        seen = next((p for p in (of_truth.video, of_truth.proposals) if p.is_file()), None)
+        if name not in files:
+            missing[name] = f"{generated} has no {name}.mp4"
+        elif seen is None:
+            missing[name] = f"{root} has neither the video nor its proposals, which the baselines see"
+        else:
+            found[name] = _Video(path, seen, files[name])
+    return found, missing
+
+
+def _compare(settings: _Settings, video: _Video, output: Path) -> None:
+    """Write the sums of every row about one video."""
+    document, cut = read_truth_file(video.truth), settings.given_frames
+    if "violation" in document:
+        raise DataError(f"{video.truth}: breaks a law, so what follows is not known")
+    if any("mass" not in o for o in document["objects"]):
+        raise DataError(f"{video.truth}: has no masses, which Bullet needs")
+    rate = frame_rate(video.generated)
+    if abs(rate - FPS) > RATE_TOLERANCE:
+        reason = f"expected {FPS}, a frame for each of the truth's; write it with that rate"
+        raise VideoError(f"{video.generated}: {rate:g} frames per second; {reason}")
+    pipeline = worker_pipeline(settings.checkpoint, settings.pipeline, settings.device)
+    view = view_of(settings.render, document["seed"])
+    pipeline.camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        generated, seen = (_proposals(pipeline, path) for path in (video.generated, video.seen))
+        end = min(generated.n_frames, seen.n_frames)
+        if end < cut + MIN_FOLLOWING_FRAMES:
+            least = f"expected at least {cut + MIN_FOLLOWING_FRAMES}, of which the first {cut} are given"
+            raise VideoError(f"{video.generated}: only {end} frames; {least}")
+        true = true_future(document, cut, end)
+        if not true.known:
+            raise DataError(f"{video.truth}: no object of the first {cut} frames is in the image later")
+        found = {GENERATED: _perceived(pipeline, generated, true), TRUTH: _perceived(pipeline, seen, true)}
+        found |= baselines(seen, pipeline.tracker, pipeline.camera, find_checkpoint(settings.checkpoint), true)
+    runs = {row: bullet_runs(document, true, error, settings.runs, settings.physics) for row, error in FLOORS.items()}
+    *others, nearest = runs
+    futures = PossibleFutures(runs[nearest], true)
+    rows = {row: score(one, true, futures) for row, one in found.items()}
+    rows |= {row: add(score(one, true, futures) for one in runs[row]) for row in others}
+    rows[nearest] = add(score(one, true, futures, leave_out=r) for r, one in enumerate(runs[nearest]))
+    distance = np.linalg.norm(found[GENERATED].location_world - true.location_world, axis=-1)
+    off = np.where(true.asked, distance, np.nan).round(4)
+    objects = {true.objects[i].name: [None if np.isnan(d) else d for d in off[i].tolist()] for i in true.known}
+    write_json(output, {"rows": rows, "objects": objects, "warnings": sorted({str(w.message) for w in told})})
+
+
+def _proposals(pipeline: Pipeline, path: Path) -> VideoProposals:
+    """Of a video, beyond jumps that look like cuts, or of a file."""
+    if path.suffix != ".mp4":
+        return read_proposals(path)
+    return pipeline.frame_parser.parse(clip_frames(path, pipeline.video, beyond_cuts=True))
+
+
+def _perceived(pipeline: Pipeline, proposals: VideoProposals, true: TrueFuture) -> Continuation:
+    perception = pipeline.perceive(proposals=proposals)
+    assert perception.tracks is not None
+    collisions = [e for e in perception.scene.events if e.kind == "collision"]
+    return perceived(proposals, perception.tracks, collisions, true)
+
+
+def _summed(sums: Sums) -> dict[str, float]:
+    return {name: sum(value) if isinstance(value, list) else value for name, value in sums.items()}
+
+
+def _value(measure: Measure, sums: Mapping[str, Any]) -> float | None:
+    above, below = float(measure.above(sums)), float(measure.below(sums))
+    return above / below if below else None
+
+
+def _measured(videos: Sequence[Sums]) -> dict[str, dict[str, Any]]:
+    """Each measure of a row, over all videos."""
+    summed = [_summed(one) for one in videos]
+    table = {}
+    for name, measure in MEASURES.items():
+        above, below = (np.array([part(one) for one in summed], float) for part in (measure.above, measure.below))
+        n, value = int((below > 0).sum()), _value(measure, add(summed))
+        interval = ratio_interval(above, below) if n > 1 else None
+        if measure.is_share and value is not None:
+            # Frames and pairs of one video are not independent, so as many trials as there are videos.
+            low, high = wilson_interval(value, n)
+            interval = (
+                (min(low, value), max(high, value))
+                if interval is None
+                else (min(low, interval[0]), max(high, interval[1]))
+            )
+        table[name] = {"value": value, "interval": interval, "videos": n}
+    return table
+
+
+def _curves(sums: Sums) -> dict[str, list[float | None]]:
+    """Measures by frame after the cut; None where nothing is known."""
+    curves = {}
+    for name in BY_FRAME:
+        above, below = np.broadcast_arrays(MEASURES[name].above(sums), MEASURES[name].below(sums))
+        curves[name] = [
+            float(a / b) if b else None for a, b in zip(np.atleast_1d(above), np.atleast_1d(below), strict=True)
+        ]
+    return curves
+
+
+def _row(name: str, video: _Video, scored: Mapping[str, Any]) -> dict[str, Any]:
+    values = {row: {m: _value(MEASURES[m], _summed(sums)) for m in MEASURES} for row, sums in scored["rows"].items()}
+    return {"name": name, **{k: str(v) for k, v in asdict(video).items()}, **scored, "rows": values}

@@ -1,0 +1,148 @@
+"""What `nsdr compare-videos` writes beside the scores: a table, curves over the frames after the cut, and a page."""
+
+import html
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from nsdr.continuations.compare import GENERATED, ROWS
+from nsdr.continuations.score import MEASURES
+from nsdr.io.files import atomic_path, write_json
+from nsdr.io.video import read_frames, spaced
+from nsdr.visualize.figures import figure_png, pyplot
+from nsdr.visualize.html_parts import figure_html, jpeg, write_page
+
+__all__ = ["curves_figure", "markdown_table", "write_files"]
+
+TITLE = "Continuations of videos"
+WORST = 5
+"""Videos that are shown on the page."""
+SHOWN_FRAMES = 4
+"""Frames of each, evenly spaced after the cut, up to the last one."""
+SHOWN_SIZE_PX = (360, 240)
+"""Size of each (pixels)."""
+STYLES = dict(zip(ROWS, ("k-", "k:", "C0:", "C0--", "C7-", "C1-", "C2-", "C3-"), strict=True))
+"""Matplotlib's colour and line of each row."""
+NOTES = (
+    "Error: mean distance of the objects that are found from where they really are; to the nearest future: from the nearest of "
+    "the futures that are possible, runs of Bullet from positions known to 0.01. Log-likelihood: by object and frame, of all "
+    "these futures together, relative to another such run (0: as likely as one). Missing: objects that should be in the image "
+    "and are not found. Identity kept: objects that are seen with the words that they had. Collisions: pairs that really "
+    "collide; possible ones collide in some future. In brackets: 95 % intervals by a bootstrap over videos, of shares the "
+    "wider of it and Wilson's."
+)
+"""Below every table."""
+
+
+def markdown_table(report: Mapping[str, Any]) -> str:
+    """The report's table, one row for the generated videos, for each noise floor and each baseline."""
+    lines = [f"| | {' | '.join(m.title for m in MEASURES.values())} |", "|---" * (len(MEASURES) + 1) + "|"]
+    lines += [f"| {row} | {' | '.join(_cells(report['table'][row]))} |" for row in ROWS]
+    return "\n".join(lines) + "\n"
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    cells = []
+    for name, measure in MEASURES.items():
+        value, interval = row[name]["value"], row[name]["interval"]
+        scale = 100 if measure.is_share else 1
+        known = [] if value is None else [round(scale * x, measure.decimals) + 0.0 for x in (value, *(interval or ()))]
+        numbers = [f"{x:.{measure.decimals}f}" for x in known]  # without -0
+        cells.append("-" if not numbers else numbers[0] + (f" ({numbers[1]} to {numbers[2]})" if interval else ""))
+    return cells
+
+
+def curves_figure(report: Mapping[str, Any]) -> Any:
+    """Errors and log-likelihoods by frame after the cut, of every row; a matplotlib figure.
+
+    Raises:
+        DataError: matplotlib is missing.
+    """
+    panels = {"error": "error", "nearest": "error to the nearest possible future", "log_likelihood": "log-likelihood"}
+    figure, axes = pyplot().subplots(1, len(panels), figsize=(15, 4.5), constrained_layout=True)
+    for panel, (name, title) in zip(axes, panels.items(), strict=True):
+        for row, style in STYLES.items():
+            values = np.array(report["curves"][row][name], float)  # None is NaN
+            frames = report["given_frames"] + np.arange(len(values))
+            panel.plot(frames, values, style, lw=2.5 if row == GENERATED else 1.3, label=row)
+        panel.set(xlabel="frame", title=title, ylabel=MEASURES[name].title.partition("(")[2].rstrip(")"))
+        panel.set_yscale("symlog" if name == "log_likelihood" else "log")
+        panel.grid(alpha=0.3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=9, frameon=False)
+    return figure
+
+
+def write_files(report: Mapping[str, Any], folder: Path, command: str) -> list[Path]:
+    """Write `report.json`, `table.md`, `curves.png` and `report.html`; returns their paths.
+
+    Args:
+        report: of `nsdr.continuations.compare.compare_videos`.
+        folder: where to write.
+        command: that made the report.
+    """
+    paths = [folder / name for name in ("report.json", "table.md", "curves.png", "report.html")]
+    write_json(paths[0], {"command": command, **report}, indent=1)
+    made = f"{len(report['videos'])} videos. Made by `{command}`, revision {report['revision']}."
+    with atomic_path(paths[1]) as temporary:
+        temporary.write_text(f"{markdown_table(report)}\n{NOTES}\n{made}\n{_not_scored(report)}")
+    picture = figure_png(curves_figure(report))
+    with atomic_path(paths[2]) as temporary:
+        temporary.write_bytes(picture)
+    write_page(paths[3], TITLE, _body(report, picture, made), "body { max-width: 1500px }")
+    return paths
+
+
+def _not_scored(report: Mapping[str, Any]) -> str:
+    rows = [f"- {name}: {reason}" for name, reason in report["not_scored"].items()]
+    return "\n".join(["", f"Not scored ({len(rows)}):", "", *rows, ""]) if rows else ""
+
+
+def _body(report: Mapping[str, Any], picture: bytes, made: str) -> str:
+    head = "".join(f"<th>{html.escape(m.title)}" for m in MEASURES.values())
+    rows = "".join(f"<tr><td>{row}{''.join(f'<td>{cell}' for cell in _cells(report['table'][row]))}" for row in ROWS)
+    body = [f"<h1>{TITLE}</h1><table><tr><th>{head}{rows}</table><p>{NOTES}</p><p>{html.escape(made)}</p>"]
+    body.append(figure_html(picture, "Means over objects and videos, by frame after the cut."))
+    body += [
+        "<h2>Worst cases</h2>",
+        "<p>Farthest from every possible future. Left the truth, right the generated video.</p>",
+    ]
+    worst = sorted(report["videos"], key=lambda v: -(v["rows"][GENERATED]["nearest"] or np.inf))[:WORST]
+    body += [_case(video, report["given_frames"]) for video in worst]
+    if report["not_scored"]:
+        listed = "".join(f"<li>{html.escape(f'{name}: {why}')}" for name, why in report["not_scored"].items())
+        body.append(f"<h2>Not scored</h2><ul>{listed}</ul>")
+    return "".join(body)
+
+
+def _case(video: Mapping[str, Any], cut: int) -> str:
+    """Some frames after the cut, the truth's beside the generated ones, with the errors of the objects."""
+    values = video["rows"][GENERATED]
+    said = ", ".join(f"{MEASURES[m].title}: {values[m]:.3g}" for m in ("error", "nearest") if values[m] is not None)
+    n = len(next(iter(video["objects"].values())))
+    shown = [cut + int(f) for f in spaced(n, SHOWN_FRAMES + 1)[1:]]
+    pictures = [_frames(video[kind], shown) for kind in ("seen", "generated")]
+    figures = []
+    for k, f in enumerate(shown):
+        errors = [f"{name} {row[f - cut]:.2f}" for name, row in video["objects"].items() if row[f - cut] is not None]
+        images = [p[k] for p in pictures if k < len(p)]
+        figures.append(
+            figure_html(jpeg(np.hstack(images)), f"Frame {f}; errors (world units): {', '.join(errors) or 'none'}")
+        )
+    return f"<h3>{html.escape(video['name'])}: {html.escape(said)}</h3><div class=row>{''.join(figures)}</div>"
+
+
+def _frames(path: str, wanted: Sequence[int]) -> list[Any]:
+    """Frames of a video, smaller; none of proposals."""
+    if not path.endswith(".mp4"):
+        return []
+    frames = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # scoring told them
+        for i, frame in enumerate(read_frames(path)):
+            if i in wanted:
+                frames.append(cv2.resize(frame, SHOWN_SIZE_PX, interpolation=cv2.INTER_AREA))
+    return frames

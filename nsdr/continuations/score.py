@@ -1,0 +1,244 @@
+"""What is measured of a continuation: its errors, its events, and how it fits the futures that are possible."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.files.scenes import scene_from_truth
+from nsdr.types import Event, SceneObject
+from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, SAME_EVENT_FRAMES, STEPS_PER_FRAME
+
+__all__ = ["MEASURES", "Continuation", "Measure", "PossibleFutures", "TrueFuture", "add", "score", "true_future"]
+
+FloatArray = NDArray[np.floating[Any]]
+BoolArray = NDArray[np.bool_]
+Sums = dict[str, Any]
+"""By name: a number, or a list with one for each frame after the cut. Those of several runs or videos add up."""
+MIN_GIVEN_FRAMES = 8
+"""An object that is in the image in fewer of the given frames is not known from them (frames)."""
+TOUCHING_FRAMES = CONTACT_PAUSE_STEPS // STEPS_PER_FRAME
+"""A pair that collides so shortly before the cut may still touch at it (frames)."""
+KERNEL_WORLD, KERNEL_FREEDOM = 0.02, 3.0
+"""Scale (world units) and degrees of freedom of Student's t distribution around each position of a possible future. The scale
+is about twice the mean error with which the frame parser sees positions (the row "truth, as perceived" in docs/compare.md); the
+tails reach to what lies between the futures."""
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """What somebody says of the frames after the cut, of n objects with the ids of the truth.
+
+    Attributes:
+        location_world: (n, F, 2) positions on the ground (world units); NaN where an object is not found.
+        collisions: with frames of the whole video.
+        words: (n, F) int, 1 where an object has the words that it had in the given frames, 0 where others, -1 where that is not
+            seen; None for predictions of positions alone.
+    """
+
+    location_world: FloatArray
+    collisions: tuple[Event, ...]
+    words: NDArray[np.int8] | None = None
+
+
+@dataclass(frozen=True)
+class TrueFuture:
+    """What really follows the given frames, and which of it follows from them.
+
+    What an object does after it met one that the given frames do not show, directly or through others, is not asked.
+
+    Attributes:
+        objects: n identities.
+        cut: number of given frames.
+        given_world: (n, cut, 2) positions in the given frames (world units); NaN outside the image.
+        location_world: (n, F, 2) positions after the cut.
+        asked: (n, F) bool, the object is in the image, and its position follows from the given frames.
+        collisions: the first one of each pair after the cut that follows from the given frames and is in the image.
+        touching: pairs that collide about at the cut, whose collisions do not count.
+    """
+
+    objects: tuple[SceneObject, ...]
+    cut: int
+    given_world: FloatArray
+    location_world: FloatArray
+    asked: BoolArray
+    collisions: tuple[Event, ...]
+    touching: frozenset[tuple[int, ...]]
+
+    @property
+    def known(self) -> list[int]:
+        """Ids of the objects that are asked for in some frame."""
+        return np.flatnonzero(self.asked.any(1)).tolist()
+
+    def counted(self, collisions: Iterable[Event]) -> dict[tuple[int, ...], int]:
+        """The first frame at which each pair collides after the cut, where that is asked for."""
+        first: dict[tuple[int, ...], int] = {}
+        for e in sorted(collisions, key=lambda e: e.frame):
+            at = e.frame - self.cut
+            inside = 0 <= at < self.asked.shape[1] and e.objects not in self.touching
+            if inside and self.asked[list(e.objects), at].all():
+                first.setdefault(e.objects, e.frame)
+        return first
+
+
+def true_future(truth: Mapping[str, Any], cut: int, end: int) -> TrueFuture:
+    """The frames from `cut` up to, not including, `end` of a truth file.
+
+    Args:
+        truth: validated content of the file.
+        cut: number of given frames.
+        end: at most the number of frames of the file.
+    """
+    scene = scene_from_truth(truth, end)
+    n = len(scene.objects)
+    location = np.zeros((n, end, 2))
+    for f in range(end):
+        for row in truth["frames"][f]["objects"]:
+            location[row["object_id"], f] = row["location"][:2]
+    known_until = np.where(scene.visible[:, :cut].sum(1) >= min(MIN_GIVEN_FRAMES, cut), end, 0)
+    collisions = sorted(
+        (Event("collision", c["frame_id"], tuple(sorted(c["object_ids"]))) for c in truth["collisions"]),
+        key=lambda e: e.frame,
+    )
+    for e in collisions:
+        pair = list(e.objects)
+        if e.frame >= cut and (known_until[pair] <= e.frame).any():
+            known_until[pair] = np.minimum(known_until[pair], e.frame)
+    asked = (scene.visible & (np.arange(end) < known_until[:, None]))[:, cut:]
+    given = np.where(scene.visible[:, :cut, None], location[:, :cut], np.nan)
+    touching = frozenset(e.objects for e in collisions if cut - TOUCHING_FRAMES <= e.frame <= cut + SAME_EVENT_FRAMES)
+    objects = tuple(sorted(scene.objects, key=lambda o: o.id))
+    future = TrueFuture(objects, cut, given, location[:, cut:], asked, (), touching)
+    first = future.counted(collisions).items()
+    return replace(future, collisions=tuple(Event("collision", frame, pair) for pair, frame in first))
+
+
+class PossibleFutures:
+    """Runs of Bullet from states that cannot be told from the true ones by what was seen.
+
+    Args:
+        runs: R continuations, at least two.
+        truth: what really follows.
+    """
+
+    def __init__(self, runs: Sequence[Continuation], truth: TrueFuture) -> None:
+        self.location_world = np.stack([run.location_world for run in runs])
+        self.pairs = frozenset(pair for run in runs for pair in truth.counted(run.collisions))
+        others = [self.log_density(run.location_world, leave_out=r) for r, run in enumerate(runs)]
+        self.reference: FloatArray = np.mean(others, axis=0)
+        """(n, F) mean logarithm of the density that the other runs give to each run."""
+
+    def distances(self, location_world: FloatArray, leave_out: int | None = None) -> FloatArray:
+        """(R, n, F) distances of positions (n, F, 2) from those of each run, or each but one (world units)."""
+        runs = self.location_world if leave_out is None else np.delete(self.location_world, leave_out, 0)
+        return np.asarray(np.linalg.norm(location_world - runs, axis=-1))
+
+    def log_density(self, location_world: FloatArray, leave_out: int | None = None) -> FloatArray:
+        """(n, F) logarithm of the density of positions, up to a constant: a mixture of Student's t around the runs."""
+        squared = (self.distances(location_world, leave_out) / KERNEL_WORLD) ** 2
+        kernel = (1 + squared / KERNEL_FREEDOM) ** (-(KERNEL_FREEDOM + 2) / 2)
+        return np.asarray(np.log(kernel.mean(0)))
+
+
+def score(found: Continuation, truth: TrueFuture, futures: PossibleFutures, leave_out: int | None = None) -> Sums:
+    """What `MEASURES` are made of.
+
+    Args:
+        found: the continuation.
+        truth: what really follows.
+        futures: what could follow.
+        leave_out: number of the possible future that `found` is, which is not compared with itself.
+    """
+    place = found.location_world
+    is_found = truth.asked & np.isfinite(place).all(-1)
+    distances = np.where(is_found, futures.distances(place, leave_out), 0.0)
+    nearest = distances[distances.sum((1, 2)).argmin()]
+    error = np.where(is_found, np.linalg.norm(place - truth.location_world, axis=-1), 0.0)
+    gain = np.where(is_found, futures.log_density(place, leave_out) - futures.reference, 0.0)
+    sums: Sums = {
+        "asked": truth.asked.sum(0).tolist(),
+        "found": is_found.sum(0).tolist(),
+        "error": error.sum(0).tolist(),
+        "nearest": nearest.sum(0).tolist(),
+        "gain": gain.sum(0).tolist(),
+    }
+    if found.words is not None:
+        sums["named"] = (truth.asked & ((found.words >= 0) | ~is_found)).sum(0).tolist()
+        sums["same"] = (is_found & (found.words == 1)).sum(0).tolist()
+    return sums | _event_sums(truth.counted(found.collisions), truth, futures)
+
+
+def _event_sums(found: Mapping[tuple[int, ...], int], truth: TrueFuture, futures: PossibleFutures) -> Sums:
+    true = {e.objects: e.frame for e in truth.collisions}
+    right = [(true[pair], frame) for pair, frame in found.items() if pair in true]
+    orders = [
+        (a[0] - b[0]) * (a[1] - b[1]) > 0 for a, b in combinations(right, 2) if abs(a[0] - b[0]) > SAME_EVENT_FRAMES
+    ]
+    return {
+        "collisions": len(found),
+        "true_collisions": len(true),
+        "right": len(right),
+        "possible": len(found.keys() & (futures.pairs | true.keys())),
+        "frames_off": sum(abs(a - b) for a, b in right),
+        "orders": len(orders),
+        "ordered": sum(orders),
+    }
+
+
+def add(sums: Iterable[Sums]) -> Sums:
+    """Sums of several runs or videos together; lists of frames may differ in length."""
+    total: Sums = {}
+    for one in sums:
+        for name, value in one.items():
+            if isinstance(value, list):
+                known = total.setdefault(name, [])
+                known += [0] * (len(value) - len(known))
+                total[name] = [a + b for a, b in zip(known, value + [0] * (len(known) - len(value)), strict=True)]
+            else:
+                total[name] = total.get(name, 0) + value
+    return total
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A ratio of sums.
+
+    Attributes:
+        title: of the table's column, with the unit.
+        above, below: what is divided by what, of the `Sums` of `score`.
+        is_share: printed in %.
+        decimals: that are printed.
+    """
+
+    title: str
+    above: Callable[[Mapping[str, Any]], Any]
+    below: Callable[[Mapping[str, Any]], Any]
+    is_share: bool = False
+    decimals: int = 1
+
+
+def _of(name: str) -> Callable[[Mapping[str, Any]], Any]:
+    return lambda sums: np.asarray(sums.get(name, 0.0), float)
+
+
+MEASURES: dict[str, Measure] = {
+    "error": Measure("error (world units)", _of("error"), _of("found"), decimals=3),
+    "nearest": Measure("to the nearest future (world units)", _of("nearest"), _of("found"), decimals=3),
+    "log_likelihood": Measure("log-likelihood (nats)", _of("gain"), _of("found"), decimals=2),
+    "missing": Measure("missing (%)", lambda s: _of("asked")(s) - _of("found")(s), _of("asked"), True),
+    "identity": Measure("identity kept (%)", _of("same"), _of("named"), True),
+    "collisions": Measure(
+        "collisions, F1 (%)",
+        lambda s: 2 * _of("right")(s),
+        lambda s: _of("collisions")(s) + _of("true_collisions")(s),
+        True,
+    ),
+    "possible": Measure("possible collisions (%)", _of("possible"), _of("collisions"), True),
+    "order": Measure("order right (%)", _of("ordered"), _of("orders"), True),
+    "frames_off": Measure("off by (frames)", _of("frames_off"), _of("right")),
+}
+"""Columns of the table: "error" and "nearest" are mean distances of the objects that are found, "log_likelihood" is the mean by
+object and frame, relative to a held-out run of Bullet."""
