@@ -96,7 +96,7 @@ FIELDS: dict[str, list[Field]] = {
         "0.questions.1.choices: list", "0.questions.1.choices.0.choice_id: id", "0.questions.1.choices.0.answer: word"),
     "questions to tag": _fields("0.questions.1.choices.0.program: tokens", "0.questions.1.choices.0.answer: word"),
 }  # fmt: skip
-"""The fields of each format that a reader needs (`docs/formats.md` and the readers' documentation)."""
+"""The fields of each format that a reader needs (`docs/cli.md` and the readers' documentation)."""
 CHANGES: dict[str, dict[str, Change]] = {
     "questions": {
         "scene twice": repeated(0),
