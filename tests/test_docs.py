@@ -1,0 +1,79 @@
+"""What the docs tell people to do: commands have their options, and examples print what stands below them."""
+
+import contextlib
+import io
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import nsdr
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+EXAMPLES = ("README.md", "docs/quickstart.md", "docs/interventions.md", "docs/page.md", "docs/rewards.md")
+"""Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
+ANYWHERE = ("--field", "-o")
+"""What is no option of a command's help: a placeholder, and the output of `generate` and `extract-features`."""
+NEEDS_MORE = "from trl import"
+"""What is in an example that needs an extra which tests do not have."""
+
+
+@cache
+def promised() -> set[str]:
+    return set((ROOT / "docs" / "public_api.txt").read_text().splitlines())
+
+
+def commands(page: Path) -> list[str]:
+    """Each `nsdr …` in code, on one line and without comments."""
+    text, fence = page.read_text(encoding="utf-8"), re.compile(r"^```\w*\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
+    lines = re.sub(r"\\?\n +(?=[-[])", " ", "\n".join(fence.findall(text))).splitlines()
+    inline = [" ".join(code.split()) for code in re.findall(r"`([^`]+)`", fence.sub("", text))]
+    found = [re.split(r" # |;|\| ", line)[0] for line in [*lines, *inline]]
+    return [m[1] for line in found if (m := re.search(r"^(?:\.venv/bin/)?(nsdr [a-z].*)", line.strip()))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_their_options_exist(page: Path) -> None:
+    known = {line for line in promised() if line.startswith("nsdr ")}
+    names = {line.partition(" -")[0] for line in known}
+    for command in commands(page):
+        words = command.split()
+        name = next((n for k in (3, 2) if (n := " ".join(words[:k])) in names), " ".join(words[:2]))
+        of_name = {
+            line for line in known if line == name or line.startswith(f"{name} ")
+        }  # of any part, where it has some
+        assert of_name, f"{page.name}: {command}"
+        for option in re.findall(r"(?<![\w.-])--?[a-z][\w-]*(?![\w.]*\.)", re.sub(r"'[^']*'", "", command)):
+            exists = option in ANYWHERE or any(line.endswith(f" {option}") for line in of_name)
+            assert exists, f"{page.name}: {option} in {command}"
+
+
+def examples(page: str) -> list[tuple[str, str | None]]:
+    """The Python of a page, each with the output that follows it, if any."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found = re.findall(r"^```py(?:thon)?\n(.*?)^```\n(?:\n```\n(.*?)^```)?", text, flags=re.MULTILINE | re.DOTALL)
+    return [(code, output or None) for code, output in found if NEEDS_MORE not in code]
+
+
+@pytest.fixture(scope="module")
+def one_pipeline() -> Any:
+    """The pipeline of all examples, so that the clip is looked at once."""
+    pipeline = nsdr.Pipeline.from_pretrained()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(nsdr.Pipeline, "from_pretrained", lambda: pipeline)
+        yield
+
+
+@pytest.mark.parametrize("page", EXAMPLES)
+def test_examples_print_what_the_page_says(page: str, one_pipeline, monkeypatch) -> None:
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {"__name__": "example"}
+    for code, output in examples(page):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(code, names)
+        if output is not None:
+            assert printed.getvalue() == output
