@@ -15,8 +15,8 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 EXAMPLES = ("README.md", "docs/quickstart.md", "docs/interventions.md", "docs/page.md", "docs/rewards.md")
 """Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
-ANYWHERE = ("--field", "-o")
-"""What is no option of a command's help: a placeholder, and the output of `generate` and `extract-features`."""
+ANYWHERE = ("--field", "--from", "--help", "--keep-going", "-o")
+"""What is in no list of options: a placeholder, and what `generate` and `extract-features` read before their configuration."""
 NEEDS_MORE = "from trl import"
 """What is in an example that needs an extra which tests do not have."""
 
