@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import VideoError
+from nsdr.io.decoding import check_is_video
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.video import check_is_video, video_seconds
+from nsdr.io.video import video_seconds
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.types import Answer, Simulation
 from nsdr.types.interventions import Intervention
@@ -77,7 +78,7 @@ class Clips:
         key = fingerprint(inputs=[path])
         if (known := self._kept.get(key)) is not None:
             return known
-        seconds = video_seconds(path)
+        seconds = video_seconds(path, self.pipeline.video.fps)
         if seconds > self.max_seconds:
             raise VideoError(
                 f"{path}: lasts {seconds:.0f} s; clips of up to {self.max_seconds:g} s are taken, so cut it"
