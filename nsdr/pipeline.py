@@ -20,9 +20,9 @@ from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
+from nsdr.io.decoding import check_is_video
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.video import check_is_video
 from nsdr.laws.judge import judge
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
@@ -329,14 +329,21 @@ class Pipeline:
         """Which laws of CLEVRER's world a video breaks, by which objects, and when; see `nsdr.judge`.
 
         Raises:
-            VideoError: as of `perceive`.
+            VideoError: as of `perceive` and of `nsdr.judge`.
         """
         check_is_video(Path(video))
-        frames = clip_frames(video, self.video, beyond_cuts=True)
+        late: list[float] = []
+        frames = clip_frames(video, self.video, beyond_cuts=True, late=late)
         proposals = self.frame_parser.parse(frames, progress=self.progress)
-        if not len(proposals):
-            raise VideoError(f"{video}: no objects found; is it a CLEVRER clip?")
-        return judge(proposals, self.tracker, self.camera)
+        try:
+            found = judge(proposals, self.tracker, self.camera, np.array(late))
+        except VideoError as e:
+            raise VideoError(f"{video}: {e}") from e
+        if not found.objects:
+            raise VideoError(
+                f"{video}: no objects found in more than {self.tracker.min_frames} frames; is it a CLEVRER clip?"
+            )
+        return found
 
     def answer(
         self,

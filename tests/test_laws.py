@@ -139,7 +139,7 @@ def test_the_command_judges_videos_and_says_which_it_cannot(tmp_path, capsys) ->
     other = tmp_path / "other.mp4"
     other.write_text("no video")
     report = tmp_path / "report.json"
-    assert main(["judge", str(other), str(VIDEO), "-o", str(report)]) == 1
+    assert main(["judge", str(other), str(VIDEO), "-o", str(report), "--workers", "1"]) == 1
     refused, judged = json.loads(report.read_text())
     assert str(other) in refused["error"]
     assert judged["video"] == str(VIDEO)

@@ -1,5 +1,6 @@
 """`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,12 +8,14 @@ from typing import Any
 from jsonargparse.typing import NonNegativeInt
 
 from nsdr.cli.common import (
+    VIDEO,
     check_outputs,
     failures_line,
     frames_of,
     is_scene,
     make_pipeline,
     refuse_for_scene,
+    refuse_idle,
     settings_of,
     shared_options,
 )
@@ -33,7 +36,7 @@ OF_SCENES = ("plan", "causal")
 
 def parse_video_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help="video file")
+    add("video", help=VIDEO)
     add("-o", "--output", required=True, help="scene file, .json")
     add("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
     shared_options(parser, "checkpoint", "pipeline", "video")
@@ -74,7 +77,7 @@ def _rounded(dynamics: Any) -> Any:
 
 def parse_videos_options(parser: Any) -> None:
     add = parser.add_argument
-    add("videos", help="folder with *.mp4")
+    add("videos", help="folder with *.mp4, *.gif or *.webp")
     add("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
     shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 
@@ -118,42 +121,47 @@ def _report(options: Any, summary: Any, what: str) -> int:
 
 def judge_options(parser: Any) -> None:
     add = parser.add_argument
-    add("videos", nargs="+", help="video files")
-    add("-o", "--output", default=None, help="report, .json")
-    shared_options(parser, "checkpoint", "pipeline", "video")
+    add("videos", nargs="+", help="video files, animated images (GIF, WebP) or folders of frames (PNG, JPEG)")
+    add("-o", "--output", default=None, help="report, .json; a folder beside it keeps what is done")
+    shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 
 
 def judge(options: Any) -> int:
     """`nsdr judge`: which laws videos break; a video that cannot be judged has the reason in place of a judgement."""
-    check_outputs(options.videos, (options.output, (".json",)))
-    pipeline = make_pipeline(options)
-    from dataclasses import asdict
+    from nsdr.evaluation.batch import judge_videos, judged
 
-    from nsdr.errors import VideoError
-    from nsdr.io.files import write_json
+    o = options
+    if o.output:
+        check_outputs(o.videos, (o.output, (".json",)))
+        rows = judge_videos(o.videos, o.output, o.checkpoint, settings_of(o), o.engine, o.workers, o.device)
+        for row in rows:
+            _print_judgement(row)
+    else:
+        refuse_idle(o, ("workers", "engine"), " without -o")
+        pipeline, rows = make_pipeline(o), []
+        for video in o.videos:
+            rows.append(judged(pipeline, video))
+            _print_judgement(rows[-1])
+    errors = [row["error"] for row in rows if "error" in row]
+    return failures_line(len(errors), len(rows), "videos", "".join(errors[:1]), o.keep_going)
 
-    report: list[dict[str, Any]] = []
-    for video in options.videos:
-        try:
-            found = pipeline.judge(video)
-        except VideoError as e:
-            print(f"not judged: {e}")
-            report.append({"video": video, "error": str(e)})
-            continue
-        names = [o.name for o in found.objects]
-        print(f"{video}: {found.probability:.1%} that a law is broken")
-        for v in found.violations:
-            which = "all objects" if v.law == "arrow" else " and ".join(f"the {names[i]}" for i in v.objects)
-            print(f"  frame {v.frame}: {v.law}, {which} ({v.amount:.2g} {v.unit}, {v.probability:.1%})")
-        report.append({"video": video, **asdict(found)})
-    if options.output:
-        write_json(options.output, report, indent=1)
-    return int(any("error" in row for row in report))
+
+def _print_judgement(row: dict[str, Any]) -> None:
+    for warning in row.get("warnings", ()):
+        print(f"warning: {row['video']}: {warning}", file=sys.stderr)
+    if "error" in row:
+        print(f"not judged: {row['error']}", flush=True)
+        return
+    print(f"{row['video']}: {row['probability']:.1%} that a law is broken", flush=True)
+    names = ["{color} {material} {shape}".format(**o) for o in row["objects"]]
+    for v in row["violations"]:
+        which = "all objects" if v["law"] == "arrow" else " and ".join(f"the {names[i]}" for i in v["objects"])
+        print(f"  frame {v['frame']}: {v['law']}, {which} ({v['amount']:.2g} {v['unit']}, {v['probability']:.1%})")
 
 
 def visualize_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help="video file, or a scene saved by parse-video")
+    add("video", help=f"{VIDEO}, or a scene saved by parse-video")
     add("-q", "--question", default=None, help="for an HTML report: a question")
     add("-c", "--choice", action="append", default=[], help="its options; repeat it for each")
     image = "for a PNG: which image (default: strobe; of a saved scene, causal); all adds each one's name to the file's"
