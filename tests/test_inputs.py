@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 
 from nsdr import DataError, FrameParser, VideoConfig, VideoError, VideoProposals, judge
-from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics.sliding import slide
 from nsdr.frame_parser import FrameParserConfig, build_frame_parser
