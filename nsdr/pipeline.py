@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels
 from nsdr.dynamics.interventions import simulate_removal
 from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, checkpoint_folders, load_backend
-from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.dynamics.scene import collisions_of, scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.check.video import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.decoding import check_is_video
@@ -331,18 +331,22 @@ class Pipeline:
         Raises:
             VideoError: as of `perceive` and of `nsdr.judge`.
         """
-        check_is_video(Path(video))
         late: list[float] = []
-        frames = clip_frames(video, self.video, beyond_cuts=True, late=late)
-        proposals = self.frame_parser.parse(frames, progress=self.progress)
+        wrong = "; ".join(check_video(video, self.video).misplaced)
+        if not wrong or self.video.check != "refuse":
+            frames = clip_frames(video, self.video, beyond_cuts=True, late=late)
+            proposals = self.frame_parser.parse(frames, progress=self.progress)
+            wrong = size_warning(track(proposals, self.tracker, self.camera))
+        if wrong and self.video.check == "refuse":
+            raise VideoError(f"{video}: cannot be judged: {wrong}. --force judges it all the same")
+        if wrong and self.video.check == "warn":
+            warnings.warn(f"{video}: {wrong}", stacklevel=2)
         try:
             found = judge(proposals, self.tracker, self.camera, np.array(late))
         except VideoError as e:
             raise VideoError(f"{video}: {e}") from e
         if not found.objects:
-            raise VideoError(
-                f"{video}: no objects found in more than {self.tracker.min_frames} frames; is it a CLEVRER clip?"
-            )
+            raise VideoError(f"{video}: no objects found in more than {self.tracker.min_frames} frames")
         return found
 
     def answer(
@@ -386,14 +390,3 @@ class Pipeline:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]
         return executor.judge(parsed, list(zip(texts, parsed_choices, strict=True)), question)
-
-
-def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:
-    """A scene's collisions during the video, with the ids of the tracks of the same names; others are left out."""
-    ids = {t.object.name: t.object.id for t in tracks.tracks}
-    events = []
-    for event in scene.events:
-        names = [scene.objects[i].name for i in event.objects]
-        if event.kind == "collision" and all(name in ids for name in names):
-            events.append(Event("collision", event.frame, tuple(sorted(ids[name] for name in names))))
-    return events

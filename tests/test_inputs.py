@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nsdr import DataError, FrameParser, VideoConfig, VideoError, VideoProposals, judge
+from nsdr import DataError, FrameParser, Pipeline, VideoConfig, VideoError, VideoProposals, judge
+from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics.sliding import slide
 from nsdr.frame_parser import FrameParserConfig, build_frame_parser
@@ -17,7 +19,7 @@ from nsdr.frame_parser.check.video import clip_frames
 from nsdr.io.decoding import find_videos
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.images import open_images
-from nsdr.io.video import read_frames, video_seconds
+from nsdr.io.video import read_frames, video_seconds, write_video
 from nsdr.tracking.localization import outline
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -241,7 +243,9 @@ def test_what_shows_too_little_is_not_judged() -> None:
         return sliding(128, frames, np.zeros(len(frames)))
 
     assert judge(seen(np.arange(0, 128, 3))).violations == ()
-    with pytest.raises(VideoError, match=r"6\.25 frames a second are too few to judge; expected 8\.3 or more"):
+    with pytest.raises(
+        VideoError, match=r"6\.25 frames a second are too few to judge; expected 8 or more, and a stride"
+    ):
         judge(seen(np.arange(0, 128, 4)))
     with pytest.raises(VideoError, match=r"10 different frames are too few to judge; expected \d+ or more"):
         judge(seen(np.arange(10)))
@@ -281,3 +285,19 @@ def test_two_videos_of_one_name_are_not_one(tmp_path, capsys) -> None:
     paths = [str(tmp_path / name / "v.mp4") for name in ("a", "b")]
     assert main(["judge", *paths, "-o", str(tmp_path / "report.json")]) == 2
     assert "both are v; rename one" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda frames: frames[:, 20:300, 30:450], "the background"),
+        (lambda frames: frames[:, :, 90:390], r"0\.94:1, not 1\.5:1: taken as the middle of one"),
+    ],
+    ids=["zoomed", "cut off"],
+)
+def test_videos_whose_places_are_wrong_are_not_judged(tmp_path, change, message: str) -> None:
+    frames = list(islice(read_frames(VIDEO), 64))
+    write_video(tmp_path / "v.mp4", change(np.stack(frames)), preset="veryfast")
+    pipeline = Pipeline(None, None, None)  # what is not looked at needs no networks
+    with pytest.raises(VideoError, match=rf"v\.mp4: cannot be judged: .*{message}.*--force judges it all the same"):
+        pipeline.judge(tmp_path / "v.mp4")

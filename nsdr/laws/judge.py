@@ -15,7 +15,7 @@ from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["judge", "judgement_of"]
+__all__ = ["judge", "judgement_of", "on_time"]
 
 EVEN_NATS = {
     "permanence": 6.0,
@@ -64,7 +64,7 @@ def judge(
     _check_processed(proposals)
     tracks = track(proposals, tracker, camera)
     if late is not None:
-        tracks = replace(tracks, tracks=tuple(_on_time(t, late) for t in tracks.tracks))
+        tracks = on_time(tracks, late)
     return judgement_of(tracks, evidence_of(tracks, proposals))
 
 
@@ -86,14 +86,21 @@ def _check_processed(proposals: VideoProposals) -> None:
         raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_FRAMES} or more")
     spacing = float(np.median(np.diff(frames)))
     if spacing > MAX_SPACING_FRAMES:
-        rate = FPS / MAX_SPACING_FRAMES
-        raise VideoError(
-            f"{FPS / spacing:.3g} frames a second are too few to judge; expected {rate:.1f} or more (or a lower stride)"
-        )
+        least = f"expected {FPS / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"
+        raise VideoError(f"{FPS / spacing:.3g} frames a second are too few to judge; {least}")
+
+
+def on_time(tracks: VideoTracks, late: FloatArray) -> VideoTracks:
+    """Tracks with positions at 25 frames a second, each on the straight line to the position before or after it.
+
+    Args:
+        tracks: with positions as they were seen.
+        late: as of `judge`.
+    """
+    return replace(tracks, tracks=tuple(_on_time(t, late) for t in tracks.tracks))
 
 
 def _on_time(t: Track, late: FloatArray) -> Track:
-    """A track with its positions at 25 frames a second: on the straight line to the position before or after it."""
     frames, location = t.frame_index, t.location_world
     if len(frames) < 2:
         return t

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,8 +23,21 @@ from nsdr.world.physics_constants import FPS
 
 __all__ = ["MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "marked_px", "needed_levels", "reasons"]
 
-Reason = tuple[bool, str]
-"""Whether a video certainly is of another scene, and why."""
+
+class Reason(NamedTuple):
+    """What speaks against a video.
+
+    Attributes:
+        is_certain: whether it certainly is of another scene.
+        text: why.
+        misplaces: whether the places of its objects cannot be told.
+    """
+
+    is_certain: bool
+    text: str
+    misplaces: bool = False
+
+
 SPACING_FRAMES = 2
 """Every second frame of a video is looked at, and for the motion of the camera every second of these, which saves time."""
 NOISE_SPACING_PX = 3
@@ -96,50 +110,51 @@ def reasons(
     sparse = frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX]
     noise = np.median([np.median(cv2.absdiff(a, b)) for a, b in pairwise(sparse)] or [0.0])
     if noise > MAX_NOISE:
-        yield bool(noise > FOREIGN_NOISE), f"it is noisy: still pixels change by {noise:.0f} of 255 levels"
+        yield Reason(bool(noise > FOREIGN_NOISE), f"it is noisy: still pixels change by {noise:.0f} of 255 levels")
         return
     if len(frames) > 1 and max(change(frames[0], frame) for frame in frames[1:]) < MIN_MOTION:
-        yield False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s"
+        yield Reason(False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s")
     if not is_foreign(ground):
         moved = camera_motion(frames)
         if moved > MAX_CAMERA_PX:
             text = f"the camera moves, by {moved:.1f} pixels of 480x320; it must stand still"
-            yield moved > FOREIGN_CAMERA_PX, text
+            yield Reason(moved > FOREIGN_CAMERA_PX, text, misplaces=True)
         elif marked_px(image, reference, ground) > MAX_MARKED_PX:
-            yield False, "a caption, logo or other marks are on the image; they may be taken for objects"
+            yield Reason(False, "a caption, logo or other marks are on the image; they may be taken for objects")
 
 
 def _of_the_ground(ground: GroundFit, corrected: str) -> Iterator[Reason]:
     way = "darker" if ground.brightness < 0 else "brighter"
     exposure = f"{way} than CLEVRER's videos by {abs(ground.brightness):.0f} of 255 levels"
     if abs(ground.brightness) > FOREIGN_BRIGHTNESS:
-        yield True, exposure
+        yield Reason(True, exposure)
         return
     if ground.distance > FOREIGN_GROUND_DISTANCE:
         figure = f"{ground.distance:.1f} levels" if np.isfinite(ground.distance) else "no such pattern"
-        yield True, f"the background is not the empty scene ({figure}; at most {FOREIGN_GROUND_DISTANCE})"
+        yield Reason(True, f"the background is not the empty scene ({figure}; at most {FOREIGN_GROUND_DISTANCE})")
         return
     if ground.distance > MAX_GROUND_DISTANCE:
         why = "cropped, zoomed, tilted, or another camera or other lamps; positions and sizes may be wrong"
-        yield False, f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
+        text = f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
+        yield Reason(False, text, misplaces=True)
     if abs(ground.brightness) > MAX_BRIGHTNESS:
-        yield False, exposure + corrected
+        yield Reason(False, exposure + corrected)
     elif not MIN_GAIN < ground.gain < MAX_GAIN:
         why = corrected or ": cropped, or other levels"
-        yield False, f"the background has {ground.gain:.0%} of the contrast of the empty scene{why}"
+        yield Reason(False, f"the background has {ground.gain:.0%} of the contrast of the empty scene{why}")
 
 
 def _of_the_colors(frames: NDArray[np.uint8], ground: GroundFit) -> Iterator[Reason]:
     spread = frames.max(3) - frames.min(3)
     if ground.color < FOREIGN_COLOR and np.quantile(spread, SATURATION_QUANTILE) < MIN_SATURATION:
-        yield True, "it is in shades of grey"
+        yield Reason(True, "it is in shades of grey")
     elif ground.color < -FOREIGN_COLOR:
-        yield True, "its colours are exchanged, such as red and blue"
+        yield Reason(True, "its colours are exchanged, such as red and blue")
     elif ground.color < MIN_COLOR:
         text = "the colours of the background are not those of the empty scene; colours may be wrong"
-        yield ground.color < FOREIGN_COLOR, text
+        yield Reason(ground.color < FOREIGN_COLOR, text)
     elif abs(ground.tint) > MAX_TINT:
-        yield False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong"
+        yield Reason(False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong")
 
 
 def camera_motion(frames: NDArray[np.uint8]) -> float:

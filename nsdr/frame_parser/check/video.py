@@ -63,6 +63,7 @@ class VideoCheck:
         layout: where in the frames the image is.
         levels: what each level of the image has to become, (256,) uint8; None where they are right.
         ground: how the ground compares with the scene without objects; None where nothing is to be seen.
+        misplaced: those of `warned` by which the places of objects are wrong or not seen.
     """
 
     refused: tuple[str, ...] = ()
@@ -70,6 +71,7 @@ class VideoCheck:
     layout: Layout = field(default_factory=Layout)
     levels: NDArray[np.uint8] | None = None
     ground: GroundFit | None = None
+    misplaced: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -180,6 +182,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     frames = until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
     box, layout, expected, warned = find_layout(median, sample.size_px, known)
+    misplaced = [] if layout.stretched else warned[-1:]  # what is cut off is not seen
     image, frames = part_of(median, box), part_of(frames, box)
     ground, reference = best_fit(image, expected)
     refused: list[str] = []
@@ -191,6 +194,8 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
             (warned if turn == "mirrored" else refused).append(f"it is {turn}")
             image, ground, reference = turned(image, turn), after, fitting
     levels = needed_levels(frames, ground)
-    for is_certain, text in reasons(frames, image, reference, ground, levels is not None):
-        (refused if is_certain else warned).append(text)
-    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground)
+    for reason in reasons(frames, image, reference, ground, levels is not None):
+        (refused if reason.is_certain else warned).append(reason.text)
+        if reason.misplaces and not reason.is_certain:
+            misplaced.append(reason.text)
+    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground, tuple(misplaced))
