@@ -1,12 +1,13 @@
 """What the judge says of videos of other kinds, sizes and qualities, in which nothing is broken.
 
 `python benchmarks/judge_inputs.py CLIP ... [--kinds KIND ...]` prints how many of the objects of the unaltered clips are found,
-how many others, and which laws seem to be broken.
+how many others, which laws seem to be broken, how wide edges are (pixels), and how many videos are refused without `--force`.
 """
 
 import argparse
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from nsdr import Pipeline, VideoError
-from nsdr.io.video import read_video, write_video
+from nsdr import Pipeline, PipelineConfig, VideoConfig, VideoError
+from nsdr.frame_parser.check.reasons import SPACING_FRAMES, edge_width_px
+from nsdr.frame_parser.check.video import SAMPLED_SECONDS, check_video
+from nsdr.io.video import read_video, sample_frames, write_video
 
 Frames = NDArray[np.uint8]
 
@@ -85,25 +88,31 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=list(KINDS))
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    pipeline = Pipeline.from_pretrained()
+    pipeline = Pipeline.from_pretrained(config=PipelineConfig(video=VideoConfig("warn")))
     clips = [read_video(clip) for clip in options.clips]
     known = [{o.name for o in pipeline.judge(clip).objects} for clip in options.clips]
     total = sum(map(len, known))
-    print("| kind | objects | others | false alarms |\n|---|---|---|---|", flush=True)
+    print("| kind | objects | others | false alarms | edges | refused |\n|---|---|---|---|---|---|", flush=True)
     for kind in options.kinds:
         change, write = KINDS[kind]
-        found, others, alarms = 0, 0, list[str]()
+        found, others, refused, alarms, edges = 0, 0, 0, list[str](), list[float]()
         for clip, names in zip(clips, known, strict=True):
             with tempfile.TemporaryDirectory() as folder:
+                path = write(Path(folder), change(clip))
+                edges.append(edge_width_px(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES).frames))
+                refused += bool(check_video(path).unfit)
                 try:
-                    judgement = pipeline.judge(write(Path(folder), change(clip)))
+                    judgement = pipeline.judge(path)
                 except VideoError as e:
-                    alarms.append(f"refused ({e})")
+                    print(e)
+                    refused += 1
                     continue
             seen = {o.name for o in judgement.objects}
             found, others = found + len(seen & names), others + len(seen - names)
             alarms += [v.law for v in judgement.violations]
-        print(f"| {kind} | {found} of {total} | {others} | {', '.join(alarms) or '-'} |", flush=True)
+        widths = f"{min(edges):.1f} to {max(edges):.1f}"
+        laws = ", ".join(f"{law} {n}" for law, n in Counter(alarms).items()) or "-"
+        print(f"| {kind} | {found} of {total} | {others} | {laws} | {widths} | {refused} of {len(clips)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ from nsdr.tracking.tracker import track
 from nsdr.types import Judgement, VideoProposals
 from nsdr.world.physics_constants import FPS
 
-RATES = (60.0, 50.0, 30.0, 25.0, 24.0, 16.0, 15.0, 12.5, 12.0, 10.0, 25 / 3, 8.0, 6.25)
-LENGTHS = (96, 64, 48, 32, 24, 20, 16)
+RATES = (30.0, 25.0, 24.0, 12.5, 10.0, 25 / 3, 8.0, 6.25)
+LENGTHS = (64, 32, 24, 16)
 NONE = np.zeros(0)
 
 

@@ -332,7 +332,7 @@ class Pipeline:
             VideoError: as of `perceive` and of `nsdr.judge`.
         """
         late: list[float] = []
-        wrong = "; ".join(check_video(video, self.video).misplaced)
+        wrong = "; ".join(check_video(video, self.video).unfit)
         if not wrong or self.video.check != "refuse":
             frames = clip_frames(video, self.video, beyond_cuts=True, late=late)
             proposals = self.frame_parser.parse(frames, progress=self.progress)

@@ -292,10 +292,11 @@ def test_two_videos_of_one_name_are_not_one(tmp_path, capsys) -> None:
     [
         (lambda frames: frames[:, 20:300, 30:450], "the background"),
         (lambda frames: frames[:, :, 90:390], r"0\.94:1, not 1\.5:1: taken as the middle of one"),
+        (lambda frames: np.stack([cv2.GaussianBlur(f, (0, 0), 3) for f in frames]), "it is blurred"),
     ],
-    ids=["zoomed", "cut off"],
+    ids=["zoomed", "cut off", "blurred"],
 )
-def test_videos_whose_places_are_wrong_are_not_judged(tmp_path, change, message: str) -> None:
+def test_videos_whose_places_or_words_are_wrong_are_not_judged(tmp_path, change, message: str) -> None:
     frames = list(islice(read_frames(VIDEO), 64))
     write_video(tmp_path / "v.mp4", change(np.stack(frames)), preset="veryfast")
     pipeline = Pipeline(None, None, None)  # what is not looked at needs no networks

@@ -33,7 +33,8 @@ STEEPNESS = 1.8
 evidence's logarithm: of 631 lawful scenes of `train` and of training seeds, printed by `python benchmarks/violations.py SUITE
 --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit`."""
 MIN_FRAMES, MAX_SPACING_FRAMES = 24, 3
-"""Fewest frames that are judged, and how far apart they may lie (frames)."""
+"""Fewest frames that are judged, and how far apart they may lie (frames): with fewer, little is found, and farther apart lawful
+videos seem to break laws (`python benchmarks/judge_rates.py SUITE PROPOSALS_VALIDATION.npz`)."""
 
 
 def judge(

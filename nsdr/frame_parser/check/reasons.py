@@ -21,7 +21,10 @@ from nsdr.frame_parser.check.shots import change
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "marked_px", "needed_levels", "reasons"]
+__all__ = [
+    *("MAX_EDGE_PX", "MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "edge_width_px", "marked_px"),
+    *("needed_levels", "reasons"),
+]
 
 
 class Reason(NamedTuple):
@@ -65,6 +68,12 @@ MAX_CAMERA_PX, FOREIGN_CAMERA_PX = 0.25, 1.2
 """`camera_motion` up to which the camera stands still, and above which places mean nothing (pixels of 480x320)."""
 MAX_MARKED_PX = 200
 """`marked_px` of an image without captions and logos."""
+MAX_EDGE_PX = 2.05
+"""`edge_width_px` up to which words are read well enough to judge changes of them: 1.4 to 1.7 in CLEVRER's videos, up to 2.0
+blurred by a pixel, 2.1 and more at 128x86 or blurred by 2 pixels (`python benchmarks/judge_inputs.py CLIPS`)."""
+SMOOTHING_PX, EDGE_QUANTILE, EDGE_SPACING = 1.5, 0.99, 4
+"""Edges are measured after so much smoothing, against blocks and noise (pixels of 480x320), where the image changes most, in
+every fourth frame that is looked at."""
 
 CELL_PX = WIDTH_PX / COLUMNS
 """Width and height of a cell (pixels of a 480x320 image)."""
@@ -75,6 +84,8 @@ STROKE = np.ones((9, 9), np.uint8)
 CONTRAST, TOUCHED = 25.0, 12.0
 """Difference of brightness from the ground of a mark, and of anything that is not ground (levels of 255 at the reference's
 contrast)."""
+BEND = np.array([[1, -2, 1]], np.float32)
+"""Second derivative along rows."""
 BORDER_PX = 6
 """Objects that leave the image are thin at its border, which is not looked at (pixels)."""
 
@@ -184,6 +195,28 @@ def camera_motion(frames: NDArray[np.uint8]) -> float:
         explained = max(1 - np.square(left[ground]).sum() / (np.square(without).sum() + TINY), 0.0)
         distances.append(explained * np.sqrt(reach @ np.square(found[:3])))
     return CELL_PX * float(np.median(distances))
+
+
+def edge_width_px(frames: NDArray[np.uint8]) -> float:
+    """How wide the sharpest edges are: standard deviation of the blur that a step would have (pixels of 480x320).
+
+    The second derivative of a blurred step is at most exp(-1/2) / width times its first one.
+
+    Args:
+        frames: (F, height, width, 3) uint8.
+    """
+    widths = []
+    for frame in frames[::EDGE_SPACING]:
+        gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        smooth = cv2.GaussianBlur(
+            cv2.resize(gray, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_CUBIC), (0, 0), SMOOTHING_PX
+        )
+        slope = np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, dx, 1 - dx, ksize=3) / 8 for dx in (0, 1)))
+        bend = np.maximum(*(np.abs(cv2.filter2D(smooth, -1, kernel)) for kernel in (BEND, BEND.T)))
+        inner = slice(BORDER_PX, -BORDER_PX)
+        most = (np.quantile(image[inner, inner], EDGE_QUANTILE) for image in (slope, bend))
+        widths.append(np.exp(-0.5) * next(most) / (next(most) + TINY))
+    return float(np.median(widths))
 
 
 def marked_px(image: FloatArray, reference: FloatArray, fit: GroundFit) -> int:

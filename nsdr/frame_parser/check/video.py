@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from nsdr.errors import VideoError
 from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
 from nsdr.frame_parser.check.layout import find_layout, part_of
-from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, SPACING_FRAMES, needed_levels, reasons
+from nsdr.frame_parser.check.reasons import (
+    MAX_EDGE_PX,
+    MAX_GROUND_DISTANCE,
+    SPACING_FRAMES,
+    edge_width_px,
+    needed_levels,
+    reasons,
+)
 from nsdr.frame_parser.check.shots import first_shot, until_cut
 from nsdr.io.decoding import check_is_video
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
@@ -63,7 +70,7 @@ class VideoCheck:
         layout: where in the frames the image is.
         levels: what each level of the image has to become, (256,) uint8; None where they are right.
         ground: how the ground compares with the scene without objects; None where nothing is to be seen.
-        misplaced: those of `warned` by which the places of objects are wrong or not seen.
+        unfit: why its motion cannot be judged: places that are wrong or not seen, words that may be misread.
     """
 
     refused: tuple[str, ...] = ()
@@ -71,7 +78,7 @@ class VideoCheck:
     layout: Layout = field(default_factory=Layout)
     levels: NDArray[np.uint8] | None = None
     ground: GroundFit | None = None
-    misplaced: tuple[str, ...] = ()
+    unfit: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -182,7 +189,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     frames = until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
     box, layout, expected, warned = find_layout(median, sample.size_px, known)
-    misplaced = [] if layout.stretched else warned[-1:]  # what is cut off is not seen
+    unfit = [] if layout.stretched else warned[-1:]  # what is cut off is not seen
     image, frames = part_of(median, box), part_of(frames, box)
     ground, reference = best_fit(image, expected)
     refused: list[str] = []
@@ -193,9 +200,12 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
             (warned if turn == "mirrored" else refused).append(f"it is {turn}")
             image, ground, reference = turned(image, turn), after, fitting
+    if (width := edge_width_px(frames)) > MAX_EDGE_PX:
+        what = "it is blurred, very small or strongly compressed"
+        unfit.append(f"{what} (edges of {width:.1f} pixels, at most {MAX_EDGE_PX}); words of objects may be misread")
     levels = needed_levels(frames, ground)
     for reason in reasons(frames, image, reference, ground, levels is not None):
         (refused if reason.is_certain else warned).append(reason.text)
         if reason.misplaces and not reason.is_certain:
-            misplaced.append(reason.text)
-    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground, tuple(misplaced))
+            unfit.append(reason.text)
+    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground, tuple(unfit))
