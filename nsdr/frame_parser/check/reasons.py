@@ -33,12 +33,12 @@ class Reason(NamedTuple):
     Attributes:
         is_certain: whether it certainly is of another scene.
         text: why.
-        misplaces: whether the places of its objects cannot be told.
+        unfit: whether it spoils the places or the words of objects, so that it cannot be judged.
     """
 
     is_certain: bool
     text: str
-    misplaces: bool = False
+    unfit: bool = False
 
 
 SPACING_FRAMES = 2
@@ -129,7 +129,7 @@ def reasons(
         moved = camera_motion(frames)
         if moved > MAX_CAMERA_PX:
             text = f"the camera moves, by {moved:.1f} pixels of 480x320; it must stand still"
-            yield Reason(moved > FOREIGN_CAMERA_PX, text, misplaces=True)
+            yield Reason(moved > FOREIGN_CAMERA_PX, text, unfit=True)
         elif marked_px(image, reference, ground) > MAX_MARKED_PX:
             yield Reason(False, "a caption, logo or other marks are on the image; they may be taken for objects")
 
@@ -147,7 +147,7 @@ def _of_the_ground(ground: GroundFit, corrected: str) -> Iterator[Reason]:
     if ground.distance > MAX_GROUND_DISTANCE:
         why = "cropped, zoomed, tilted, or another camera or other lamps; positions and sizes may be wrong"
         text = f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
-        yield Reason(False, text, misplaces=True)
+        yield Reason(False, text, unfit=True)
     if abs(ground.brightness) > MAX_BRIGHTNESS:
         yield Reason(False, exposure + corrected)
     elif not MIN_GAIN < ground.gain < MAX_GAIN:
@@ -163,7 +163,7 @@ def _of_the_colors(frames: NDArray[np.uint8], ground: GroundFit) -> Iterator[Rea
         yield Reason(True, "its colours are exchanged, such as red and blue")
     elif ground.color < MIN_COLOR:
         text = "the colours of the background are not those of the empty scene; colours may be wrong"
-        yield Reason(ground.color < FOREIGN_COLOR, text)
+        yield Reason(ground.color < FOREIGN_COLOR, text, unfit=True)
     elif abs(ground.tint) > MAX_TINT:
         yield Reason(False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong")
 

@@ -70,7 +70,7 @@ class VideoCheck:
         layout: where in the frames the image is.
         levels: what each level of the image has to become, (256,) uint8; None where they are right.
         ground: how the ground compares with the scene without objects; None where nothing is to be seen.
-        unfit: why its motion cannot be judged: places that are wrong or not seen, words that may be misread.
+        unfit: why it cannot be judged: places that are wrong or not seen, words that may be misread.
     """
 
     refused: tuple[str, ...] = ()
@@ -206,6 +206,6 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     levels = needed_levels(frames, ground)
     for reason in reasons(frames, image, reference, ground, levels is not None):
         (refused if reason.is_certain else warned).append(reason.text)
-        if reason.misplaces and not reason.is_certain:
+        if reason.unfit and not reason.is_certain:
             unfit.append(reason.text)
     return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground, tuple(unfit))
