@@ -58,9 +58,9 @@ def _tracking() -> Any:
 
 
 def _laws() -> Any:
-    """Of the clip, in which its first object vanishes."""
+    """Of the clip, in which an object vanishes."""
     seen = _perception().proposals
-    kept = (seen.attribute != seen.attribute[0]) | (seen.frame_index < 60)
+    kept = (seen.attribute != seen.attribute[0]) | (seen.frame_index < 40)
     names = ("frame_index", "attribute", "score", "centroid_px", "area_px", "box_xyxy_px")
     found = nsdr.judge(nsdr.VideoProposals(seen.n_frames, *(getattr(seen, name)[kept] for name in names)))
     return [[v.law, v.frame, v.end, round(v.probability, 2), *v.objects] for v in found.violations]
