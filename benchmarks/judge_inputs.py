@@ -100,13 +100,15 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as folder:
                 path = write(Path(folder), change(clip))
                 edges.append(edge_width_px(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES).frames))
-                refused += bool(check_video(path).unfit)
+                check = check_video(path, pipeline.video)
+                unfit = bool(check.refused or check.unfit)
                 try:
                     judgement = pipeline.judge(path)
                 except VideoError as e:
                     print(e)
                     refused += 1
                     continue
+            refused += unfit
             seen = {o.name for o in judgement.objects}
             found, others = found + len(seen & names), others + len(seen - names)
             alarms += [v.law for v in judgement.violations]
