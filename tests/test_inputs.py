@@ -285,6 +285,8 @@ def test_two_videos_of_one_name_are_not_one(tmp_path, capsys) -> None:
     paths = [str(tmp_path / name / "v.mp4") for name in ("a", "b")]
     assert main(["judge", *paths, "-o", str(tmp_path / "report.json")]) == 2
     assert "both are v; rename one" in capsys.readouterr().err
+    assert main(["judge", str(tmp_path / "a"), "-o", str(tmp_path / "a.json")]) == 2
+    assert "give the report another name" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def judge_videos(
         checkpoint, settings, engine, workers, device: as of `parse_videos`.
 
     Raises:
-        DataError: two videos have one name; or another process writes to the folder.
+        DataError: two videos have one name, or one has the folder's; or another process writes to the folder.
     """
     folder, settings = Path(report).with_suffix(""), settings or PipelineConfig()
     common = settings.fingerprint(checkpoint, "judgements", str(laws.VERSION)).encode()
@@ -122,13 +122,15 @@ def judge_videos(
         name = video.name if video.is_dir() else video.stem
         if name in jobs and jobs[name].item != video:
             raise DataError(f"{jobs[name].item} and {video}: both are {name}; rename one, or write two reports")
-        key = fingerprint(inputs=[video if video.exists() else str(video).encode(), common])
+        if video.resolve() == folder.resolve():
+            raise DataError(f"{report}: {video} would get the judgements; give the report another name")
+        key = fingerprint(inputs=[video if video.is_file() or video.is_dir() else str(video).encode(), common])
         jobs[name] = Job(str(video), video, folder / f"{name}.json", key)
     function = partial(_judge, checkpoint, settings, str(resolve_device(device)))
     summary = run_jobs(function, list(jobs.values()), folder, engine, workers)
+    failed = summary.failed
     rows = [
-        {"video": name, "error": summary.failed[name]} if name in summary.failed else read_json(job.output)
-        for name, job in ((job.name, job) for job in jobs.values())
+        {"video": j.name, "error": failed[j.name]} if j.name in failed else read_json(j.output) for j in jobs.values()
     ]
     write_json(report, rows, indent=1)
     return rows
