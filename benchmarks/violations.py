@@ -32,7 +32,7 @@ from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.laws.evidence import evidence_of
-from nsdr.laws.judge import judge
+from nsdr.laws.judge import judgement_of
 from nsdr.laws.motion import Evidence
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
@@ -78,7 +78,8 @@ def rows_of(root: Path) -> list[Row]:
 
 def judged(proposals: VideoProposals) -> tuple[Judgement, list[Evidence]]:
     tracks = track(proposals)
-    return judge(proposals), evidence_of(tracks, proposals) if tracks.tracks else []
+    evidence = evidence_of(tracks, proposals)
+    return judgement_of(tracks, evidence), evidence
 
 
 def area(broken: list[float], lawful: list[float]) -> tuple[float, float, float]:

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels
 from nsdr.dynamics.interventions import simulate_removal
 from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, checkpoint_folders, load_backend
-from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.dynamics.scene import collisions_of, scene_from_prediction
 from nsdr.errors import DataError, QuestionError, VideoError
-from nsdr.frame_parser.check.video import VideoConfig, clip_frames
+from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
+from nsdr.io.decoding import check_is_video
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.video import check_is_video
 from nsdr.laws.judge import judge
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
@@ -169,7 +169,7 @@ class Pipeline:
         self.camera = camera
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
-        self._proposals: tuple[str, tuple[Any, ...], VideoProposals] | None = None
+        self._kept_proposals: tuple[Any, tuple[VideoProposals, NDArray[np.floating[Any]]]] | None = None
 
     @classmethod
     def from_pretrained(
@@ -333,26 +333,42 @@ class Pipeline:
         """Which laws of CLEVRER's world a video breaks, by which objects, and when; see `nsdr.judge`.
 
         Raises:
-            VideoError: as of `perceive`.
+            VideoError: as of `perceive` and of `nsdr.judge`.
         """
-        return judge(self.proposals(video), self.tracker, self.camera)
+        wrong = "; ".join(check_video(video, self.video).unfit)
+        if not wrong or self.video.check != "refuse":
+            proposals, late = self._looked_at(video)
+            wrong = size_warning(track(proposals, self.tracker, self.camera))
+        if wrong and self.video.check == "refuse":
+            raise VideoError(f"{video}: cannot be judged: {wrong}. --force judges it all the same")
+        if wrong and self.video.check == "warn":
+            warnings.warn(f"{video}: {wrong}", stacklevel=2)
+        try:
+            found = judge(proposals, self.tracker, self.camera, late)
+        except VideoError as e:
+            raise VideoError(f"{video}: {e}") from e
+        if not found.objects:
+            raise VideoError(f"{video}: no objects found in more than {self.tracker.min_frames} frames")
+        return found
 
     def proposals(self, video: str | Path) -> VideoProposals:
         """What the frame parser sees in all frames of a video, also after a cut; kept until another video's are asked for.
 
         Raises:
-            VideoError: the file cannot be read or is not of CLEVRER's scene, or nothing is seen in it.
+            VideoError: the file cannot be read or is not of CLEVRER's scene.
         """
+        return self._looked_at(video)[0]
+
+    def _looked_at(self, video: str | Path) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
+        """Proposals of all frames, and how late each is shown (frames)."""
         check_is_video(Path(video))
-        key = fingerprint(inputs=[Path(video)])
-        parts = (self.frame_parser, vars(self.frame_parser).get("stride"), self.video)
-        if self._proposals is not None and self._proposals[:2] == (key, parts):
-            return self._proposals[2]
-        proposals = self.frame_parser.parse(self.frames(video, beyond_cuts=True), progress=self.progress)
-        if not len(proposals):
-            raise VideoError(f"{video}: no objects found; is it a CLEVRER clip?")
-        self._proposals = key, parts, proposals
-        return proposals
+        key = (fingerprint(inputs=[Path(video)]), self.frame_parser, vars(self.frame_parser).get("stride"), self.video)
+        if self._kept_proposals is None or self._kept_proposals[0] != key:
+            late: list[float] = []
+            frames = clip_frames(video, self.video, beyond_cuts=True, late=late)
+            proposals = self.frame_parser.parse(frames, progress=self.progress)
+            self._kept_proposals = key, (proposals, np.array(late))
+        return self._kept_proposals[1]
 
     def answer(
         self,
@@ -395,14 +411,3 @@ class Pipeline:
             return executor.answer(parsed, question)
         texts = choices or [str(p) for p in parsed_choices]
         return executor.judge(parsed, list(zip(texts, parsed_choices, strict=True)), question)
-
-
-def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:
-    """A scene's collisions during the video, with the ids of the tracks of the same names; others are left out."""
-    ids = {t.object.name: t.object.id for t in tracks.tracks}
-    events = []
-    for event in scene.events:
-        names = [scene.objects[i].name for i in event.objects]
-        if event.kind == "collision" and all(name in ids for name in names):
-            events.append(Event("collision", event.frame, tuple(sorted(ids[name] for name in names))))
-    return events

@@ -141,7 +141,7 @@ def test_the_command_judges_videos_and_says_which_it_cannot(tmp_path, capsys) ->
     other.write_text("no video")
     report = tmp_path / "report.json"
     page = tmp_path / "page.html"
-    assert main(["judge", str(other), str(VIDEO), "-o", str(report), "--report", str(page)]) == 1
+    assert main(["judge", str(other), str(VIDEO), "-o", str(report), "--report", str(page), "--workers", "1"]) == 1
     refused, judged = json.loads(report.read_text())
     assert str(other) in refused["error"]
     assert judged["video"] == str(VIDEO)

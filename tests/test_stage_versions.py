@@ -57,6 +57,15 @@ def _tracking() -> Any:
     return [[t.object.name, len(t.frame_index), *_places([t.location_world], (0, -1))] for t in tracks]
 
 
+def _laws() -> Any:
+    """Of the clip, in which an object vanishes."""
+    seen = _perception().proposals
+    kept = (seen.attribute != seen.attribute[0]) | (seen.frame_index < 40)
+    names = ("frame_index", "attribute", "score", "centroid_px", "area_px", "box_xyxy_px")
+    found = nsdr.judge(nsdr.VideoProposals(seen.n_frames, *(getattr(seen, name)[kept] for name in names)))
+    return [[v.law, v.frame, v.end, round(v.probability, 2), *v.objects] for v in found.violations]
+
+
 def _physics() -> Any:
     made = _perception().dynamics
     removals = {str(k): _events(rollout.collisions) for k, rollout in made.counterfactual.items()}
@@ -109,6 +118,7 @@ def _features() -> Any:
 STAGES: dict[str, Callable[[], Any]] = {
     "frame_parser": _frame_parser,
     "tracking": _tracking,
+    "laws": _laws,
     "dynamics": _dynamics,
     "dynamics.physics": _physics,
     "dynamics.propnet": _propnet,

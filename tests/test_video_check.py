@@ -279,7 +279,7 @@ def write_kind(path, kind: str) -> None:
     ("kind", "message"),
     [
         ("missing", "no such file"),
-        ("folder", "is a folder; expected a video"),
+        ("folder", "is a folder without images; expected a video"),
         ("empty", r"is empty \(0 bytes\)"),
         ("text", "is a text file"),
         ("image", "is an image"),

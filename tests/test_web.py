@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, Executor, Scene, VideoError
+from nsdr import DataError, Event, Executor, Scene, VideoConfig, VideoError
 from nsdr.apps import menus, web
 from nsdr.apps.clips import Clips
 from nsdr.apps.panels import rests_on
@@ -31,6 +31,7 @@ class FakePipeline:
     def __init__(self, scene: Scene) -> None:
         self.scene, self.perceived, self.inside, self.together = scene, 0, 0, False
         self.frame_parser = SimpleNamespace(parse=self._parse)
+        self.video = VideoConfig()
 
     def frames(self, path: Path) -> Any:
         warnings.warn(f"{path}: too dark", stacklevel=2)
@@ -228,7 +229,7 @@ def test_folders_of_clips(tmp_path: Path) -> None:
     assert list(serve._clips(str(tmp_path))) == ["a/one.mp4", "two.MP4"]
     assert list(serve._clips("")) == [VIDEO.name]
     (tmp_path / "b").mkdir()
-    with pytest.raises(DataError, match=r"b: no \.mp4 files"):
+    with pytest.raises(DataError, match=r"b: no \.mp4, \.gif, \.webp files"):
         serve._clips(str(tmp_path / "b"))
     with pytest.raises(DataError, match="expected a folder of clips, found nothing"):
         serve._clips(str(tmp_path / "c"))

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import VideoError
+from nsdr.io.decoding import check_is_video
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.video import check_is_video, video_seconds
-from nsdr.laws.judge import judge
+from nsdr.io.video import video_seconds
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.tracking.tracker import track
 from nsdr.types import Answer, Judgement, Simulation, VideoTracks
@@ -79,7 +79,7 @@ class Clips:
         key = fingerprint(inputs=[path])
         if (known := self._kept.get(key)) is not None:
             return known
-        seconds = video_seconds(path)
+        seconds = video_seconds(path, self.pipeline.video.fps)
         if seconds > self.max_seconds:
             raise VideoError(
                 f"{path}: lasts {seconds:.0f} s; clips of up to {self.max_seconds:g} s are taken, so cut it"
@@ -112,14 +112,11 @@ class Clips:
         Raises:
             VideoError: as of `watch`.
         """
-        path, clip = Path(path), self.watch(path)
+        self.watch(path := Path(path))
         with self._working, _notes(path):  # which are the clip's
+            judgement, how = self.pipeline.judge(path), (self.pipeline.tracker, self.pipeline.camera)
             frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True)))
-            proposals = clip.perception.proposals
-            if proposals is None or proposals.n_frames < len(frames):
-                proposals = self.pipeline.frame_parser.parse(frames)
-            how = self.pipeline.tracker, self.pipeline.camera
-            return judge(proposals, *how), track(proposals, *how), frames
+            return judgement, track(self.pipeline.proposals(path), *how), frames
 
     def _perceived(self, path: Path, seconds: float, progress: Progress) -> Clip:
         jpegs: list[bytes] = []

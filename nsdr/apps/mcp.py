@@ -13,7 +13,7 @@ from typing import Any, Literal
 import nsdr
 from nsdr.claims.narration import reasons
 from nsdr.errors import DataError, NsdrError
-from nsdr.io.files import find_files
+from nsdr.io.decoding import find_videos
 from nsdr.pipeline import Pipeline
 from nsdr.symbolic import format_tree
 from nsdr.types import Add, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
@@ -92,7 +92,7 @@ class AgentTools:
 
     def videos(self) -> list[str]:
         """Names of the folder's videos, as the tools take them."""
-        return sorted(str(p.relative_to(self._folder)) for p in find_files(self._folder, "*.mp4"))
+        return sorted(str(p.relative_to(self._folder)) for p in find_videos(self._folder))
 
     def perceive(self, video: str) -> dict[str, Any]:
         """Look at a video: its objects, its events (entrances, exits, collisions), the collisions predicted after its end, and

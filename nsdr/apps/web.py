@@ -153,7 +153,9 @@ class _Page:
         gr = self.gr
         with gr.Row(equal_height=True):
             self.pick = gr.Dropdown(list(self.files), value=None, label="Clip", elem_id="pick", scale=3)
-            self.upload = gr.UploadButton("Upload a clip", file_types=["video"], elem_id="upload", scale=1)
+            self.upload = gr.UploadButton(
+                "Upload a clip", file_types=["video", ".gif", ".webp"], elem_id="upload", scale=1
+            )
         self.video = gr.Video(label="What was found", interactive=False, buttons=[], elem_id="tracks")
         self.notes = gr.Markdown(elem_id="notes")
         self.timeline = gr.HTML(elem_id="timeline")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nsdr.cli.common import (
+    VIDEO,
     failures_line,
     frames_of,
     is_scene,
@@ -31,7 +32,7 @@ EXTENSIONS = "also read questions beyond CLEVRER: speeds, directions, masses, ch
 
 def answer_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help="video file, or a scene saved by parse-video")
+    add("video", help=f"{VIDEO}, or a scene saved by parse-video")
     add("-q", "--question", required=True, help="in CLEVRER's English")
     add("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
     add("--extensions", action="store_true", help=EXTENSIONS)
@@ -67,7 +68,7 @@ def _answer_by_baseline(options: Any) -> int:
     from nsdr.frame_parser.check.video import VideoConfig, check_video
     from nsdr.io.checkpoint import find_checkpoint
 
-    refuse_idle(options, ("extensions", "trace", "keep_going", "dynamics", "config", "set"), " with --system")
+    refuse_idle(options, ("extensions", "trace", "keep_going", "dynamics", "config", "fps", "set"), " with --system")
     name = options.system if Path(options.system).is_dir() else f"baselines/{options.system}"
     baseline = TrainedBaseline.from_pretrained(find_checkpoint(name), options.device)
     reads = "program" in baseline.network.needs

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from jsonargparse.typing import NonNegativeInt
+from jsonargparse.typing import NonNegativeFloat, NonNegativeInt
 
 from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
@@ -15,6 +15,7 @@ from nsdr.io.jobs import ENGINES, FAILURES
 from nsdr.io.reading import read_json
 
 __all__ = [
+    "VIDEO",
     "check_outputs",
     "configured",
     "failures_line",
@@ -30,10 +31,12 @@ __all__ = [
 ]
 
 Config = TypeVar("Config")
+VIDEO = "video file, animated image (GIF, WebP) or folder of frames (PNG, JPEG)"
+"""What commands take as a video, for their help."""
 PARTLY = 1
 """Exit status: a part of the work failed."""
 KEEP_GOING = "--keep-going"
-NOT_GIVEN: tuple[Any, ...] = (None, "", False, [], "default", "auto")
+NOT_GIVEN: tuple[Any, ...] = (None, "", False, [], "default", "auto", "processes")
 """Values of options that were not given."""
 
 
@@ -52,6 +55,7 @@ def shared_options(parser: Any, *groups: str) -> None:
         add("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
         background = "image of the scene without objects, for another camera or other lamps"
         add("--background", default="", help=background)
+        add("--fps", type=NonNegativeFloat, default=0.0, help="frames per second, in place of what the video says")
     if "parser" in groups:
         server = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
         add("--parser", default="", help=server)
@@ -86,6 +90,8 @@ def settings_of(options: Any) -> Any:
         overrides.append("video.check=warn")
     if given.get("background"):
         overrides.append(f"video.background={options.background}")
+    if given.get("fps"):
+        overrides.append(f"video.fps={options.fps}")
     return pipeline_settings(options.config, options.dynamics, overrides)
 
 
@@ -100,7 +106,8 @@ def make_pipeline(options: Any) -> Any:
     if video and not is_scene(video) and not options.config and not any(v.startswith("video") for v in options.set):
         from nsdr.frame_parser.check.video import VideoConfig, check_video
 
-        check_video(video, VideoConfig("warn" if options.force else "refuse", options.background))
+        expected = VideoConfig("warn" if options.force else "refuse", options.background, fps=options.fps)
+        check_video(video, expected)
     from nsdr.pipeline import Pipeline
 
     settings = settings_of(options)
@@ -134,7 +141,7 @@ def is_scene(path: str) -> bool:
 
 def refuse_for_scene(options: Any) -> None:
     """Refuse what is set about videos and dynamics where a saved scene is given."""
-    names = ("dynamics", "config", "force", "background", "set")
+    names = ("dynamics", "config", "force", "background", "fps", "set")
     refuse_idle(options, names, "", f"{options.video} is a saved scene: ")
 
 

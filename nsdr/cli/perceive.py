@@ -1,18 +1,23 @@
 """`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
 
+import sys
+from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
 from nsdr.cli.common import (
+    VIDEO,
     check_outputs,
     failures_line,
     frames_of,
     is_scene,
     make_pipeline,
     refuse_for_scene,
+    refuse_idle,
     settings_of,
     shared_options,
 )
@@ -33,7 +38,7 @@ OF_SCENES = ("plan", "causal")
 
 def parse_video_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help="video file")
+    add("video", help=VIDEO)
     add("-o", "--output", required=True, help="scene file, .json")
     add("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
     shared_options(parser, "checkpoint", "pipeline", "video")
@@ -74,7 +79,7 @@ def _rounded(dynamics: Any) -> Any:
 
 def parse_videos_options(parser: Any) -> None:
     add = parser.add_argument
-    add("videos", help="folder with *.mp4")
+    add("videos", help="folder with *.mp4, *.gif or *.webp")
     add("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
     shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 
@@ -118,49 +123,56 @@ def _report(options: Any, summary: Any, what: str) -> int:
 
 def judge_options(parser: Any) -> None:
     add = parser.add_argument
-    add("videos", nargs="+", help="video files")
-    add("-o", "--output", default=None, help="report, .json")
+    add("videos", nargs="+", help="video files, animated images (GIF, WebP) or folders of frames (PNG, JPEG)")
+    add("-o", "--output", default=None, help="report, .json; a folder beside it keeps what is done")
     add("--report", default=None, help="page with frames of the violations, .html")
-    shared_options(parser, "checkpoint", "pipeline", "video")
+    shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 
 
 def judge(options: Any) -> int:
     """`nsdr judge`: which laws videos break; a video that cannot be judged has the reason in place of a judgement."""
-    check_outputs(options.videos, (options.output, (".json",)), (options.report, (".html",)))
-    pipeline = make_pipeline(options)
-    from dataclasses import asdict
+    from nsdr.evaluation.batch import judge_videos, judged
+    from nsdr.visualize.violations import judged_video, write_judgements
 
-    from nsdr.errors import VideoError
-    from nsdr.io.files import write_json
+    o = options
+    check_outputs(o.videos, (o.output, (".json",)), (o.report, (".html",)))
+    pipeline: Any = make_pipeline(o) if o.report or not o.output else None
+    kept: Iterable[dict[str, Any]]
+    rows, pictured = [], []
+    if o.output:
+        kept = judge_videos(o.videos, o.output, o.checkpoint, settings_of(o), o.engine, o.workers, o.device)
+    else:
+        refuse_idle(o, ("workers", "engine"), " without -o")
+        kept = map(partial(judged, pipeline), o.videos)
+    for row in kept:
+        _print_judgement(row)
+        rows.append(row)
+        if o.report:
+            pictured.append(judged_video(pipeline, row))
+    if o.report:
+        write_judgements(o.report, pictured)
+    errors = [row["error"] for row in rows if "error" in row]
+    return failures_line(len(errors), len(rows), "videos", "".join(errors[:1]), o.keep_going)
+
+
+def _print_judgement(row: dict[str, Any]) -> None:
     from nsdr.visualize.event_words import violation_text
-    from nsdr.visualize.violations import JudgedVideo, judged_video, write_judgements
+    from nsdr.visualize.violations import judgement_of_row
 
-    report: list[dict[str, Any]] = []
-    pictured = []
-    for video in options.videos:
-        try:
-            found = pipeline.judge(video)
-        except VideoError as e:
-            print(f"not judged: {e}")
-            report.append({"video": video, "error": str(e)})
-            pictured.append(JudgedVideo(video, None, str(e)))
-            continue
-        print(f"{video}: {found.probability:.1%} that a law is broken")
-        for v in found.violations:
-            print(f"  {violation_text(v, found.objects)}")
-        report.append({"video": video, **asdict(found)})
-        if options.report:
-            pictured.append(judged_video(pipeline, video, found))
-    if options.output:
-        write_json(options.output, report, indent=1)
-    if options.report:
-        write_judgements(options.report, pictured)
-    return int(any("error" in row for row in report))
+    for warning in row.get("warnings", ()):
+        print(f"warning: {row['video']}: {warning}", file=sys.stderr)
+    if "error" in row:
+        print(f"not judged: {row['error']}", flush=True)
+        return
+    found = judgement_of_row(row)
+    print(f"{row['video']}: {found.probability:.1%} that a law is broken", flush=True)
+    for v in found.violations:
+        print(f"  {violation_text(v, found.objects)}")
 
 
 def visualize_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help="video file, or a scene saved by parse-video")
+    add("video", help=f"{VIDEO}, or a scene saved by parse-video")
     add("-q", "--question", default=None, help="for an HTML report: a question")
     add("-c", "--choice", action="append", default=[], help="its options; repeat it for each")
     image = "for a PNG: which image (default: strobe; of a saved scene, causal); all adds each one's name to the file's"

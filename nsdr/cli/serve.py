@@ -8,7 +8,7 @@ from jsonargparse.typing import PositiveInt, restricted_number_type
 
 from nsdr.cli.common import make_pipeline, shared_options
 from nsdr.errors import DataError
-from nsdr.io.files import check_installed, find_files
+from nsdr.io.files import check_installed
 
 __all__ = ["mcp", "serve"]
 
@@ -18,7 +18,12 @@ Seconds = restricted_number_type("Seconds", float, [(">", 0), ("<", math.inf)])
 
 def serve_options(parser: Any) -> None:
     add = parser.add_argument
-    add("folder", nargs="?", default="", help="folder of clips (.mp4) to pick from; without it, the one of the package")
+    add(
+        "folder",
+        nargs="?",
+        default="",
+        help="folder of clips (.mp4, .gif, .webp) to pick from; without it, the one of the package",
+    )
     add("--host", default="127.0.0.1", help="address to listen on; the default is seen by this machine only")
     add("--port", type=Port, default=7860, help="TCP port (default: 7860)")
     add("--max-seconds", type=Seconds, default=20.0, help="longest clip that is taken (default: 20 s)")
@@ -49,10 +54,12 @@ def _clips(folder: str) -> dict[str, Path]:
         from nsdr.clevrer.example import VIDEO
 
         return {VIDEO.name: VIDEO}
+    from nsdr.io.decoding import SUFFIXES, find_videos
+
     root = _checked_folder(folder)
-    found = [path for path in find_files(root, "*") if path.suffix.lower() == ".mp4"]
+    found = find_videos(root)
     if not found:
-        raise DataError(f"{folder}: no .mp4 files in it; leave it out for the clip of the package")
+        raise DataError(f"{folder}: no {', '.join(SUFFIXES)} files in it; leave it out for the clip of the package")
     return {str(path.relative_to(root)): path for path in found}
 
 

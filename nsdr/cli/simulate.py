@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
-from nsdr.cli.common import check_outputs, frames_of, is_scene, make_pipeline, shared_options
+from nsdr.cli.common import VIDEO, check_outputs, frames_of, is_scene, make_pipeline, shared_options
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
@@ -28,7 +28,7 @@ WORDS = 3
 
 def simulate_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help="video file")
+    add("video", help=VIDEO)
     add(
         "--remove", action="append", default=[], metavar="OBJECT", help="words such as 'red cube', or an id; repeatable"
     )
@@ -62,7 +62,7 @@ def simulate(options: Any) -> int:
     if not interventions:
         raise DataError("no intervention: expected --remove, --mass, --velocity, --move, --shift, --freeze or --add")
     if options.from_frame:
-        _check_frame(options.video, options.from_frame)
+        _check_frame(options.video, options.from_frame, options.fps)
     pipeline = make_pipeline(options)
     simulation = pipeline.simulate(options.video, interventions, options.from_frame)
     for line in _report(simulation):
@@ -100,11 +100,11 @@ def _interventions(options: Any) -> list[Intervention]:
     ]
 
 
-def _check_frame(video: str, frame: int) -> None:
+def _check_frame(video: str, frame: int, fps: float) -> None:
     """Refuse a frame after the video's end by its header, before it is looked at; the simulation checks exactly."""
     from nsdr.io.video import video_seconds
 
-    frames = round(video_seconds(video) * FPS)
+    frames = round(video_seconds(video, fps) * FPS)
     if frames and frame > frames:
         raise DataError(f"--from-frame {frame}: expected a frame of {video}, which has {frames} at {FPS} a second")
 

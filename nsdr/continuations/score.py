@@ -24,8 +24,8 @@ TOUCHING_FRAMES = CONTACT_PAUSE_STEPS // STEPS_PER_FRAME
 """A pair that collides so shortly before the cut may still touch at it (frames)."""
 KERNEL_WORLD, KERNEL_FREEDOM = 0.02, 3.0
 """Scale (world units) and degrees of freedom of Student's t distribution around each position of a possible future. The scale
-is about twice the mean error with which the frame parser sees positions (the row "truth, as perceived" in docs/video_models.md); the
-tails reach to what lies between the futures."""
+is about twice the mean error with which the frame parser sees positions (the row "truth, as perceived" in
+docs/video_models.md); the tails reach to what lies between the futures."""
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
-from nsdr.types import DynamicsPrediction, Scene, UncertainCollision
+from nsdr.types import DynamicsPrediction, Event, Scene, UncertainCollision, VideoTracks
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
-__all__ = ["scene_from_prediction"]
+__all__ = ["collisions_of", "scene_from_prediction"]
 
 PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
 """Where no speed was fitted, an object moves above this speed: noisy positions make resting objects seem to creep. Set on ten
@@ -86,3 +86,14 @@ def _speed(location_world: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any
     speed = np.minimum(np.concatenate([missing, slope], 1), np.concatenate([slope, missing], 1))
     # Where a short video has neither window, the nearest one will do.
     return np.where(np.isinf(speed), slope[:, :1], speed)
+
+
+def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:
+    """A scene's collisions during the video, with the ids of the tracks of the same names; others are left out."""
+    ids = {t.object.name: t.object.id for t in tracks.tracks}
+    events = []
+    for event in scene.events:
+        names = [scene.objects[i].name for i in event.objects]
+        if event.kind == "collision" and all(name in ids for name in names):
+            events.append(Event("collision", event.frame, tuple(sorted(ids[name] for name in names))))
+    return events

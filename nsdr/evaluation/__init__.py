@@ -1,6 +1,6 @@
 """Runs the pipeline over many videos, scores its answers, and makes the tables of `results/`."""
 
-from nsdr.evaluation.batch import parse_videos, predict_dynamics
+from nsdr.evaluation.batch import judge_videos, parse_videos, predict_dynamics
 from nsdr.evaluation.experiments import run_experiment
 from nsdr.evaluation.measures import accuracy_interval, calibration, wilson_interval
 from nsdr.evaluation.runner import EvaluationConfig, run_evaluation
@@ -16,6 +16,7 @@ __all__ = [
     "calibration",
     "evaluate",
     "format_table",
+    "judge_videos",
     "parse_videos",
     "predict_dynamics",
     "run_evaluation",

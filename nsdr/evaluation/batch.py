@@ -1,22 +1,27 @@
 """Whole folders of videos or proposals: many processes, resumable, one failure does not stop the others."""
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from nsdr import laws
 from nsdr.clevrer.files.predictions import predictions_document
 from nsdr.clevrer.files.proposals import proposals_document, read_compact_proposals, read_proposals
-from nsdr.errors import DataError
+from nsdr.errors import DataError, VideoError
 from nsdr.io import storage
+from nsdr.io.decoding import SUFFIXES, find_videos
 from nsdr.io.device import resolve_device
 from nsdr.io.files import find_files, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, Summary, run_jobs
+from nsdr.io.reading import read_json
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 
-__all__ = ["parse_videos", "predict_dynamics", "worker_pipeline"]
+__all__ = ["judge_videos", "judged", "parse_videos", "predict_dynamics", "worker_pipeline"]
 
 FORMATS = ("predictions", "scenes")
 
@@ -35,7 +40,7 @@ def parse_videos(
     What an earlier run wrote is kept while its video, the settings, the weights and the code are the same.
 
     Args:
-        videos: folder with `*.mp4`, searched recursively.
+        videos: folder with MP4, GIF or WebP files, searched recursively.
         output: folder to write; `failures.json` in it names what failed and why.
         checkpoint: weights.
         settings: of perception; None for the defaults.
@@ -46,9 +51,9 @@ def parse_videos(
         DataError: the folder holds no videos, or two that would be written to the same file; or another process writes to
             `output`.
     """
-    paths = find_files(videos, "*.mp4")
+    paths = find_videos(videos)
     if not paths:
-        raise DataError(f"{videos}: holds no *.mp4")
+        raise DataError(f"{videos}: holds no {', '.join(f'*{suffix}' for suffix in SUFFIXES)}")
     found = _by_number({str(p.relative_to(videos)): p for p in paths})
     return _run("videos", found, output, checkpoint, settings, engine, workers, device)
 
@@ -86,6 +91,66 @@ def predict_dynamics(
     if not found:
         raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")
     return _run(form, found, output, checkpoint, settings, engine, workers, device)
+
+
+def judge_videos(
+    videos: Sequence[str | Path],
+    report: str | Path,
+    checkpoint: str = "default",
+    settings: PipelineConfig | None = None,
+    engine: str = "processes",
+    workers: int = 0,
+    device: str = "auto",
+) -> list[dict[str, Any]]:
+    """Judge videos and write all that `judged` says of each to `report`, in their order.
+
+    A folder beside the report, of its name without `.json`, keeps a file for each video; what an earlier run wrote is kept
+    while the video, the settings, the weights and the code are the same.
+
+    Args:
+        videos: files, animated images or folders of frames.
+        report: file to write, .json.
+        checkpoint, settings, engine, workers, device: as of `parse_videos`.
+
+    Raises:
+        DataError: two videos have one name, or one has the folder's; or another process writes to the folder.
+    """
+    folder, settings = Path(report).with_suffix(""), settings or PipelineConfig()
+    common = settings.fingerprint(checkpoint, "judgements", str(laws.VERSION)).encode()
+    jobs: dict[str, Job[Path]] = {}
+    for video in map(Path, videos):
+        name = video.name if video.is_dir() else video.stem
+        if name in jobs and jobs[name].item != video:
+            raise DataError(f"{jobs[name].item} and {video}: both are {name}; rename one, or write two reports")
+        if video.resolve() == folder.resolve():
+            raise DataError(f"{report}: {video} would get the judgements; give the report another name")
+        key = fingerprint(inputs=[video if video.is_file() or video.is_dir() else str(video).encode(), common])
+        jobs[name] = Job(str(video), video, folder / f"{name}.json", key)
+    function = partial(_judge, checkpoint, settings, str(resolve_device(device)))
+    summary = run_jobs(function, list(jobs.values()), folder, engine, workers)
+    failed = summary.failed
+    rows = [
+        {"video": j.name, "error": failed[j.name]} if j.name in failed else read_json(j.output) for j in jobs.values()
+    ]
+    write_json(report, rows, indent=1)
+    return rows
+
+
+def _judge(checkpoint: str, settings: PipelineConfig, device: str, video: Path, output: Path) -> None:
+    write_json(output, judged(worker_pipeline(checkpoint, settings, device), video))
+
+
+def judged(pipeline: Pipeline, video: str | Path) -> dict[str, Any]:
+    """A row of a report: `video`, what is unusual about it (`warnings`), and the fields of its `Judgement` or, where it cannot
+    be judged, the reason (`error`)."""
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            found = asdict(pipeline.judge(video))
+        except VideoError as e:
+            found = {"error": str(e)}
+    texts = dict.fromkeys(str(w.message).removeprefix(f"{video}: ") for w in given)
+    return {"video": str(video), "warnings": list(texts), **found}
 
 
 def _by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:

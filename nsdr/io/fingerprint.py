@@ -26,8 +26,8 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
     """A short text that changes when anything changes on which a result depends.
 
     Args:
-        inputs: what is worked on: a `Path` stands for the content of that file, bytes for themselves, other values (such as
-            `VideoProposals`) for their pickled form.
+        inputs: what is worked on: a `Path` stands for the content of that file or for that of the files in that folder, bytes
+            for themselves, other values (such as `VideoProposals`) for their pickled form.
         config: the resolved configuration with the versions of the stages: a dataclass, or plain values.
         weights: files, or folders with `*.safetensors` and `*.json`.
 
@@ -49,6 +49,9 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
 
 
 def _content_digest(path: Path) -> bytes:
+    if path.is_dir():
+        files = [file for file in sorted(path.iterdir()) if file.is_file()]
+        return hashlib.sha256(b"".join(file.name.encode() + _content_digest(file) for file in files)).digest()
     try:
         with path.open("rb") as content:
             return hashlib.file_digest(content, "sha256").digest()

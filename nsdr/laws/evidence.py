@@ -17,7 +17,7 @@ CAUSE_FRAMES = 6
 
 
 def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) -> list[Evidence]:
-    """What speaks against each law in a video, the strongest evidence first.
+    """What speaks against each law in a video, the strongest evidence first; nothing where no object is seen.
 
     What explains other evidence takes its place: an object that turns up where another one disappears, or a video that makes
     more sense backwards.
@@ -26,6 +26,8 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
         tracks: of the video.
         proposals: from which they were made; None says nothing of words that change in a track.
     """
+    if not tracks.tracks:
+        return []
     states = states_from_tracks(tracks)
     processed = np.ones(tracks.n_frames, bool)
     if proposals is not None and proposals.processed is not None:

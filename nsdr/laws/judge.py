@@ -1,13 +1,21 @@
 """Evidence against the laws -> what a video breaks, and how probably."""
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 
+import numpy as np
+
+from nsdr.errors import VideoError
 from nsdr.laws.evidence import evidence_of
+from nsdr.laws.motion import Evidence
 from nsdr.tracking.tracker import TrackerConfig, track
-from nsdr.types import Judgement, VideoProposals, Violation
+from nsdr.types import Judgement, Track, VideoProposals, VideoTracks, Violation
+from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.physics_constants import FPS
 
-__all__ = ["judge"]
+__all__ = ["judge", "judgement_of", "on_time"]
 
 EVEN_NATS = {
     "permanence": 6.0,
@@ -24,10 +32,16 @@ STEEPNESS = 1.8
 """Evidence against each law that makes its violation as probable as not (nats), and how fast the log odds grow with the
 evidence's logarithm: of 631 lawful scenes of `train` and of training seeds, printed by `python benchmarks/violations.py SUITE
 --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit`."""
+MIN_FRAMES, MAX_SPACING_FRAMES = 24, 3
+"""Fewest frames that are judged, and how far apart they may lie (frames): with fewer, little is found, and farther apart lawful
+videos seem to break laws (`python benchmarks/judge_rates.py SUITE PROPOSALS_VALIDATION.npz`)."""
 
 
 def judge(
-    proposals: VideoProposals, tracker: TrackerConfig | None = None, camera: Camera = CLEVRER_CAMERA
+    proposals: VideoProposals,
+    tracker: TrackerConfig | None = None,
+    camera: Camera = CLEVRER_CAMERA,
+    late: FloatArray | None = None,
 ) -> Judgement:
     """Which laws of CLEVRER's world a video breaks, by which objects, and when.
 
@@ -39,16 +53,61 @@ def judge(
         proposals: of the video's frames.
         tracker: thresholds of the tracker.
         camera: that took the video.
+        late: (F,) how much later each frame was taken than at 25 frames a second, as of videos with another rate (frames);
+            None for not at all.
 
     Returns:
         The judgement. Where no object is seen, nothing is broken.
+
+    Raises:
+        VideoError: too few frames were processed, or they lie too far apart.
     """
+    _check_processed(proposals)
     tracks = track(proposals, tracker, camera)
+    if late is not None:
+        tracks = on_time(tracks, late)
+    return judgement_of(tracks, evidence_of(tracks, proposals))
+
+
+def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement:
+    """How probable violations are by the evidence of `nsdr.laws.evidence.evidence_of`."""
     violations, lawful = [], 1.0
-    for e in evidence_of(tracks, proposals) if tracks.tracks else ():
+    for e in evidence:
         probability = 1 / (1 + math.exp(-STEEPNESS * math.log(e.nats / EVEN_NATS[e.law])))
         lawful *= 1 - probability
         if probability > 0.5:
             violations.append(Violation(*e[:-1], probability=probability))
     violations.sort(key=lambda v: (v.frame, v.law))
-    return Judgement(tuple(t.object for t in tracks.tracks), proposals.n_frames, tuple(violations), 1 - lawful)
+    return Judgement(tuple(t.object for t in tracks.tracks), tracks.n_frames, tuple(violations), 1 - lawful)
+
+
+def _check_processed(proposals: VideoProposals) -> None:
+    frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
+    if len(frames) < MIN_FRAMES:
+        raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_FRAMES} or more")
+    spacing = float(np.median(np.diff(frames)))
+    if spacing > MAX_SPACING_FRAMES:
+        least = f"expected {FPS / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"
+        raise VideoError(f"{FPS / spacing:.3g} frames a second are too few to judge; {least}")
+
+
+def on_time(tracks: VideoTracks, late: FloatArray) -> VideoTracks:
+    """Tracks with positions at 25 frames a second, each on the straight line to the position before or after it.
+
+    Args:
+        tracks: with positions as they were seen.
+        late: (F,) as of `judge`.
+    """
+    return replace(tracks, tracks=tuple(_on_time(t, late) for t in tracks.tracks))
+
+
+def _on_time(t: Track, late: FloatArray) -> Track:
+    frames, location = t.frame_index, t.location_world
+    if len(frames) < 2:
+        return t
+    taken = frames + late[frames]
+    moved = np.stack([np.interp(frames, taken, along) for along in location.T], 1)
+    for end, beside in ((0, 1), (-1, -2)):
+        velocity = (location[beside] - location[end]) / (taken[beside] - taken[end])
+        moved[end] = location[end] + (frames[end] - taken[end]) * velocity
+    return replace(t, location_world=moved)

@@ -3,9 +3,10 @@
 import html
 import warnings
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,12 @@ from nsdr.pipeline import Pipeline
 from nsdr.symbolic.traces import percent
 from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, Judgement, VideoTracks, Violation
+from nsdr.validation import convert
 from nsdr.visualize.event_words import violation_text
 from nsdr.visualize.html_parts import thumbnail, write_page
 from nsdr.visualize.timeline import LANE_HEIGHT, TIMELINE_STYLE, frame_x, lanes_html, seek_script
 
-__all__ = ["VIOLATIONS_STYLE", "JudgedVideo", "judged_video", "judgement_html", "write_judgements"]
+__all__ = ["VIOLATIONS_STYLE", "JudgedVideo", "judged_video", "judgement_html", "judgement_of_row", "write_judgements"]
 
 AROUND_FRAMES = 8
 """Frames from a violation to the pictures before and after it."""
@@ -51,12 +53,21 @@ class JudgedVideo:
     shown: str = ""
 
 
-def judged_video(pipeline: Pipeline, path: str, judgement: Judgement) -> JudgedVideo:
-    """A video that was judged, with pictures if it breaks a law.
+def judgement_of_row(row: Mapping[str, Any]) -> Judgement:
+    """The judgement in a row of a report of `nsdr judge`, without an `error`."""
+    return convert({f.name: row[f.name] for f in fields(Judgement)}, Judgement)
+
+
+def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
+    """A row of a report of `nsdr judge`, with pictures if the video breaks a law.
 
     Raises:
         VideoError: as of `Pipeline.proposals`.
     """
+    path = str(row["video"])
+    if "error" in row:
+        return JudgedVideo(path, None, row["error"])
+    judgement = judgement_of_row(row)
     if not judgement.violations:
         return JudgedVideo(path, judgement)
     with warnings.catch_warnings():

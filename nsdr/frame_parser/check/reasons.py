@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,10 +21,26 @@ from nsdr.frame_parser.check.shots import change
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "marked_px", "needed_levels", "reasons"]
+__all__ = [
+    *("MAX_EDGE_PX", "MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "edge_width_px", "marked_px"),
+    *("needed_levels", "reasons"),
+]
 
-Reason = tuple[bool, str]
-"""Whether a video certainly is of another scene, and why."""
+
+class Reason(NamedTuple):
+    """What speaks against a video.
+
+    Attributes:
+        is_certain: whether it certainly is of another scene.
+        text: why.
+        unfit: whether it spoils the places or the words of objects, so that it cannot be judged.
+    """
+
+    is_certain: bool
+    text: str
+    unfit: bool = False
+
+
 SPACING_FRAMES = 2
 """Every second frame of a video is looked at, and for the motion of the camera every second of these, which saves time."""
 NOISE_SPACING_PX = 3
@@ -51,6 +68,12 @@ MAX_CAMERA_PX, FOREIGN_CAMERA_PX = 0.25, 1.2
 """`camera_motion` up to which the camera stands still, and above which places mean nothing (pixels of 480x320)."""
 MAX_MARKED_PX = 200
 """`marked_px` of an image without captions and logos."""
+MAX_EDGE_PX = 2.05
+"""`edge_width_px` up to which words are read well enough to judge changes of them: 1.4 to 1.7 in CLEVRER's videos, up to 2.0
+blurred by a pixel, 2.1 and more at 128x86 or blurred by 2 pixels (`python benchmarks/judge_inputs.py CLIPS`)."""
+SMOOTHING_PX, EDGE_QUANTILE, EDGE_SPACING = 1.5, 0.99, 4
+"""Edges are measured after so much smoothing, against blocks and noise (pixels of 480x320), where the image changes most, in
+every fourth frame that is looked at."""
 
 CELL_PX = WIDTH_PX / COLUMNS
 """Width and height of a cell (pixels of a 480x320 image)."""
@@ -61,6 +84,8 @@ STROKE = np.ones((9, 9), np.uint8)
 CONTRAST, TOUCHED = 25.0, 12.0
 """Difference of brightness from the ground of a mark, and of anything that is not ground (levels of 255 at the reference's
 contrast)."""
+BEND = np.array([[1, -2, 1]], np.float32)
+"""Second derivative along rows."""
 BORDER_PX = 6
 """Objects that leave the image are thin at its border, which is not looked at (pixels)."""
 
@@ -96,50 +121,51 @@ def reasons(
     sparse = frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX]
     noise = np.median([np.median(cv2.absdiff(a, b)) for a, b in pairwise(sparse)] or [0.0])
     if noise > MAX_NOISE:
-        yield bool(noise > FOREIGN_NOISE), f"it is noisy: still pixels change by {noise:.0f} of 255 levels"
+        yield Reason(bool(noise > FOREIGN_NOISE), f"it is noisy: still pixels change by {noise:.0f} of 255 levels")
         return
     if len(frames) > 1 and max(change(frames[0], frame) for frame in frames[1:]) < MIN_MOTION:
-        yield False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s"
+        yield Reason(False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s")
     if not is_foreign(ground):
         moved = camera_motion(frames)
         if moved > MAX_CAMERA_PX:
             text = f"the camera moves, by {moved:.1f} pixels of 480x320; it must stand still"
-            yield moved > FOREIGN_CAMERA_PX, text
+            yield Reason(moved > FOREIGN_CAMERA_PX, text, unfit=True)
         elif marked_px(image, reference, ground) > MAX_MARKED_PX:
-            yield False, "a caption, logo or other marks are on the image; they may be taken for objects"
+            yield Reason(False, "a caption, logo or other marks are on the image; they may be taken for objects")
 
 
 def _of_the_ground(ground: GroundFit, corrected: str) -> Iterator[Reason]:
     way = "darker" if ground.brightness < 0 else "brighter"
     exposure = f"{way} than CLEVRER's videos by {abs(ground.brightness):.0f} of 255 levels"
     if abs(ground.brightness) > FOREIGN_BRIGHTNESS:
-        yield True, exposure
+        yield Reason(True, exposure)
         return
     if ground.distance > FOREIGN_GROUND_DISTANCE:
         figure = f"{ground.distance:.1f} levels" if np.isfinite(ground.distance) else "no such pattern"
-        yield True, f"the background is not the empty scene ({figure}; at most {FOREIGN_GROUND_DISTANCE})"
+        yield Reason(True, f"the background is not the empty scene ({figure}; at most {FOREIGN_GROUND_DISTANCE})")
         return
     if ground.distance > MAX_GROUND_DISTANCE:
         why = "cropped, zoomed, tilted, or another camera or other lamps; positions and sizes may be wrong"
-        yield False, f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
+        text = f"the background differs from the empty scene ({ground.distance:.1f} levels): {why}"
+        yield Reason(False, text, unfit=True)
     if abs(ground.brightness) > MAX_BRIGHTNESS:
-        yield False, exposure + corrected
+        yield Reason(False, exposure + corrected)
     elif not MIN_GAIN < ground.gain < MAX_GAIN:
         why = corrected or ": cropped, or other levels"
-        yield False, f"the background has {ground.gain:.0%} of the contrast of the empty scene{why}"
+        yield Reason(False, f"the background has {ground.gain:.0%} of the contrast of the empty scene{why}")
 
 
 def _of_the_colors(frames: NDArray[np.uint8], ground: GroundFit) -> Iterator[Reason]:
     spread = frames.max(3) - frames.min(3)
     if ground.color < FOREIGN_COLOR and np.quantile(spread, SATURATION_QUANTILE) < MIN_SATURATION:
-        yield True, "it is in shades of grey"
+        yield Reason(True, "it is in shades of grey")
     elif ground.color < -FOREIGN_COLOR:
-        yield True, "its colours are exchanged, such as red and blue"
+        yield Reason(True, "its colours are exchanged, such as red and blue")
     elif ground.color < MIN_COLOR:
         text = "the colours of the background are not those of the empty scene; colours may be wrong"
-        yield ground.color < FOREIGN_COLOR, text
+        yield Reason(ground.color < FOREIGN_COLOR, text, unfit=True)
     elif abs(ground.tint) > MAX_TINT:
-        yield False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong"
+        yield Reason(False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong")
 
 
 def camera_motion(frames: NDArray[np.uint8]) -> float:
@@ -169,6 +195,28 @@ def camera_motion(frames: NDArray[np.uint8]) -> float:
         explained = max(1 - np.square(left[ground]).sum() / (np.square(without).sum() + TINY), 0.0)
         distances.append(explained * np.sqrt(reach @ np.square(found[:3])))
     return CELL_PX * float(np.median(distances))
+
+
+def edge_width_px(frames: NDArray[np.uint8]) -> float:
+    """How wide the sharpest edges are: standard deviation of the blur that a step would have (pixels of 480x320).
+
+    The second derivative of a blurred step is at most exp(-1/2) / width times its first one.
+
+    Args:
+        frames: (F, height, width, 3) uint8.
+    """
+    widths = []
+    for frame in frames[::EDGE_SPACING]:
+        gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        smooth = cv2.GaussianBlur(
+            cv2.resize(gray, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_CUBIC), (0, 0), SMOOTHING_PX
+        )
+        slope = np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, dx, 1 - dx, ksize=3) / 8 for dx in (0, 1)))
+        bend = np.maximum(*(np.abs(cv2.filter2D(smooth, -1, kernel)) for kernel in (BEND, BEND.T)))
+        inner = slice(BORDER_PX, -BORDER_PX)
+        most = (np.quantile(image[inner, inner], EDGE_QUANTILE) for image in (slope, bend))
+        widths.append(np.exp(-0.5) * next(most) / (next(most) + TINY))
+    return float(np.median(widths))
 
 
 def marked_px(image: FloatArray, reference: FloatArray, fit: GroundFit) -> int:

@@ -6,17 +6,26 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.errors import VideoError
 from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
 from nsdr.frame_parser.check.layout import find_layout, part_of
-from nsdr.frame_parser.check.reasons import MAX_GROUND_DISTANCE, SPACING_FRAMES, needed_levels, reasons
+from nsdr.frame_parser.check.reasons import (
+    MAX_EDGE_PX,
+    MAX_GROUND_DISTANCE,
+    SPACING_FRAMES,
+    edge_width_px,
+    needed_levels,
+    reasons,
+)
 from nsdr.frame_parser.check.shots import first_shot, until_cut
-from nsdr.io.video import Layout, VideoSample, check_is_video, read_frames, sample_frames
+from nsdr.io.decoding import check_is_video
+from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
 from nsdr.validation import PositiveCount, Settings
 
 __all__ = ["VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
@@ -42,11 +51,13 @@ class VideoConfig(Settings):
             look. Padding is found unless it is "off".
         background: image file of the scene without objects, for another camera or other lamps; "" for CLEVRER's.
         max_frames: frames that are processed at most (at 25 per second).
+        fps: frames per second in place of what the videos say; 0 for that.
     """
 
     check: Literal["refuse", "warn", "off"] = "refuse"
     background: str = ""
     max_frames: PositiveCount = 512
+    fps: Annotated[float, Meta(ge=0)] = 0.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +70,7 @@ class VideoCheck:
         layout: where in the frames the image is.
         levels: what each level of the image has to become, (256,) uint8; None where they are right.
         ground: how the ground compares with the scene without objects; None where nothing is to be seen.
+        unfit: why it cannot be judged: places that are wrong or not seen, words that may be misread.
     """
 
     refused: tuple[str, ...] = ()
@@ -66,6 +78,7 @@ class VideoCheck:
     layout: Layout = field(default_factory=Layout)
     levels: NDArray[np.uint8] | None = None
     ground: GroundFit | None = None
+    unfit: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -84,8 +97,9 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
     if config.check == "off":
         return VideoCheck()
     check_is_video(path)
-    status = path.stat()
-    found = _looked_at(path, status.st_mtime_ns, status.st_size, config.background)
+    files = [path, *(sorted(path.iterdir()) if path.is_dir() else ())]
+    state = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    found = _looked_at(path, state, config.background, config.fps)
     if found.kind == "refused" and config.check == "refuse":
         raise VideoError(
             f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refused)}. Expected: its grey ground, lamps and "
@@ -96,7 +110,7 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
 
 
 def clip_frames(
-    path: str | Path, config: VideoConfig | None = None, beyond_cuts: bool = False
+    path: str | Path, config: VideoConfig | None = None, beyond_cuts: bool = False, late: list[float] | None = None
 ) -> Iterator[NDArray[np.uint8]]:
     """The frames (H, W, 3) of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
 
@@ -106,6 +120,7 @@ def clip_frames(
         path: video file.
         config: what is expected; None for CLEVRER's videos.
         beyond_cuts: whether frames after a cut are processed, too: where objects jump, a video may seem to have one.
+        late: as of `nsdr.io.video.read_frames`.
 
     Raises:
         VideoError, DataError: as of `check_video`; before the first frame.
@@ -114,16 +129,27 @@ def clip_frames(
     check = check_video(path, config)
     for reason in (*check.refused, *check.warned):
         warnings.warn(f"{path}: {reason}", stacklevel=2)
-    frames = read_frames(path, check.layout)
+    frames = read_frames(path, check.layout, config.fps, late)
     if config.check == "off":
         yield from frames
         return
-    shown = _without_empty_start(frames, path)
+    shown = _without_empty_start(frames, path, late)
     shot = islice(shown, config.max_frames) if beyond_cuts else first_shot(shown, path, config.max_frames)
-    yield from shot if check.levels is None else (check.levels[frame] for frame in shot)
+    yield from shot if check.levels is None else _corrected(shot, check.levels)
 
 
-def _without_empty_start(frames: Iterator[NDArray[np.uint8]], path: str | Path) -> Iterator[NDArray[np.uint8]]:
+def _corrected(frames: Iterator[NDArray[np.uint8]], levels: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
+    """The frames with other levels; one that is repeated stays the same array."""
+    last: NDArray[np.uint8] | None = None
+    for frame in frames:
+        if frame is not last:
+            last, right = frame, levels[frame]
+        yield right
+
+
+def _without_empty_start(
+    frames: Iterator[NDArray[np.uint8]], path: str | Path, late: list[float] | None
+) -> Iterator[NDArray[np.uint8]]:
     empty = 0
     for frame in frames:
         if not _is_empty(frame):
@@ -134,6 +160,8 @@ def _without_empty_start(frames: Iterator[NDArray[np.uint8]], path: str | Path) 
     if empty:
         what = f"the first {empty} frames show nothing; they are left out, and frames counted from there"
         warnings.warn(f"{path}: {what}", stacklevel=2)
+    if late is not None:
+        del late[:empty]
     yield frame
     yield from frames
 
@@ -145,10 +173,10 @@ def _is_empty(frame: NDArray[Any]) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _looked_at(path: Path, _modified_ns: int, _size: int, background: str) -> VideoCheck:
-    """The check of a file; kept while it is the same."""
+def _looked_at(path: Path, _state: tuple[tuple[Path, int, int], ...], background: str, fps: float) -> VideoCheck:
+    """The check of a video; kept while its files are the same."""
     known = [read_background(background)] if background else list(references().values())
-    return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES), known)
+    return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES, fps), known)
 
 
 def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
@@ -161,6 +189,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     frames = until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
     box, layout, expected, warned = find_layout(median, sample.size_px, known)
+    unfit = [] if layout.stretched else warned[-1:]  # what is cut off is not seen
     image, frames = part_of(median, box), part_of(frames, box)
     ground, reference = best_fit(image, expected)
     refused: list[str] = []
@@ -171,7 +200,12 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
             (warned if turn == "mirrored" else refused).append(f"it is {turn}")
             image, ground, reference = turned(image, turn), after, fitting
+    if (width := edge_width_px(frames)) > MAX_EDGE_PX:
+        what = "it is blurred, very small or strongly compressed"
+        unfit.append(f"{what} (edges of {width:.1f} pixels, at most {MAX_EDGE_PX}); words of objects may be misread")
     levels = needed_levels(frames, ground)
-    for is_certain, text in reasons(frames, image, reference, ground, levels is not None):
-        (refused if is_certain else warned).append(text)
-    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground)
+    for reason in reasons(frames, image, reference, ground, levels is not None):
+        (refused if reason.is_certain else warned).append(reason.text)
+        if reason.unfit and not reason.is_certain:
+            unfit.append(reason.text)
+    return VideoCheck(tuple(refused), tuple(warned), layout, levels, ground, tuple(unfit))

@@ -1,0 +1,200 @@
+"""Opening a video: a file that OpenCV decodes (MP4 and others), an animated image, or a folder of images; and finding them."""
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.errors import VideoError
+from nsdr.io.files import find_files
+from nsdr.io.images import has_images, is_animated, open_images
+from nsdr.io.limits import check_limit
+from nsdr.world.physics_constants import FPS
+
+__all__ = [
+    "RATE_TOLERANCE",
+    "SUFFIXES",
+    "OpenedVideo",
+    "TimedFrames",
+    "check_is_video",
+    "find_videos",
+    "opened",
+    "undecodable",
+]
+
+RATES = (1.0, 1000.0)
+"""Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
+SUFFIXES = (".mp4", ".gif", ".webp")
+"""Of the videos that are looked for in folders."""
+RATE_TOLERANCE = 0.1
+"""Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
+UNEVEN = 1.0
+"""Frames that are shown so much earlier or later than at an even rate make a variable frame rate (frames of CLEVRER)."""
+UNEVEN_SHARE = 0.1
+"""So do frames of an animated image whose durations are so far from multiples of the usual one (share of it)."""
+TimedFrames = Iterator[tuple[float, NDArray[np.uint8]]]
+"""Frames (height, width, 3) uint8 RGB, and when each is shown after the first one (frames of CLEVRER)."""
+HEAD_BYTES = 4096
+"""Bytes at a file's start that tell its kind."""
+
+
+@dataclass(frozen=True)
+class OpenedVideo:
+    """An opened video.
+
+    Attributes:
+        rate: frames a second.
+        seconds: how long it lasts; 0 where its header does not say.
+        frames: (height, width, 3) each, as they are decoded.
+    """
+
+    rate: float
+    seconds: float
+    frames: TimedFrames
+
+
+@contextmanager
+def opened(path: Path, fps: float) -> Iterator[OpenedVideo]:
+    """An opened video, of `fps` frames a second where that is not 0."""
+    check_is_video(path)
+    images = open_images(path)
+    if images is None:
+        with _captured(path) as capture:
+            said = float(capture.get(cv2.CAP_PROP_FPS))
+            rate = _checked_rate(path, fps or said)
+            n = max(float(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0.0)
+            frames = _decoded(capture, path)
+            yield OpenedVideo(rate, n / rate, _evenly(frames, rate) if fps else _at_times(frames, path, rate))
+        return
+    said = 0.0 if fps else images.rate
+    rate = _checked_rate(path, fps or said)
+    if said:
+        frames_each = np.diff(images.seconds) * rate  # writers join frames that are the same
+        if np.abs(frames_each - frames_each.round()).max() > UNEVEN_SHARE:
+            warnings.warn(f"{path}: variable frame rate, resampled to {FPS} frames per second", stacklevel=2)
+        times = [round(FPS * seconds, 6) for seconds in images.seconds]
+        yield OpenedVideo(rate, images.seconds[-1], zip(times, images.frames(), strict=False))
+    else:
+        frames = ((0.0, frame) for frame in images.frames())
+        yield OpenedVideo(rate, 0.0 if images.seconds else len(images.files) / rate, _evenly(frames, rate))
+
+
+def _checked_rate(path: Path, rate: float) -> float:
+    """A video's frame rate (1/s); CLEVRER's where it is 0, with a warning."""
+    if not rate:
+        remedy = "--fps gives the right one (in Python, VideoConfig.fps)"
+        warnings.warn(f"{path}: does not say its frame rate; taken as {FPS} per second; {remedy}", stacklevel=2)
+        return float(FPS)
+    if not RATES[0] <= rate <= RATES[1]:
+        expected = f"expected {RATES[0]:g} to {RATES[1]:g}"
+        raise VideoError(f"{path}: {rate:g} frames per second, {expected}; convert it, or give the right rate (--fps)")
+    return rate
+
+
+@contextmanager
+def _captured(path: Path) -> Iterator[cv2.VideoCapture]:
+    """A video file that OpenCV opened."""
+    # OpenCV and FFmpeg print their own complaints about broken files; ours follow.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    level = cv2.utils.logging.setLogLevel(0)
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise undecodable(path)
+        check_limit(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path, VideoError)
+        pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+        check_limit(pixels, "image_pixels", path, VideoError)
+        yield capture
+    finally:
+        capture.release()
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _decoded(capture: cv2.VideoCapture, path: Path) -> TimedFrames:
+    """The frames with the times that the file says, from its own zero."""
+    while True:
+        try:
+            ok, frame = capture.read()
+        except (cv2.error, MemoryError) as e:
+            raise VideoError(f"{path}: cannot be decoded ({str(e).splitlines()[0]})") from e
+        if not ok:
+            return
+        check_limit(frame.shape[0] * frame.shape[1], "image_pixels", path, VideoError)
+        shown = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000 * FPS
+        yield shown, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)  # type: ignore[misc]
+
+
+def _step(rate: float) -> float:
+    """From one frame to the next, in frames of CLEVRER."""
+    return 1.0 if abs(rate - FPS) <= RATE_TOLERANCE else FPS / rate
+
+
+def _evenly(frames: TimedFrames, rate: float) -> TimedFrames:
+    """The frames at even times, whatever their own are."""
+    return ((index * _step(rate), frame) for index, (_, frame) in enumerate(frames))
+
+
+def _at_times(frames: TimedFrames, path: Path, rate: float) -> TimedFrames:
+    """The frames at even times, unless the file says clearly otherwise; then a warning is given once."""
+    start, before, warned = 0.0, -1.0, False
+    for index, (shown, frame) in enumerate(frames):
+        if index == 0:
+            start = shown
+        time = index * _step(rate)
+        if shown > before and abs(shown - start - time) > UNEVEN:
+            time = shown - start
+            if not warned:
+                warnings.warn(f"{path}: variable frame rate, resampled to {FPS} frames per second", stacklevel=2)
+            warned = True
+        before = shown
+        yield time, frame
+
+
+def find_videos(folder: str | Path) -> list[Path]:
+    """The MP4, GIF and WebP files below a folder, sorted; without hidden ones."""
+    return [path for path in find_files(folder, "*") if path.suffix.lower() in SUFFIXES]
+
+
+def check_is_video(path: Path) -> None:
+    """Refuse what is certainly no video, by the file's first bytes.
+
+    Raises:
+        VideoError: no such file, a folder without images, a device, an empty file, an image or a text; says which.
+    """
+    if path.is_dir():
+        if not has_images(path):
+            what = "a video, or a folder of PNG or JPEG files (`nsdr parse-videos` takes folders of videos)"
+            raise VideoError(f"{path}: is a folder without images; expected {what}")
+        return
+    if not path.is_file():
+        raise VideoError(f"{path}: {'is a device or a pipe; expected a video' if path.exists() else 'no such file'}")
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if not head:
+        raise VideoError(f"{path}: is empty (0 bytes); expected a video")
+    # OpenCV would read both as videos.
+    if cv2.haveImageReader(str(path)) and not is_animated(path):
+        raise VideoError(f"{path}: is an image; expected a video, or an animated GIF, WebP or PNG")
+    if _is_text(head):
+        raise VideoError(f"{path}: is a text file; expected a video")
+
+
+def _is_text(head: bytes) -> bool:
+    """Whether these first bytes of a file are text; the last character may be cut off."""
+    try:
+        text = head.decode() if len(head) < HEAD_BYTES else head[:-4].decode("utf-8", "ignore")
+    except UnicodeDecodeError:
+        return False
+    return all(c.isprintable() or c in "\n\r\t\f" for c in text)
+
+
+def undecodable(path: Path) -> VideoError:
+    """The error of a file that nothing can be read from."""
+    remedy = "if it is one, convert it to H.264: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
+    return VideoError(f"{path}: not a video that OpenCV can read, or damaged or cut off; {remedy}")

@@ -1,0 +1,145 @@
+"""Videos that are images: animated GIF, WebP and PNG, and folders with one image a frame."""
+
+import re
+import statistics
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageSequence
+
+from nsdr.errors import VideoError
+from nsdr.io.files import is_hidden
+from nsdr.io.limits import check_limit
+
+__all__ = ["Images", "has_images", "is_animated", "open_images"]
+
+FORMATS = ("GIF", "JPEG", "PNG", "WEBP")
+"""Formats that are read; of a folder, files with these suffixes:"""
+SUFFIXES = (".png", ".jpg", ".jpeg")
+MIN_SECONDS = 0.02
+"""Animated images whose frames last less say nothing of their rate: players replace such durations, each by its own (s)."""
+
+
+@dataclass(frozen=True)
+class Images:
+    """A video that is images, opened.
+
+    Attributes:
+        path: the animated image, or the folder.
+        files: of a folder, one a frame; the animated image itself.
+        seconds: when each frame of an animated image is shown, and last when the last one ends; empty where nothing says.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    seconds: tuple[float, ...]
+
+    @property
+    def rate(self) -> float:
+        """Frames a second, by how long most are shown; 0 where nothing says."""
+        return 1 / statistics.median_low(b - a for a, b in pairwise(self.seconds)) if self.seconds else 0.0
+
+    def frames(self) -> Iterator[NDArray[np.uint8]]:
+        """(height, width, 3) uint8 RGB, all of one size.
+
+        Raises:
+            VideoError: a frame that cannot be read, is larger than `nsdr.io.limits` allows, or has another size than the first.
+        """
+        first = None
+        for file in self.files:
+            with _opened(file) as image:
+                for shown in ImageSequence.Iterator(image):
+                    first = first or shown.size
+                    if shown.size != first:
+                        sizes = f"{shown.width}x{shown.height} px, the first frame {first[0]}x{first[1]}"
+                        raise VideoError(f"{file}: {sizes}; all need one size")
+                    yield np.asarray(shown.convert("RGB"))
+                    if len(self.files) > 1:
+                        break
+
+
+def is_animated(path: Path) -> bool:
+    """Whether a file is an image with several frames, of a format that is read.
+
+    Raises:
+        VideoError: it is damaged.
+    """
+    with path.open("rb") as file:
+        head = file.read(12)
+    if not (head.startswith((b"GIF8", b"\x89PNG")) or head[8:] == b"WEBP"):
+        return False
+    with _opened(path) as image:
+        return getattr(image, "n_frames", 1) > 1
+
+
+def has_images(folder: Path) -> bool:
+    """Whether a folder holds images that may be frames."""
+    return bool(_images_in(folder))
+
+
+def open_images(path: Path) -> Images | None:
+    """An animated image, or a folder of PNG or JPEG files; None where `path` is neither.
+
+    Raises:
+        VideoError: a damaged file, or a folder whose files' names do not say which frame each is.
+    """
+    if path.is_dir():
+        return _folder(path)
+    if not is_animated(path):
+        return None
+    durations = []
+    with _opened(path) as image:
+        check_limit(image.n_frames, "frames", path, VideoError)
+        for shown in ImageSequence.Iterator(image):
+            shown.load()  # before, the duration of a WebP's frame is not known
+            durations.append(float(shown.info.get("duration", 0)) / 1000)
+    # The last frame is often held for long, which is no part of what is shown.
+    durations[-1] = statistics.median_low(durations[:-1])
+    known = min(durations) >= MIN_SECONDS
+    return Images(path, (path,), tuple(accumulate(durations, initial=0.0)) if known else ())
+
+
+def _images_in(folder: Path) -> list[Path]:
+    return [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not is_hidden(p.relative_to(folder))]
+
+
+def _folder(path: Path) -> Images:
+    found = _images_in(path)
+    check_limit(len(found), "frames", path, VideoError)
+    numbered = {}
+    for file in found:
+        name = re.fullmatch(r"(.*?)(\d{1,18})", file.stem)
+        if name is None:
+            raise VideoError(f"{file}: expected a frame's number at the end of its name, such as frame_0001.png")
+        numbered[int(name[2])] = file, name[1]
+    files = [numbered[n][0] for n in sorted(numbered)]
+    if len(files) < len(found) or len({prefix for _, prefix in numbered.values()}) > 1:
+        raise VideoError(f"{path}: holds the frames of several videos; expected one name with a number for each frame")
+    steps = [b - a for a, b in pairwise(sorted(numbered))]
+    for step, file in zip(steps, files, strict=False):
+        if step > min(steps):
+            raise VideoError(f"{path}: frames are missing after {file.name}; expected numbers at equal steps")
+    return Images(path, tuple(files), ())
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[Any]:
+    """An image file, whose pixels are not read yet."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit follows
+            image = Image.open(file, formats=FORMATS)
+        with image:
+            check_limit(image.width * image.height, "image_pixels", file, VideoError)
+            yield image
+    except VideoError:
+        raise
+    except (OSError, EOFError, SyntaxError, ValueError, Image.DecompressionBombError) as e:
+        raise VideoError(f"{file}: a damaged image, or cut off ({' '.join(str(e).split()) or type(e).__name__})") from e

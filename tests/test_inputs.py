@@ -1,0 +1,306 @@
+"""Videos as models write them: animated images, folders of frames, other rates; and which of them are judged."""
+
+import json
+import warnings
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from nsdr import DataError, FrameParser, Pipeline, VideoConfig, VideoError, VideoProposals, judge
+from nsdr.clevrer.example import VIDEO
+from nsdr.cli.main import main
+from nsdr.dynamics.sliding import slide
+from nsdr.frame_parser import FrameParserConfig, build_frame_parser
+from nsdr.frame_parser.check.video import clip_frames
+from nsdr.io.decoding import find_videos
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.images import open_images
+from nsdr.io.video import read_frames, video_seconds, write_video
+from nsdr.tracking.localization import outline
+from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.physics_constants import FRAME_SECONDS
+from nsdr.world.vocabulary import attribute_index
+
+N = 12
+
+
+def frame(time: float, size: tuple[int, int] = (480, 320)) -> np.ndarray:
+    """A white bar tells the time: 10 of 480 pixels for each 25th of a second."""
+    image = np.zeros((320, 480, 3), np.uint8)
+    image[:, : round(10 * time)] = 255
+    return cv2.resize(image, size)
+
+
+def times_of(frames) -> np.ndarray:
+    return np.array([(f[160, :, 0] > 127).sum() / 10 for f in frames])
+
+
+def save(path: Path, frames: list[np.ndarray], duration_ms) -> Path:
+    images = [Image.fromarray(f) for f in frames]
+    options = {"lossless": True} if path.suffix == ".webp" else {}
+    images[0].save(path, save_all=True, append_images=images[1:], duration=duration_ms, **options)
+    return path
+
+
+def folder_of(path: Path, names: list[str]) -> Path:
+    path.mkdir()
+    for k, name in enumerate(names):
+        cv2.imwrite(str(path / name), frame(k + 1))
+    return path
+
+
+def read(path: Path, **options) -> tuple[np.ndarray, list[str]]:
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        frames = np.stack(list(read_frames(path, **options)))
+    texts = [str(w.message).removeprefix(f"{path}: ") for w in given]
+    return frames, [text for text in texts if "CLEVRER's videos have 128" not in text]
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".png"])
+@pytest.mark.parametrize("spacing", [1, 2, 3])
+def test_animated_images_are_videos(tmp_path, suffix: str, spacing: int) -> None:
+    path = save(tmp_path / f"v{suffix}", [frame(1 + spacing * k) for k in range(N)], 40 * spacing)
+    frames, warned = read(path)
+    assert warned == ([] if spacing == 1 else [f"{25 / spacing:g} frames per second, resampled to 25"])
+    assert times_of(frames).tolist() == [1 + spacing * (k // spacing) for k in range(spacing * N)]
+    assert video_seconds(path) == pytest.approx(0.04 * spacing * N)
+
+
+def test_frames_that_a_writer_joined_keep_their_time(tmp_path) -> None:
+    images = [frame(t) for t in (1, 2, 5, 6)]
+    frames, warned = read(save(tmp_path / "v.gif", images, [40, 120, 40, 2000]))  # the last one is held
+    assert times_of(frames).tolist() == [1, 2, 2, 2, 5, 6]
+    assert warned == []
+
+
+def test_a_variable_frame_rate_of_an_animated_image_is_warned_of(tmp_path) -> None:
+    assert (
+        "variable frame rate"
+        in read(save(tmp_path / "v.gif", [frame(t) for t in (1, 2, 5, 6)], [40, 60, 40, 40]))[1][0]
+    )
+
+
+@pytest.mark.parametrize("duration", [0, 10])
+def test_an_animated_image_without_a_rate_is_warned_of(tmp_path, duration: int) -> None:
+    path = save(tmp_path / "v.gif", [frame(k + 1) for k in range(N)], duration)
+    frames, warned = read(path)
+    assert len(frames) == N
+    assert "does not say its frame rate; taken as 25 per second; --fps" in warned[0]
+    frames, warned = read(path, fps=12.5)
+    assert len(frames) == 2 * N
+    assert warned == ["12.5 frames per second, resampled to 25"]
+
+
+def test_a_given_rate_holds_in_place_of_the_files(tmp_path) -> None:
+    path = save(tmp_path / "v.webp", [frame(1 + 3 * k) for k in range(N)], 100)
+    assert times_of(read(path, fps=25 / 3)[0])[[0, 3, 6]].tolist() == [1, 4, 7]
+    writer = cv2.VideoWriter(str(tmp_path / "v.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 10, (480, 320))
+    for k in range(N):
+        writer.write(frame(k + 1))
+    writer.release()
+    assert len(read(tmp_path / "v.mp4")[0]) == 2.5 * N
+    assert len(read(tmp_path / "v.mp4", fps=25)[0]) == N
+    assert video_seconds(tmp_path / "v.mp4", fps=25) == pytest.approx(N / 25)
+    for path in (tmp_path / "v.mp4", tmp_path / "v.webp"):
+        with pytest.raises(VideoError, match=r"2000 frames per second, expected 1 to 1000"):
+            read(path, fps=2000)
+    with pytest.raises(DataError, match="fps"):
+        VideoConfig(fps=-1)
+
+
+def test_a_folder_of_frames_is_a_video_in_the_order_of_its_numbers(tmp_path) -> None:
+    path = folder_of(tmp_path / "v", [f"frame{k}.png" for k in range(8, 20)])
+    (path / "notes.txt").write_text("no frame")
+    frames, warned = read(path)
+    assert times_of(frames).tolist() == list(range(1, 13))
+    assert "does not say its frame rate" in warned[0]
+    assert read(path, fps=25)[1] == []
+    assert video_seconds(path, fps=25) == pytest.approx(N / 25)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["a1.png", "a2.png", "a4.png", "a5.png"], r"frames are missing after a2\.png"),
+        (["a1.png", "b2.png"], "holds the frames of several videos"),
+        (["a1.png", "a01.png"], "holds the frames of several videos"),
+        (["a1.png", "cover.png"], r"cover\.png: expected a frame's number"),
+        (["a1.jpg", "broken2.gif"], ""),
+        ([], "is a folder without images"),
+    ],
+)
+def test_folders_that_are_not_one_video_are_refused(tmp_path, names, message: str) -> None:
+    path = folder_of(tmp_path / "v", names)
+    if not message:
+        assert open_images(path).files == (path / "a1.jpg",)  # other kinds of files are no frames
+        return
+    with pytest.raises(VideoError, match=message):
+        read(path)
+
+
+def test_frames_that_cannot_be_read_are_named(tmp_path) -> None:
+    path = folder_of(tmp_path / "v", ["a1.png", "a2.png"])
+    cv2.imwrite(str(path / "a2.png"), frame(2, (240, 160)))
+    with pytest.raises(VideoError, match=r"a2\.png: 240x160 px, the first frame 480x320; all need one size"):
+        read(path)
+    (path / "a2.png").write_bytes((path / "a1.png").read_bytes()[:200])
+    with pytest.raises(VideoError, match=r"a2\.png: a damaged image, or cut off"):
+        read(path)
+    (path / "a2.png").write_text("no image")
+    with pytest.raises(VideoError, match=r"a2\.png: a damaged image"):
+        read(path)
+    noise = np.random.default_rng(0).integers(0, 255, (3, 32, 48, 3)).astype(np.uint8)
+    gif = save(tmp_path / "v.gif", list(noise), 40)
+    gif.write_bytes(gif.read_bytes()[:-200])
+    with pytest.raises(VideoError, match=r"v\.gif: a damaged image, or cut off"):
+        read(gif)
+
+
+def test_images_are_limited_as_videos_are(tmp_path, monkeypatch) -> None:
+    gif = save(tmp_path / "v.gif", [frame(k + 1) for k in range(N)], 40)
+    folder = folder_of(tmp_path / "v", [f"{k}.png" for k in range(N)])
+    for limit in ("frames=10", "image_pixels=1000"):
+        monkeypatch.setenv("NSDR_LIMITS", limit)
+        for path in (gif, folder):
+            with pytest.raises(VideoError, match=limit.split("=")[0]):
+                read(path)
+
+
+def test_a_folder_is_another_one_when_a_frame_changes(tmp_path) -> None:
+    path = folder_of(tmp_path / "v", ["a1.png", "a2.png"])
+    before = fingerprint(inputs=[path])
+    assert fingerprint(inputs=[path]) == before
+    cv2.imwrite(str(path / "a2.png"), frame(5))
+    assert fingerprint(inputs=[path]) != before
+
+
+def test_folders_are_searched_for_all_kinds(tmp_path) -> None:
+    for name in ("b.mp4", "a.GIF", "c.webp", "d.txt", ".hidden.gif"):
+        (tmp_path / name).write_bytes(b"x")
+    assert [path.name for path in find_videos(tmp_path)] == ["a.GIF", "b.mp4", "c.webp"]
+
+
+def test_how_late_frames_are_is_told(tmp_path) -> None:
+    path, late = save(tmp_path / "v.webp", [frame(1 + 2.5 * k) for k in range(N)], 100), []
+    read(path, late=late)
+    slots = [0, 2, 5, 7, 10, 12]  # the nearest frame of CLEVRER
+    assert [late[s] for s in slots] == pytest.approx([0, 0.5, 0, 0.5, 0, 0.5])
+
+
+def test_an_empty_start_leaves_the_lateness_of_the_rest(tmp_path) -> None:
+    images = [0 * frame(0), *(frame(1 + 2.5 * k) for k in range(1, N))]
+    path, late = save(tmp_path / "v.webp", images, 100), []
+    with warnings.catch_warnings(action="ignore"):
+        frames = list(clip_frames(path, VideoConfig("warn"), late=late))
+    assert times_of(frames)[0] == pytest.approx(3.5, abs=0.1)
+    assert len(late) == len(frames)
+    assert late[0] == pytest.approx(0.5)
+
+
+def test_repeated_frames_of_another_size_are_processed_once(tmp_path, looked_at) -> None:
+    path = save(tmp_path / "v.gif", [frame(1 + 2 * k, (240, 160)) for k in range(N)], 80)
+    with warnings.catch_warnings(action="ignore"):
+        found = FrameParser(build_frame_parser(FrameParserConfig())).parse(read_frames(path))
+    assert found.processed.tolist() == list(range(0, 2 * N, 2))
+    assert len(looked_at) == N
+
+
+def sliding(n_frames: int, processed: np.ndarray, late: np.ndarray) -> VideoProposals:
+    """A sphere that slides lawfully, as seen `late` frames after the processed ones."""
+    place = -2.0 + slide("sphere", np.array(1.2), (processed + late) * FRAME_SECONDS)[0]
+    boxes, centres = [], []
+    for y in place:
+        polygon = outline("sphere", 0.0, float(y), camera=CLEVRER_CAMERA)
+        low, high = polygon.min(0), polygon.max(0)
+        boxes.append(np.round([*low, *high]).astype(int))
+        centres.append((low + high) / 2)
+    n = len(processed)
+    words = np.full(n, attribute_index("red", "metal", "sphere"))
+    area = np.full(n, 900)
+    return VideoProposals(
+        n_frames, processed, words, np.ones(n), np.array(centres), area, np.array(boxes), None, processed
+    )
+
+
+def test_frames_are_judged_at_their_own_time() -> None:
+    """24 frames a second: frames are up to half a frame late or early, and one is repeated each second."""
+    taken = np.arange(100) * 25 / 24
+    processed = np.ceil(taken - 0.5).astype(int)
+    late = np.zeros(processed[-1] + 1)
+    late[processed] = taken - processed
+    proposals = sliding(len(late), processed, late[processed])
+    assert judge(proposals).violations != ()
+    assert judge(proposals, late=late).violations == ()
+
+
+def test_what_shows_too_little_is_not_judged() -> None:
+    def seen(frames: np.ndarray) -> VideoProposals:
+        return sliding(128, frames, np.zeros(len(frames)))
+
+    assert judge(seen(np.arange(0, 128, 3))).violations == ()
+    with pytest.raises(
+        VideoError, match=r"6\.25 frames a second are too few to judge; expected 8 or more, and a stride"
+    ):
+        judge(seen(np.arange(0, 128, 4)))
+    with pytest.raises(VideoError, match=r"10 different frames are too few to judge; expected \d+ or more"):
+        judge(seen(np.arange(10)))
+
+
+def test_a_killed_run_goes_on_with_the_videos_that_are_left(tmp_path, monkeypatch, capsys) -> None:
+    from nsdr.evaluation import batch
+
+    paths = [save(tmp_path / f"{k}.gif", [frame(1), frame(2 + k)], 40) for k in range(3)]
+    report, done = tmp_path / "report.json", []
+    command = ["judge", *map(str, paths), "-o", str(report), "--workers", "1"]
+    monkeypatch.setattr(batch, "worker_pipeline", lambda *_: None)
+
+    def judged(_, video):
+        done.append(video)
+        if done == paths[:2]:
+            raise KeyboardInterrupt
+        return {"video": str(video), "warnings": [], "error": f"{video}: no scene"}
+
+    monkeypatch.setattr(batch, "judged", judged)
+    assert main(command) == 130
+    assert not report.exists()
+    assert main(command) == 1
+    assert done == [*paths[:2], *paths[1:]]
+    assert [row["video"] for row in json.loads(report.read_text())] == [str(path) for path in paths]
+    assert "3 of 3 videos failed, such as" in capsys.readouterr().err
+    done.clear()
+    save(paths[2], [frame(1), frame(9)], 40)
+    assert main([*command, "--keep-going"]) == 0
+    assert done == [paths[2]]
+
+
+def test_two_videos_of_one_name_are_not_one(tmp_path, capsys) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "v.mp4").write_bytes(b"x")
+    paths = [str(tmp_path / name / "v.mp4") for name in ("a", "b")]
+    assert main(["judge", *paths, "-o", str(tmp_path / "report.json")]) == 2
+    assert "both are v; rename one" in capsys.readouterr().err
+    assert main(["judge", str(tmp_path / "a"), "-o", str(tmp_path / "a.json")]) == 2
+    assert "give the report another name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda frames: frames[:, 20:300, 30:450], "the background"),
+        (lambda frames: frames[:, :, 90:390], r"0\.94:1, not 1\.5:1: taken as the middle of one"),
+        (lambda frames: np.stack([cv2.GaussianBlur(f, (0, 0), 3) for f in frames]), "it is blurred"),
+    ],
+    ids=["zoomed", "cut off", "blurred"],
+)
+def test_videos_whose_places_or_words_are_wrong_are_not_judged(tmp_path, change, message: str) -> None:
+    frames = list(islice(read_frames(VIDEO), 64))
+    write_video(tmp_path / "v.mp4", change(np.stack(frames)), preset="veryfast")
+    pipeline = Pipeline(None, None, None)  # what is not looked at needs no networks
+    with pytest.raises(VideoError, match=rf"v\.mp4: cannot be judged: .*{message}.*--force judges it all the same"):
+        pipeline.judge(tmp_path / "v.mp4")
