@@ -21,7 +21,7 @@ from nsdr.io.video import video_seconds, write_video
 from nsdr.pipeline import Perception
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.tracking.tracker import TrackerConfig
-from nsdr.types import Add, Remove, SetVelocity, VideoProposals
+from nsdr.types import Add, Judgement, Remove, SetVelocity, VideoProposals
 from nsdr.world.camera import CLEVRER_CAMERA
 
 
