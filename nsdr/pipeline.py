@@ -1,125 +1,44 @@
 """The whole system: a video and a question go in, an answer with its trace comes out."""
 
-import sys
 import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.dynamics.base import DynamicsBackend, VideoPixels
 from nsdr.dynamics.interventions import simulate_removal
-from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, checkpoint_folders, load_backend
+from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import collisions_of, scene_from_prediction
-from nsdr.errors import DataError, QuestionError, VideoError
+from nsdr.errors import QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.io.configuration import parse_config
 from nsdr.io.decoding import check_is_video
-from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
+from nsdr.io.device import resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.laws.judge import judge
+from nsdr.pipeline_config import PipelineConfig, pipeline_settings
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
-from nsdr.symbolic import Executor, Program
+from nsdr.symbolic import Executor
+from nsdr.symbolic.program import ProgramSource
 from nsdr.tracking.localization import size_warning
 from nsdr.tracking.tracker import TrackerConfig, existence, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
-from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
-from nsdr.world.camera import CLEVRER_CAMERA, Camera, check_release_size
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
-ProgramSource = str | Sequence[str] | Program
 KEPT_VIDEOS = 16
 """Perceptions that a pipeline keeps."""
-
-
-@dataclass(frozen=True)
-class PipelineConfig(Settings):
-    """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
-
-    Attributes:
-        stride: the frame parser processes every n-th frame; the tracker bridges the others.
-        batch_size: frames per forward pass of the frame parser.
-        precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
-            device multiplies matrices of it (AMX, CUDA).
-        video: what is expected of videos, and how many frames of them are processed.
-        camera: that took the videos; its images are 480x320.
-        tracker: thresholds of the tracker.
-        dynamics: the dynamics backend and its settings.
-    """
-
-    stride: PositiveCount = 1
-    batch_size: Annotated[int, Meta(ge=1, le=MAX_SIZE)] = 8
-    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
-    video: VideoConfig = field(default_factory=VideoConfig)
-    camera: Camera = field(default_factory=Camera)
-    tracker: TrackerConfig = field(default_factory=TrackerConfig)
-    dynamics: BackendConfig = field(default_factory=BackendConfig)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_release_size(self.camera)
-
-    def fingerprint(self, checkpoint: str | Path, *made: str) -> str:
-        """Of everything that perception depends on but its input: these settings, weights, and versions of the stages.
-
-        A plug-in's module may have a `VERSION`, too.
-
-        Args:
-            checkpoint: where the weights are.
-            made: what is made, and from what.
-        """
-        from nsdr import dynamics, frame_parser, tracking
-        from nsdr.dynamics import physics, propnet
-
-        backend = physics if self.dynamics.backend == "physics" else propnet
-        versions = {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
-        plugin = sys.modules[BACKENDS[self.dynamics.backend].__module__]
-        versions[plugin.__name__] = getattr(plugin, "VERSION", 0)
-        weights = checkpoint_folders(find_checkpoint(checkpoint), self.dynamics)
-        background = [Path(self.video.background)] if self.video.background else []
-        return fingerprint(inputs=background, config=[*made, asdict(self), versions], weights=weights)
-
-
-def pipeline_settings(
-    file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = ()
-) -> PipelineConfig:
-    """Settings from a YAML file, a dynamics backend and single overrides, the later ones winning.
-
-    Args:
-        file: YAML file of a `PipelineConfig`; "" for the defaults.
-        dynamics: a backend's name, or a YAML file of a `BackendConfig`; "" for that of `file`.
-        overrides: "key=value" each, such as "tracker.score=0.8" or "dynamics.physics.runs=10".
-
-    Raises:
-        DataError: an unknown key or value; names it.
-    """
-    argv = ["--config", str(file)] if file else []
-    if dynamics:
-        is_file = str(dynamics).endswith((".yaml", ".yml"))
-        argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
-    known = [f.name for f in fields(PipelineConfig)]
-    for override in overrides:
-        key, separator, value = override.partition("=")
-        if not separator:
-            raise DataError(f"--set {override}: expected key=value, such as tracker.score=0.8")
-        if key.split(".")[0] not in known:
-            raise DataError(f"--set {override}: expected a setting of {', '.join(known)}")
-        argv += [f"--{key}", value]
-    config = parse_config(PipelineConfig, argv, "nsdr")
-    backend_settings(config.dynamics)
-    return config
 
 
 @dataclass(frozen=True)
@@ -337,7 +256,7 @@ class Pipeline:
         """
         wrong = "; ".join(check_video(video, self.video).unfit)
         if not wrong or self.video.check != "refuse":
-            proposals, late = self._looked_at(video)
+            proposals, late = self.proposals(video)
             wrong = size_warning(track(proposals, self.tracker, self.camera))
         if wrong and self.video.check == "refuse":
             raise VideoError(f"{video}: cannot be judged: {wrong}. --force judges it all the same")
@@ -351,16 +270,13 @@ class Pipeline:
             raise VideoError(f"{video}: no objects found in more than {self.tracker.min_frames} frames")
         return found
 
-    def proposals(self, video: str | Path) -> VideoProposals:
-        """What the frame parser sees in all frames of a video, also after a cut; kept until another video's are asked for.
+    def proposals(self, video: str | Path) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
+        """What is judged: proposals in all frames of a video, also after a cut, and how much later each of the (F,) frames is
+        shown than its number says (frames). Kept until those of another video are asked for.
 
         Raises:
             VideoError: the file cannot be read or is not of CLEVRER's scene.
         """
-        return self._looked_at(video)[0]
-
-    def _looked_at(self, video: str | Path) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
-        """Proposals of all frames, and how late each is shown (frames)."""
         check_is_video(Path(video))
         key = (fingerprint(inputs=[Path(video)]), self.frame_parser, vars(self.frame_parser).get("stride"), self.video)
         if self._kept_proposals is None or self._kept_proposals[0] != key:

@@ -21,7 +21,18 @@ from nsdr.cli import generate, main, train
 
 PAGE = Path(__file__).parent.parent / "docs" / "release.md"
 LIST = PAGE.with_name("public_api.txt")
-INTERNAL = {"apps", "cli", "continuations", "io", "language", "laws", "training", "validation", "world"}
+INTERNAL = {
+    "apps",
+    "cli",
+    "continuations",
+    "io",
+    "language",
+    "laws",
+    "pipeline_config",
+    "training",
+    "validation",
+    "world",
+}
 """Rooms whose names may change."""
 MODULES = {"nsdr.clevrer.example", "nsdr.dynamics.base", "nsdr.generate.export", "nsdr.io.video"}
 """Whose names are promised, too: the user's own parts need them (docs/plugins.md), or the examples of the docs."""

@@ -181,7 +181,7 @@ def test_frames_after_a_cut_are_judged_too(small_scene: Scene, clip_files: list[
         yield from np.zeros((7 if beyond_cuts else 4, 320, 480, 3), np.uint8)
 
     pipeline.frames, pipeline.tracker, pipeline.camera = frames, TrackerConfig(), CLEVRER_CAMERA
-    pipeline.proposals, pipeline.judge = lambda path: proposals, lambda path: Judgement((), 7, (), 0.0)
+    pipeline.proposals, pipeline.judge = lambda path: (proposals, None), lambda path: Judgement((), 7, (), 0.0)
     judgement, tracks, shown = Clips(pipeline, 5).judge(clip_files[0])
     assert judgement.n_frames == tracks.n_frames == len(shown) == 7
 

@@ -116,7 +116,7 @@ class Clips:
         with self._working, _notes(path):  # which are the clip's
             judgement, how = self.pipeline.judge(path), (self.pipeline.tracker, self.pipeline.camera)
             frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True)))
-            return judgement, track(self.pipeline.proposals(path), *how), frames
+            return judgement, track(self.pipeline.proposals(path)[0], *how), frames
 
     def _perceived(self, path: Path, seconds: float, progress: Progress) -> Clip:
         jpegs: list[bytes] = []

@@ -73,7 +73,7 @@ def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they were given when it was judged
         frames = np.stack(list(pipeline.frames(path, beyond_cuts=True)))
-        tracks = track(pipeline.proposals(path), pipeline.tracker, pipeline.camera)
+        tracks = track(pipeline.proposals(path)[0], pipeline.tracker, pipeline.camera)
     return JudgedVideo(path, judgement, judgement_html(judgement, tracks, frames))
 
 

@@ -1,0 +1,100 @@
+"""Settings of all stages of perception, and what makes its kept results stale."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
+
+from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, checkpoint_folders
+from nsdr.errors import DataError
+from nsdr.frame_parser.check.video import VideoConfig
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.configuration import parse_config
+from nsdr.io.device import PRECISIONS
+from nsdr.io.fingerprint import fingerprint
+from nsdr.tracking.tracker import TrackerConfig
+from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
+from nsdr.world.camera import Camera, check_release_size
+
+__all__ = ["PipelineConfig", "pipeline_settings"]
+
+
+@dataclass(frozen=True)
+class PipelineConfig(Settings):
+    """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
+
+    Attributes:
+        stride: the frame parser processes every n-th frame; the tracker bridges the others.
+        batch_size: frames per forward pass of the frame parser.
+        precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
+            device multiplies matrices of it (AMX, CUDA).
+        video: what is expected of videos, and how many frames of them are processed.
+        camera: that took the videos; its images are 480x320.
+        tracker: thresholds of the tracker.
+        dynamics: the dynamics backend and its settings.
+    """
+
+    stride: PositiveCount = 1
+    batch_size: Annotated[int, Meta(ge=1, le=MAX_SIZE)] = 8
+    precision: Annotated[str, one_of(PRECISIONS)] = "auto"
+    video: VideoConfig = field(default_factory=VideoConfig)
+    camera: Camera = field(default_factory=Camera)
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    dynamics: BackendConfig = field(default_factory=BackendConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_release_size(self.camera)
+
+    def fingerprint(self, checkpoint: str | Path, *made: str) -> str:
+        """Of everything that perception depends on but its input: these settings, weights, and versions of the stages.
+
+        A plug-in's module may have a `VERSION`, too.
+
+        Args:
+            checkpoint: where the weights are.
+            made: what is made, and from what.
+        """
+        from nsdr import dynamics, frame_parser, tracking
+        from nsdr.dynamics import physics, propnet
+
+        backend = physics if self.dynamics.backend == "physics" else propnet
+        versions = {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
+        plugin = sys.modules[BACKENDS[self.dynamics.backend].__module__]
+        versions[plugin.__name__] = getattr(plugin, "VERSION", 0)
+        weights = checkpoint_folders(find_checkpoint(checkpoint), self.dynamics)
+        background = [Path(self.video.background)] if self.video.background else []
+        return fingerprint(inputs=background, config=[*made, asdict(self), versions], weights=weights)
+
+
+def pipeline_settings(
+    file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = ()
+) -> PipelineConfig:
+    """Settings from a YAML file, a dynamics backend and single overrides, the later ones winning.
+
+    Args:
+        file: YAML file of a `PipelineConfig`; "" for the defaults.
+        dynamics: a backend's name, or a YAML file of a `BackendConfig`; "" for that of `file`.
+        overrides: "key=value" each, such as "tracker.score=0.8" or "dynamics.physics.runs=10".
+
+    Raises:
+        DataError: an unknown key or value; names it.
+    """
+    argv = ["--config", str(file)] if file else []
+    if dynamics:
+        is_file = str(dynamics).endswith((".yaml", ".yml"))
+        argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
+    known = [f.name for f in fields(PipelineConfig)]
+    for override in overrides:
+        key, separator, value = override.partition("=")
+        if not separator:
+            raise DataError(f"--set {override}: expected key=value, such as tracker.score=0.8")
+        if key.split(".")[0] not in known:
+            raise DataError(f"--set {override}: expected a setting of {', '.join(known)}")
+        argv += [f"--{key}", value]
+    config = parse_config(PipelineConfig, argv, "nsdr")
+    backend_settings(config.dynamics)
+    return config
