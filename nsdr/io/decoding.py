@@ -18,6 +18,7 @@ from nsdr.io.limits import check_limit
 from nsdr.world.physics_constants import FPS
 
 __all__ = [
+    "RATES",
     "RATE_TOLERANCE",
     "SUFFIXES",
     "OpenedVideo",

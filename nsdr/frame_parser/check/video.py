@@ -24,7 +24,7 @@ from nsdr.frame_parser.check.reasons import (
     reasons,
 )
 from nsdr.frame_parser.check.shots import first_shot, until_cut
-from nsdr.io.decoding import check_is_video
+from nsdr.io.decoding import RATES, check_is_video
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
 from nsdr.validation import PositiveCount, Settings
 
@@ -57,7 +57,7 @@ class VideoConfig(Settings):
     check: Literal["refuse", "warn", "off"] = "refuse"
     background: str = ""
     max_frames: PositiveCount = 512
-    fps: Annotated[float, Meta(ge=0)] = 0.0
+    fps: Annotated[float, Meta(ge=0, le=RATES[1])] = 0.0
 
 
 @dataclass(frozen=True)
