@@ -87,6 +87,8 @@ def test_a_refused_question_offers_the_nearest_ones_about_the_scene(capsys) -> N
     _, _, err = run(capsys, "answer", TRUTH, "-q", "How many zebras enter before the purple cube?")
     assert "; the nearest questions: " in err
     assert " enter the scene before the purple cube enters the scene? | " in err
+    _, _, err = run(capsys, "parse-question", "How many big cubes are there?")
+    assert "(understood: How many cubes are there; the word 'big' was not used)" in err
     _, _, err = run(capsys, "parse-question", "How many zebras enter?")
     assert "; the nearest questions: How many cubes enter the scene? | " in err
 

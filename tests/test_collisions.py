@@ -146,7 +146,7 @@ def test_gaps_and_errors_keep_the_rest_of_a_track(tiny_motion: tuple[Path, Path]
 
 def test_held_out_scenes_are_needed(tiny_motion: tuple[Path, Path], tmp_path: Path) -> None:
     proposals, truth = map(str, tiny_motion)
-    with pytest.raises(DataError, match="expected scenes whose index 5 divides"):
+    with pytest.raises(DataError, match="expected scenes whose index is divisible by 5"):
         training.CollisionTask(training.CollisionTraining(proposals, truth, str(tmp_path), limit=1))
 
 

@@ -196,7 +196,7 @@ def test_the_index_of_a_scene_decides_whether_it_is_held_out(tiny_motion, tmp_pa
     assert split(0) == ([3, 79], [40, 80])
     assert split(3) == ([3, 79], [40])  # in the same folder: the kept tracks are of another limit
     assert split(2) == ([3], [40])
-    with pytest.raises(DataError, match=r"other.npz: expected scenes whose index 40 divides.*got 0 and 1"):
+    with pytest.raises(DataError, match=r"other.npz: expected scenes whose index is divisible by 40.*got 0 and 1"):
         split(1)
 
 

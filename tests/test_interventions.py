@@ -10,6 +10,7 @@ import cv2
 import jsonargparse
 import numpy as np
 import pytest
+from jsonargparse.typing import NonNegativeInt
 
 import nsdr
 from nsdr import Add, DataError, Event, Executor, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity, Simulation
@@ -104,7 +105,10 @@ def test_removal_from_the_start_is_the_counterfactual(backend: PhysicsPredictor,
 
 def test_a_removal_later_keeps_what_was_before(simulated) -> None:
     hit = simulated(SetMass(0, 1.0)).original.collisions[0].frame
-    late, early = simulated(Remove("cylinder"), from_frame=hit + 4), simulated(Remove("cylinder"), from_frame=hit - 4)
+    late, early = (
+        simulated(Remove("cylinder"), from_frame=NonNegativeInt(hit + 4)),
+        simulated(Remove("cylinder"), from_frame=hit - 4),
+    )
     assert pairs(late) == [(0, 1)] + [(0, 2)] * ((0, 2) in pairs(late))
     assert (0, 1) not in pairs(early)
     assert np.isfinite(late.changed.location_world[1, : hit + 4]).all()
@@ -250,6 +254,7 @@ def test_differences_and_probabilities(simulated) -> None:
         ([Remove(3)], 0, "object 3: expected an id"),
         ([Remove(0)], 60, "from_frame: expected a frame of the video, 0 to 59, got 60"),
         ([Remove(0)], 1.5, "from_frame"),
+        ([Remove(0)], True, "from_frame"),
         (["red cube"], 0, "expected instances of Remove"),
         ([Remove(0), SetMass("metal", 2)], 0, "red metal sphere: Remove and SetMass contradict"),
         ([SetMass(0, 3), SetMass("metal", 2)], 0, "SetMass and SetMass contradict"),

@@ -67,6 +67,22 @@ def test_the_broken_law_is_found_and_the_lawful_scene_breaks_none(law: str) -> N
     assert abs(strongest.frame - violation.frame) <= 3
 
 
+def test_what_takes_an_objects_place_does_not_hide_it() -> None:
+    seed = 331000  # the other object's box covers that of the one that it replaces
+    made = break_law(lawful(seed), "identity", "clear", seed)
+    assert made is not None
+    strongest = evidence_of(tracks_of(made[0]))[0]
+    assert strongest.law == "identity"
+    assert abs(strongest.frame - made[1].frame) <= 3
+
+
+def test_a_rebound_out_of_all_proportion_is_no_reversed_video() -> None:
+    seed = 332131
+    made = break_law(lawful(seed), "reaction", "clear", seed)
+    assert made is not None
+    assert [e.law for e in evidence_of(tracks_of(made[0]))] == ["reaction"]
+
+
 def test_before_the_violation_nothing_is_changed() -> None:
     scene = lawful(SEEDS["inertia"])
     made = break_law(scene, "inertia", "small", 1)

@@ -97,6 +97,9 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     assert load(Scene, tmp_path / "scenes" / "scene_00001.json").n_frames == 128
     with pytest.raises(DataError, match="form is 'csv'; expected one of predictions, scenes"):
         predict_dynamics(compact, output, "csv")
+    one = tmp_path / "proposal_00007.json"
+    one.write_text("{}", encoding="utf-8")
+    assert list(predict_dynamics(one, tmp_path / "one", workers=1).failed) == [one.name]
     empty = tmp_path / "empty"
     empty.mkdir()
     with pytest.raises(DataError, match=r"holds no proposal_N\.json"):

@@ -125,17 +125,17 @@ def parse_question(options: Any) -> int:
         refuse_idle(options, ("checkpoint", "device"), " with --parser")
     parser = question_parser(options)
     kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
+    errors = []
     for kind in kinds:
         try:
-            program = parser.parse(options.text, kind)
-            break
+            print(parser.parse(options.text, kind))
+            return 0
+        except EndpointError:
+            raise
         except QuestionError as e:
-            if isinstance(e, EndpointError):
-                raise
-            if kind == kinds[-1]:
-                raise QuestionError(f"{e}{suggestion(options.text, None, kinds[0])}") from e
-    print(program)
-    return 0
+            errors.append(e)
+    longest = max(errors, key=lambda e: len(str(e)))  # says what is understood as some kind
+    raise QuestionError(f"{longest}{suggestion(options.text, None, kinds[0])}") from longest
 
 
 def execute_options(parser: Any) -> None:

@@ -95,7 +95,7 @@ def parse_videos(options: Any) -> int:
 
 def predict_dynamics_options(parser: Any) -> None:
     add = parser.add_argument
-    add("proposals", help="folder of proposal files, or one compact NPZ")
+    add("proposals", help="folder of proposal files, one such file, or a compact NPZ")
     add("-o", "--output", required=True, help="folder for the files")
     forms = "the research code's files, or ours"
     add("--form", default="predictions", choices=["predictions", "scenes"], help=forms)

@@ -87,7 +87,7 @@ def resolve(
             that frame, contradicting interventions, or a new object that is there already.
     """
     frames = visible.shape[1]
-    if type(from_frame) is not int or not 0 <= from_frame < frames:
+    if isinstance(from_frame, bool) or not isinstance(from_frame, int) or not 0 <= from_frame < frames:
         raise DataError(f"from_frame: expected a frame of the video, 0 to {frames - 1}, got {from_frame!r:.60}")
     if not isinstance(interventions, Sequence) or isinstance(interventions, str) or not interventions:
         got = "none" if interventions in ([], ()) else f"{interventions!r:.60}"

@@ -71,7 +71,7 @@ def predict_dynamics(
     """Write the motion and collisions of every proposal file: observed, after the video, and with each object removed.
 
     Args:
-        proposals: folder with `proposal_N.json` or `sim_N.json` (also gzipped), or a compact NPZ.
+        proposals: folder with `proposal_N.json` or `sim_N.json` (also gzipped), one such file, or a compact NPZ.
         output: folder to write, as of `parse_videos`, like the other arguments.
         form: "predictions" writes the research code's `sim_N.json`, which the released executor reads; "scenes" writes our
             `scene_N.json`.
@@ -83,8 +83,10 @@ def predict_dynamics(
     if form not in FORMATS:
         raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
     source = Path(proposals)
-    if source.is_file():
+    if source.suffix == ".npz":
         found: dict[str, Any] = {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(source)}
+    elif source.is_file():
+        found = _by_number({source.name: source})
     else:
         names = (f"{stem}_*.json{end}" for stem in ("proposal", "sim") for end in ("", ".gz"))
         found = _by_number({str(p.relative_to(source)): p for name in names for p in find_files(source, name)})

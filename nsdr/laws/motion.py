@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.laws.stretches import SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, Stretch, noise_of
+from nsdr.laws.stretches import CUT_GAIN, SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, Stretch, noise_of
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
@@ -29,7 +29,7 @@ SAME_FRAMES = 3
 """Two objects that change within so many frames may do so in one contact."""
 UNSEEN_FRAMES = 10
 """Objects may touch so long before they are first seen, or after they are last seen (frames)."""
-CROWDED_FRAMES, CROWDED_WORLD = 14, 1.2
+CROWDED_FRAMES, CROWDED_WORLD = 10, 1.2
 """Other changes so near to a contact make its effect unknown (frames, world units)."""
 JUMP_FRAMES = 6
 """An object that is hidden for longer may have been hit twice, so that its place tells nothing (frames)."""
@@ -37,6 +37,9 @@ HIDDEN_FRAMES = 24
 """Changes during which an object is hidden for longer do not show the effect of one contact alone (frames)."""
 CONTACT_COST, TOUCH_NATS = 12.0, 4.0
 """Contacts against which more speaks explain nothing; pairs against whose contact less speaks touch (nats)."""
+BROKEN_NATS = 200.0
+"""Most that a law broken once counts for when both directions of time are compared: a clear one is no reason to turn the video
+around, against which its friction speaks in many frames (nats)."""
 MIN_EVIDENCE = 4.0
 """Less evidence is not reported (nats)."""
 MIN_EXTRA = 0.08
@@ -98,9 +101,10 @@ class Explanation:
         yield from self._solidity()
 
     def cost(self) -> float:
-        """Of the positions and of all that is against the laws of motion (nats)."""
+        """Of the positions, the cuts, and all that is against the laws of motion (nats)."""
         fit = sum(s.cost for one in self.stretches for s in one)
-        return fit + sum(e.nats for e in self.motion())
+        cuts = CUT_GAIN * sum(len(one) for one in self.breaks)
+        return fit + cuts + sum(min(e.nats, BROKEN_NATS) for e in self.motion())
 
     def _friction(self) -> Iterator[Evidence]:
         for s in (s for one in self.stretches for s in one):
@@ -180,8 +184,7 @@ class Explanation:
             hidden = [o.hidden_frames for o in (b, *others)]
             if max(hidden) <= HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
                 exchange, restitution = _exchange((b.before, b.after), sides, frame)
-        opposite = any(float(b.change @ o.change) < -MIN_ALONG * b.kick().size * o.kick().size for o in others)
-        return _Contact(j, gap, nats, exchange, restitution, opposite)
+        return _Contact(j, gap, nats, exchange, restitution, any(_is_opposite(b, o) for o in others))
 
     def _is_crowded(self, b: Break, j: int) -> bool:
         """Whether more happens around a contact than that of the two objects, so that its effect alone is not seen."""
@@ -252,6 +255,12 @@ class _Contact(NamedTuple):
     def nats(self) -> float:
         """Against the contact as the reason."""
         return self.gap_nats + (self.exchange_nats or 0.0)
+
+
+def _is_opposite(one: Break, other: Break) -> bool:
+    """Whether another object's velocity surely changes, and in the opposite direction."""
+    kick = other.kick()
+    return kick.nats > MIN_EVIDENCE and float(one.change @ other.change) < -MIN_ALONG * one.kick().size * kick.size
 
 
 def _distance(one: Stretch, other: Stretch, frames: FloatArray) -> FloatArray:

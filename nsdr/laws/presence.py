@@ -75,7 +75,8 @@ def _should_be_seen(explanation: Explanation, i: int, frame: int) -> bool:
         return False
     covered = 0.0
     for j in range(len(explanation.stretches)):
-        if j != i and states.present[j, frame]:
+        replaces = j != i and (_takes_place(explanation, i, j) or _takes_place(explanation, j, i))
+        if j != i and not replaces and states.present[j, frame]:
             x0, y0, x1, y1 = states.box_xyxy_px[j, frame]
             if y1 > high[1] - 2:  # nearer
                 width, height = min(x1, high[0]) - max(x0, low[0]), min(y1, high[1]) - max(y0, low[1])
@@ -83,17 +84,25 @@ def _should_be_seen(explanation: Explanation, i: int, frame: int) -> bool:
     return covered < COVERED_SHARE
 
 
+def _takes_place(explanation: Explanation, new: int, old: int) -> bool:
+    """Whether an object turns up where another one disappears."""
+    first = explanation.stretches[new][0]
+    near = explanation.at(old, first.start)
+    shown = slice(first.start, first.start + SAME_FRAMES)
+    if first.start == 0 or near is None or explanation.states.detected[old, shown].any():
+        return False
+    at = np.array([first.start])
+    return bool(np.hypot(*(near.place(at) - first.place(at))[0]) < PLACE_WORLD)
+
+
 def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]:
     """Evidence against permanence; where one object takes another one's place, against identity."""
-    objects, seen = explanation.states.objects, explanation.states.detected
+    objects = explanation.states.objects
     result, used = [], set()
     for new, one in enumerate(explanation.stretches):
         start = one[0].start
         for old in range(len(objects)):
-            near = explanation.at(old, start)
-            if old == new or start == 0 or near is None or seen[old, start : start + SAME_FRAMES].any():
-                continue
-            if np.hypot(*(near.place(np.array([start])) - one[0].place(np.array([start])))[0]) < PLACE_WORLD:
+            if old != new and _takes_place(explanation, new, old):
                 both = [e for e in found if e.objects in ((old,), (new,)) and e.frame - SAME_FRAMES <= start <= e.end]
                 if both:
                     words = sum(getattr(objects[old], w) != getattr(objects[new], w) for w in ATTRIBUTES)

@@ -21,7 +21,7 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["MIN_FRAMES", "SURE_FRAMES", "VELOCITY_NOISE", "Break", "ObjectStretches", "Stretch", "noise_of"]
+__all__ = ["CUT_GAIN", "MIN_FRAMES", "SURE_FRAMES", "VELOCITY_NOISE", "Break", "ObjectStretches", "Stretch", "noise_of"]
 
 FloatArray = NDArray[np.floating[Any]]
 DEGREES_OF_FREEDOM = 4.0

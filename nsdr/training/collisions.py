@@ -30,8 +30,8 @@ from nsdr.validation import Count, NotNegative, PathName, PositiveCount, Setting
 __all__ = ["HELD_OUT_EVERY", "CollisionTask", "CollisionTraining", "main"]
 
 HELD_OUT_EVERY = 5
-"""Scenes whose index this number divides are kept out of training: for evaluation, and to weigh the network's evidence against
-that of the fit (`benchmarks/collisions.py`)."""
+"""Scenes whose index is divisible by this number are kept out of training: for evaluation, and to weigh the network's evidence
+against that of the fit (`benchmarks/collisions.py`)."""
 HIDDEN_FRAMES = (6, 50)
 """Range of the lengths of made-up gaps and errors in tracks (frames)."""
 NEAR_COLLISION_SHARE = 0.6

@@ -323,13 +323,13 @@ def train_part(
 
 
 def held_out(indices: NDArray[np.integer[Any]], every: int, where: str) -> NDArray[np.bool_]:
-    """Which of the scenes (N,) are for evaluation: those whose index `every` divides, and the others are trained on.
+    """Which of the scenes (N,) are for evaluation: those whose index is divisible by `every`, and the others are trained on.
 
     Raises:
         DataError: there are none of either; names `where` they are from.
     """
     found = np.asarray(indices) % every == 0
     if found.all() or not found.any():
-        expected = f"scenes whose index {every} divides, to evaluate on, and others to train on"
+        expected = f"scenes whose index is divisible by {every}, to evaluate on, and others to train on"
         raise DataError(f"{where}: expected {expected}; got {found.sum()} and {(~found).sum()}")
     return found

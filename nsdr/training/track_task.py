@@ -28,7 +28,7 @@ from nsdr.world.physics_constants import VIDEO_FRAMES
 __all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
 
 HELD_OUT_EVERY = 40
-"""Scenes whose index this number divides are kept out of training, for evaluation: the index alone decides, so that no
+"""Scenes whose index is divisible by this number are kept out of training, for evaluation: the index alone decides, so that no
 training sees what another one, with other scenes or another `limit`, holds out."""
 NEAR_COLLISION_SHARE = 0.5
 """Share of each batch whose present is drawn close to a collision; the others are drawn uniformly."""
@@ -56,7 +56,7 @@ class DynamicsTraining(Settings):
         rollout_steps: number of consecutive predictions, each from the last ones, that a loss covers.
         noise_world: standard deviation of the noise added to observed positions (world units); for the network on patches,
             50 times this value is the noise added to boxes (px).
-        evaluation_scenes: maximum number of held-out scenes (scenes whose index 40 divides) to evaluate on.
+        evaluation_scenes: maximum number of held-out scenes (those whose index is divisible by 40) to evaluate on.
         network: "state" (network on states), "paper" (the paper's network on patches of masks) or "paper_images" (on patches
             of images and masks).
         model: the network on states.
