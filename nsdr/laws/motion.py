@@ -211,10 +211,12 @@ class Explanation:
         """Against solidity: objects that are nearer to each other than they can be."""
         for i, mine in enumerate(self.stretches):
             for j in range(i):
-                found = [self._overlap(one, other) for one in mine for other in self.stretches[j]]
-                best = max((e for e in found if e is not None), key=lambda e: e.nats, default=None)
+                overlaps = (self._overlap(one, other) for one in mine for other in self.stretches[j])
+                found = [e for e in overlaps if e is not None]
+                best = max(found, key=lambda e: e.nats, default=None)
                 if best is not None and best.nats > MIN_EVIDENCE:
-                    yield best
+                    # While one hides the other, tracks are cut.
+                    yield best._replace(frame=min(e.frame for e in found), end=max(e.end for e in found))
 
     def _overlap(self, one: Stretch, other: Stretch) -> Evidence | None:
         # Near its ends a stretch may have been cut a frame too late.
