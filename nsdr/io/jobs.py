@@ -182,6 +182,7 @@ def _begin(threads: int, program: int) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(threads)
+    tqdm.set_lock(threading.RLock())  # tqdm's own is a system's semaphore, which a worker that is ended leaves behind
     threading.Thread(target=watch, daemon=True).start()
 
 
