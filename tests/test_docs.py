@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import shlex
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 import nsdr
+from nsdr.cli.main import main
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -17,6 +19,11 @@ EXAMPLES = ("README.md", "docs/quickstart.md", "docs/interventions.md", "docs/pa
 """Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
 ANYWHERE = ("--field", "--from", "--help", "--keep-going", "-o")
 """What is in no list of options: a placeholder, and what `generate` and `extract-features` read before their configuration."""
+GUIDES = ("README.md", "docs/quickstart.md", "docs/interventions.md")
+"""Pages whose commands run as they stand, with the demo's clip as VIDEO."""
+NEEDS_DATA = re.compile(r"…|[|\[]|\b[A-Z]{3,}\b|\.yaml")
+"""What is in commands that need data or more than a test's time."""
+CLIP = "nsdr/clevrer/example/video_500002.mp4"
 NEEDS_MORE = "from trl import"
 """What is in an example that needs an extra which tests do not have."""
 
@@ -49,6 +56,26 @@ def test_commands_and_their_options_exist(page: Path) -> None:
         for option in re.findall(r"(?<![\w.-])--?[a-z][\w-]*(?![\w.]*\.)", re.sub(r"'[^']*'", "", command)):
             exists = option in ANYWHERE or any(line.endswith(f" {option}") for line in of_name)
             assert exists, f"{page.name}: {option} in {command}"
+
+
+RUNNABLE = [
+    (page, command)
+    for page in GUIDES
+    for written in commands(ROOT / page)
+    if not NEEDS_DATA.search(command := written.replace("VIDEO", CLIP)) and (CLIP in command or "--data" in command)
+]
+
+
+@pytest.mark.parametrize(("page", "command"), RUNNABLE, ids=[c for _, c in RUNNABLE])
+def test_commands_run_and_print_what_the_page_says(page: str, command: str, tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / "nsdr").symlink_to(ROOT / "nsdr")
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(command)[1:]) == 0
+    said = re.search(
+        r"The command prints:\n\n```\n(.*?)^```", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL
+    )
+    if said and "--json" in command:
+        assert capsys.readouterr().out == said[1]
 
 
 def examples(page: str) -> list[tuple[str, str | None]]:
