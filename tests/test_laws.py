@@ -163,7 +163,7 @@ def test_the_command_judges_videos_and_says_which_it_cannot(tmp_path, capsys) ->
     assert judged["video"] == str(VIDEO)
     assert judged["violations"] == []
     assert judged["probability"] < 0.1
-    assert "0.0% that a law is broken" in capsys.readouterr().out
+    assert "probability that a law is broken: <1 %" in capsys.readouterr().out
     assert "0 of 1 judged videos break a law" in page.read_text()
 
 

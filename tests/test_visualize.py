@@ -221,9 +221,9 @@ def test_violations_are_marked_in_the_timeline_and_shown_in_frames(perceived) ->
     other = Violation("arrow", (0, 1), 0, 128, 960.4, "nats", 0.7)
     page = judgement_html(judgement_of(p, 0.97, one, other), p.tracks, frames, "#tracks video")
     names = [t.object.name for t in p.tracks.tracks]
-    text = f"frame 20: solidity, the {names[0]} and the {names[2]} (0.31 world units, 90 %)"
+    text = f"frame 20: solidity, the {names[0]} and the {names[2]} (0.31 world units from centre to centre, 90 %)"
     assert f"<title>{text}</title>" in page
-    assert "frame 0: arrow, all objects (960 nats, 70 %)" in page
+    assert "frame 0: arrow, all objects (backwards it fits better by 960 nats, 70 %)" in page
     assert [int(f) for f in re.findall(r"<b>frame (\d+)</b>", page)] == [12, 20, 28, 0, 64, 127]
     assert LAWS["solidity"] in page
     assert page.count("<path class=broken") == 4
@@ -250,7 +250,7 @@ def test_judged_videos_are_reported_worst_first(perceived, tmp_path) -> None:
     assert "<h1>2 of 3 judged videos break a law</h1><p>inertia 2, friction 1</p>" in page
     parts = ["<h2>worse.mp4</h2>second", "<h2>bad.mp4</h2>first", "No law broken", "lawful.mp4", "Not judged"]
     assert sorted(parts, key=page.index) == parts
-    assert "<td>lawful.mp4<td>6 objects in 128 frames. A law is broken: 10 %" in page
+    assert "<td>lawful.mp4<td>6 objects in 128 frames. Probability that a law is broken: 10 %" in page
     assert "<td>&lt;b&gt;.mp4<td>no &lt;video&gt;" in page
 
 

@@ -156,6 +156,7 @@ def judge(options: Any) -> int:
 
 
 def _print_judgement(row: dict[str, Any]) -> None:
+    from nsdr.symbolic.traces import percent
     from nsdr.visualize.event_words import violation_text
     from nsdr.visualize.violations import judgement_of_row
 
@@ -165,7 +166,7 @@ def _print_judgement(row: dict[str, Any]) -> None:
         print(f"not judged: {row['error']}", flush=True)
         return
     found = judgement_of_row(row)
-    print(f"{row['video']}: {found.probability:.1%} that a law is broken", flush=True)
+    print(f"{row['video']}: probability that a law is broken: {percent(found.probability)}", flush=True)
     for v in found.violations:
         print(f"  {violation_text(v, found.objects)}")
 

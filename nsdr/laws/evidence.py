@@ -19,8 +19,8 @@ CAUSE_FRAMES = 6
 def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) -> list[Evidence]:
     """What speaks against each law in a video, the strongest evidence first; nothing where no object is seen.
 
-    What explains other evidence takes its place: an object that turns up where another one disappears, or a video that makes
-    more sense backwards.
+    What explains other evidence takes its place: an object that turns up where another one disappears, and for all that
+    speaks against the laws of motion, that the video makes more sense backwards.
 
     Args:
         tracks: of the video.
@@ -41,7 +41,7 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:
         every = tuple(range(len(states.objects)))
-        found.append(Evidence("arrow", every, 0, tracks.n_frames, gain, "nats", gain))
+        motion = [Evidence("arrow", every, 0, tracks.n_frames, gain, "nats", gain)]
     return _strongest([*motion, *found])
 
 

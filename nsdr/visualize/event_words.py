@@ -29,9 +29,22 @@ def change_text(simulation: Simulation, change: EventChange) -> str:
     return f"{change.kind}: {happens} (frame {change.event.frame}{before}{probable})"
 
 
+AMOUNTS = {
+    "permanence": "missing for {:.0f} frames",
+    "identity": "{:.0f} attributes differ",
+    "continuity": "a jump of {:.2f} world units",
+    "inertia": "a change of velocity of {:.2f} world units/s",
+    "friction": "a deceleration that differs by {:+.2f} world units/s²",
+    "solidity": "{:.2f} world units from centre to centre",
+    "reaction": "as if with a restitution of {:.2f}",
+    "distance": "{:.2f} world units before they touch",
+    "arrow": "backwards it fits better by {:.0f} nats",
+}
+"""What `Violation.amount` says, by law."""
+
+
 def violation_text(violation: Violation, objects: Sequence[SceneObject]) -> str:
-    """For example "frame 43: solidity, the red metal cube and the blue rubber sphere (0.31 world units, 98 %)"."""
+    """For example "frame 43: identity, the red metal cube (3 attributes differ, 98 %)"."""
     v = violation
     which = "all objects" if v.law == "arrow" else " and ".join(f"the {objects[i].name}" for i in v.objects)
-    amount = float(f"{v.amount:.2g}")
-    return f"frame {v.frame}: {v.law}, {which} ({amount:g} {v.unit}, {percent(v.probability)})"
+    return f"frame {v.frame}: {v.law}, {which} ({AMOUNTS[v.law].format(v.amount)}, {percent(v.probability)})"

@@ -36,6 +36,10 @@ opacity: 1 }
 """
 )
 """Style sheet of judgements."""
+LEGEND = (
+    "<p><small>Pale bars: an object is seen. Diamonds: a violation begins; red bars: it lasts. Yellow boxes: objects that "
+    "break the law; thin ones are where an object that is not seen was seen last, or is seen next.</small>"
+)
 
 
 @dataclass(frozen=True)
@@ -125,19 +129,20 @@ def judgement_html(judgement: Judgement, tracks: VideoTracks, frames: NDArray[np
         opened = " open" if not video or v.probability == most else ""
         details.append(
             f'<details class=violation data-violation={number}{opened}><summary onclick="{seek}">{text}</summary>'
-            f"<p>{LAWS[v.law]}<div class=cards>{images}</div></details>"
+            f"<p>The law: {LAWS[v.law]}<div class=cards>{images}</div></details>"
         )
     visible = np.zeros((len(judgement.objects), judgement.n_frames), bool)
     for t in tracks.tracks:
         visible[t.object.id, t.frame_index] = True
     lanes = lanes_html(judgement.objects, visible, None, judgement.n_frames, "".join(marks), "violations")
-    return f"<div class=judged><p>{_verdict(judgement)}</p><div class=timeline>{lanes}</div>{''.join(details)}</div>"
+    shown = f"<div class=timeline>{lanes}</div>{LEGEND}{''.join(details)}" if judgement.violations else ""
+    return f"<div class=judged><p>{_verdict(judgement)}</p>{shown}</div>"
 
 
 def _verdict(judgement: Judgement) -> str:
-    """For example "3 objects in 128 frames. A law is broken: 98 %"."""
+    """For example "3 objects in 128 frames. Probability that a law is broken: 98 %"."""
     seen = f"{len(judgement.objects)} objects in {judgement.n_frames} frames"
-    return html.escape(f"{seen}. A law is broken: {percent(judgement.probability)}")
+    return html.escape(f"{seen}. Probability that a law is broken: {percent(judgement.probability)}")
 
 
 def _mark(v: Violation, number: int, judgement: Judgement, seek: str) -> str:
