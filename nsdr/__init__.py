@@ -15,7 +15,7 @@ import lazy_loader
 
 from nsdr.io.device import wait_passively
 
-__version__ = "0.2.0"
+__version__ = "1.0.0"
 
 wait_passively()
 
