@@ -113,6 +113,13 @@ def test_a_given_rate_holds_in_place_of_the_files(tmp_path) -> None:
         VideoConfig(fps=-1)
 
 
+@pytest.mark.parametrize("rate", ["inf", "1e9"])
+@pytest.mark.parametrize("command", [["judge"], ["answer", "-q", "How many collisions happen?"]])
+def test_a_given_rate_out_of_range_is_refused_with_the_range(tmp_path, rate: str, command: list[str], capsys) -> None:
+    assert main([*command, str(tmp_path / "v.mp4"), "--fps", rate]) == 2
+    assert "fps: expected a number from 0 to 1000, got " in capsys.readouterr().err
+
+
 def test_a_folder_of_frames_is_a_video_in_the_order_of_its_numbers(tmp_path) -> None:
     path = folder_of(tmp_path / "v", [f"frame{k}.png" for k in range(8, 20)])
     (path / "notes.txt").write_text("no frame")
@@ -212,7 +219,7 @@ def test_repeated_frames_of_another_size_are_processed_once(tmp_path, looked_at)
 
 def sliding(n_frames: int, processed: np.ndarray, late: np.ndarray) -> VideoProposals:
     """A sphere that slides lawfully, as seen `late` frames after the processed ones."""
-    place = -2.0 + slide("sphere", np.array(1.2), (processed + late) * FRAME_SECONDS)[0]
+    place = -2.0 + slide("sphere", np.array(2.0), (processed + late) * FRAME_SECONDS)[0]
     boxes, centres = [], []
     for y in place:
         polygon = outline("sphere", 0.0, float(y), camera=CLEVRER_CAMERA)

@@ -3,6 +3,7 @@
 import sys
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -85,14 +86,10 @@ def settings_of(options: Any) -> Any:
     from nsdr.pipeline import pipeline_settings
 
     given = vars(options)
-    overrides = [*options.set]
-    if given.get("force"):
-        overrides.append("video.check=warn")
-    if given.get("background"):
-        overrides.append(f"video.background={options.background}")
-    if given.get("fps"):
-        overrides.append(f"video.fps={options.fps}")
-    return pipeline_settings(options.config, options.dynamics, overrides)
+    settings = pipeline_settings(options.config, options.dynamics, options.set)
+    expected = {name: given[name] for name in ("background", "fps") if given.get(name)}
+    expected |= {"check": "warn"} if given.get("force") else {}
+    return replace(settings, video=replace(settings.video, **expected))
 
 
 def make_pipeline(options: Any) -> Any:
