@@ -256,7 +256,7 @@ def test_videos_are_scored_and_the_rest_is_listed(root, tmp_path, capsys, monkey
     assert main(command(root, generated, output)) == 1
     printed = capsys.readouterr()
     assert f"not scored: video_15001: {generated} has no video_15001.mp4" in printed.out
-    assert "1 of 2 videos failed, such as video_15001; --keep-going accepts that" in printed.err
+    assert "1 of 2 videos failed, such as video_15001: " in printed.err
     report = json.loads((output / "report.json").read_text())
     assert list(report["table"]) == list(ROWS)
     assert report["table"][GENERATED] == report["table"][TRUTH]
@@ -274,12 +274,21 @@ def test_videos_are_scored_and_the_rest_is_listed(root, tmp_path, capsys, monkey
     monkeypatch.setattr("nsdr.continuations.compare.bullet_runs", None)
     for write, reason in (
         (lambda: bad.write_text("no video"), "is a text file; expected a video"),
-        (lambda: write_video(bad, frames, fps=30), "30 frames per second; expected 25"),
+        (lambda: write_video(bad, frames, fps=30), "30 frames per second; expected 25, as the truth has; write it at 25; if it has"),
         (lambda: write_video(bad, frames[:22]), "only 22 frames; expected at least 28"),
     ):
         write()
         assert main([*command(root, generated, output), "--keep-going"]) == 0
         assert reason in capsys.readouterr().out
+
+
+def test_a_wrong_rate_in_the_header_is_overruled(root, tmp_path) -> None:
+    generated, video = tmp_path / "generated", Files(root, "test", 15000).video
+    generated.mkdir()
+    write_video(generated / video.name, even_frames(video), fps=8)
+    assert main([*command(root, generated, tmp_path / "out"), "--set", "video.fps=25", "--keep-going"]) == 0
+    (scored,) = json.loads((tmp_path / "out" / "report.json").read_text())["videos"]
+    assert scored["rows"][GENERATED]["error"] < 0.05
 
 
 def test_without_any_score_the_command_fails(root, tmp_path, capsys) -> None:

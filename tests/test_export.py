@@ -291,8 +291,11 @@ def test_pairs_are_exported_as_any_data_set(compared, tmp_path, capsys) -> None:
         assert row["seed"] is None
     assert {row["pair_kind"] for row in found} == {None, *PAIR_KINDS}
     before = content(pairs)
+    capsys.readouterr()
     export(data, pairs, "--format", "pairs")
     assert content(pairs) == before  # it is there already
+    n_videos = len({row["video"] for row in found})
+    assert f"train: {len(found)} questions about {n_videos} videos" in capsys.readouterr().out
     for option in (["--scenes"], ["--videos", "none"], ["--reasoning", "short"]):
         export(data, tmp_path / "no", "--format", "pairs", *option, status=2)
         assert "format pairs holds videos and questions only; leave out " + option[0] in capsys.readouterr().err

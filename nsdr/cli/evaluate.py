@@ -145,9 +145,8 @@ def compare_videos(options: Any) -> int:
     failed = report["not_scored"]
     for name, reason in failed.items():
         print(f"not scored: {name}: {reason}")
-    return failures_line(
-        len(failed), len(failed) + len(report["videos"]), "videos", "".join([*failed][:1]), o.keep_going
-    )
+    example = "".join(f"{name}: {reason}" for name, reason in [*failed.items()][:1])
+    return failures_line(len(failed), len(failed) + len(report["videos"]), "videos", example, o.keep_going)
 
 
 def controls_options(parser: Any) -> None:

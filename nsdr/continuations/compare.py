@@ -144,6 +144,7 @@ def compare_videos(
     return {
         "given_frames": given_frames,
         "runs": runs,
+        "fps": common.pipeline.video.fps,
         "revision": code_revision(),
         "table": {row: _measured([v["rows"][row] for v in scored.values()]) for row in ROWS},
         "curves": {row: _curves(add(v["rows"][row] for v in scored.values())) for row in ROWS},
@@ -197,10 +198,10 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
         raise DataError(f"{video.truth}: breaks a law, so what follows is not known")
     if any("mass" not in o for o in document["objects"]):
         raise DataError(f"{video.truth}: has no masses, which Bullet needs")
-    rate = frame_rate(video.generated)
+    rate = settings.pipeline.video.fps or frame_rate(video.generated)
     if abs(rate - FPS) > RATE_TOLERANCE:
-        reason = f"expected {FPS}, a frame for each of the truth's; write it with that rate"
-        raise VideoError(f"{video.generated}: {rate:g} frames per second; {reason}")
+        remedy = f"write it at {FPS}; if it has a frame for each of the truth's, --set video.fps={FPS} reads it so"
+        raise VideoError(f"{video.generated}: {rate:g} frames per second; expected {FPS}, as the truth has; {remedy}")
     pipeline = worker_pipeline(settings.checkpoint, settings.pipeline, settings.device)
     view = view_of(settings.render, document["seed"])
     pipeline.camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)

@@ -110,21 +110,22 @@ def _body(report: Mapping[str, Any], picture: bytes, made: str) -> str:
         "<h2>Worst cases</h2>",
         "<p>Farthest from every possible future. Left the truth, right the generated video.</p>",
     ]
-    worst = sorted(report["videos"], key=lambda v: -(v["rows"][GENERATED]["nearest"] or np.inf))[:WORST]
-    body += [_case(video, report["given_frames"]) for video in worst]
+    nearest = [v["rows"][GENERATED]["nearest"] for v in report["videos"]]
+    worst = np.argsort([-np.inf if n is None else -n for n in nearest], kind="stable")[:WORST]
+    body += [_case(report["videos"][k], report["given_frames"], report["fps"]) for k in worst]
     if report["not_scored"]:
         listed = "".join(f"<li>{html.escape(f'{name}: {why}')}" for name, why in report["not_scored"].items())
         body.append(f"<h2>Not scored</h2><ul>{listed}</ul>")
     return "".join(body)
 
 
-def _case(video: Mapping[str, Any], cut: int) -> str:
+def _case(video: Mapping[str, Any], cut: int, fps: float) -> str:
     """Some frames after the cut, the truth's beside the generated ones, with the errors of the objects."""
     values = video["rows"][GENERATED]
     said = ", ".join(f"{MEASURES[m].title}: {values[m]:.3g}" for m in ("error", "nearest") if values[m] is not None)
     n = len(next(iter(video["objects"].values())))
     shown = [cut + int(f) for f in spaced(n, SHOWN_FRAMES + 1)[1:]]
-    pictures = [_frames(video[kind], shown) for kind in ("seen", "generated")]
+    pictures = [_frames(video[kind], shown, fps) for kind in ("seen", "generated")]
     figures = []
     for k, f in enumerate(shown):
         errors = [f"{name} {row[f - cut]:.2f}" for name, row in video["objects"].items() if row[f - cut] is not None]
@@ -135,14 +136,11 @@ def _case(video: Mapping[str, Any], cut: int) -> str:
     return f"<h3>{html.escape(video['name'])}: {html.escape(said)}</h3><div class=row>{''.join(figures)}</div>"
 
 
-def _frames(path: str, wanted: Sequence[int]) -> list[Any]:
+def _frames(path: str, wanted: Sequence[int], fps: float) -> list[Any]:
     """Frames of a video, smaller; none of proposals."""
     if not path.endswith(".mp4"):
         return []
-    frames = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # scoring told them
-        for i, frame in enumerate(read_frames(path)):
-            if i in wanted:
-                frames.append(cv2.resize(frame, SHOWN_SIZE_PX, interpolation=cv2.INTER_AREA))
-    return frames
+        frames = [frame for i, frame in enumerate(read_frames(path, fps=fps)) if i in wanted]
+    return [cv2.resize(frame, SHOWN_SIZE_PX, interpolation=cv2.INTER_AREA) for frame in frames]

@@ -40,6 +40,7 @@ __all__ = [
     "SplitSummary",
     "copy_once",
     "export_dataset",
+    "is_unanswered",
     "write_json_lines",
 ]
 
@@ -113,7 +114,7 @@ class Export:
     Attributes:
         data: the data set.
         folder: where to write. A file that is there is finished: write atomically, and skip what exists.
-        splits: what there is to export of each split, by name.
+        splits: what there is to export of each split, by name. A format that writes something else puts that here.
         is_generated: whether the data set has a manifest, as generated ones do.
 
     Raises:
@@ -194,7 +195,7 @@ class Export:
                 self._bytes[f"scene {index}"] = scene_file.stat().st_size
             n_videos += 1
             n_questions += len(scene.questions)
-            n_unanswered += sum(None in ([c.answer for c in q.choices] or [q.answer]) for q in scene.questions)
+            n_unanswered += sum(map(is_unanswered, scene.questions))
         return SplitSummary(n_videos, n_questions, n_unanswered)
 
     def _question_file(self, split: str) -> Path:
@@ -231,6 +232,11 @@ class Export:
         if list(scenes) != [index]:
             raise DataError(f"{path}: scene_index: expected {index} alone, got {list(scenes)}")
         return reasoner(scenes[index], self.config.reasoning)  # type: ignore[arg-type]
+
+
+def is_unanswered(question: Question) -> bool:
+    """Whether a question, or one of its options, has no answer."""
+    return None in ([c.answer for c in question.choices] or [question.answer])
 
 
 def copy_once(source: Path, target: Path) -> None:
@@ -318,19 +324,24 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
 
 
 def _write(export: Export, exporter: Exporter) -> None:
-    path = export.folder / MANIFEST
-    counts = {name: asdict(summary) for name, summary in export.splits.items()}
-    manifest = {"settings": export.settings(), "splits": counts}
+    path, settings = export.folder / MANIFEST, export.settings()
     if path.exists():
-        existing = convert(read_json(path, dict[str, Any]).get("settings"), dict[str, Any], f"{path}: settings: ")
-        changed = sorted(k for k, v in manifest["settings"].items() if existing.get(k) != v)
+        manifest = read_json(path, dict[str, Any])
+        existing = convert(manifest.get("settings"), dict[str, Any], f"{path}: settings: ")
+        changed = sorted(k for k, v in settings.items() if existing.get(k) != v)
         if changed:
             raise DataError(f"{path}: was made with other settings ({', '.join(changed)}); choose another folder")
-        if read_json(path).get("complete"):
+        if manifest.get("complete"):
+            export.splits = convert(manifest.get("splits"), dict[str, SplitSummary], f"{path}: splits: ")
             return
         remove_partial_files(export.folder)
     elif any(not file.name.startswith(".") for file in export.folder.iterdir()):
         raise DataError(f"{export.folder}: holds files that are no export; choose an empty or new folder")
-    write_json(path, manifest | {"complete": False}, indent=1)
+
+    def told(complete: bool) -> None:
+        splits = {name: asdict(summary) for name, summary in export.splits.items()}
+        write_json(path, {"settings": settings, "splits": splits, "complete": complete}, indent=1)
+
+    told(False)
     exporter.write(export)
-    write_json(path, manifest | {"complete": True}, indent=1)
+    told(True)

@@ -22,7 +22,7 @@ from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questio
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError, NsdrError
 from nsdr.generate.dataset import Files
-from nsdr.generate.export.base import Export, Exporter, copy_once
+from nsdr.generate.export.base import Export, Exporter, SplitSummary, copy_once, is_unanswered
 from nsdr.io.files import write_json
 from nsdr.io.video import even_frames, write_video
 from nsdr.symbolic import Executor
@@ -59,6 +59,8 @@ def _write(export: Export) -> None:
         start, rows = SPLITS[split].start, _rows(export, split)
         write_questions(export.folder / "questions" / f"{split}.json", rows)
         splits[split] = start, start + len(rows)
+        asked = [q for row in rows for q in row.questions]
+        export.splits[split] = SplitSummary(len(rows), len(asked), sum(map(is_unanswered, asked)))
     if export.data.manifest is not None:
         n_frames = export.data.manifest["n_frames"]
         manifest = {"splits": splits, "kinds": ["videos", "questions"], "n_frames": n_frames}
