@@ -284,7 +284,7 @@ def write_kind(path, kind: str) -> None:
         ("text", "is a text file"),
         ("image", "is an image"),
         ("sound", "not a video that OpenCV can read"),
-        ("zip", "is an archive (ZIP or NPZ); expected a video"),
+        ("zip", "is an archive"),
     ],
 )
 def test_what_is_no_video_is_named(tmp_path, kind: str, message: str) -> None:
