@@ -18,15 +18,15 @@ from nsdr.dynamics.registry import BackendConfig, load_backend
 from nsdr.errors import VideoError
 from nsdr.generate.physics.bullet import BulletConfig, Simulator
 from nsdr.generate.physics.disturbed import bodies_of, disturbed, states_at
-from nsdr.tracking.tracker import TrackerConfig, track
-from nsdr.types import Event, SceneObject, VideoProposals, VideoTracks
+from nsdr.tracking.tracker import TrackerConfig, detected_attributes, track
+from nsdr.types import Event, VideoProposals, VideoTracks
+from nsdr.validation import FloatArray
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
-from nsdr.world.vocabulary import attributes_of
+from nsdr.world.vocabulary import attributes_of, differing_words
 
 __all__ = ["BASELINES", "baselines", "bullet_runs", "perceived"]
 
-FloatArray = NDArray[np.floating[Any]]
 SAME_OBJECT_WORLD = 2 * OBJECT_RADIUS_WORLD
 """Over the given frames, a track is an object of the truth when it is nearer to it than an object's width (world units)."""
 OTHER_WORD_WORLD = 0.1
@@ -76,13 +76,10 @@ def perceived(
 
 
 def _words(proposals: VideoProposals, tracks: VideoTracks) -> NDArray[np.int64]:
-    """(tracks, frames) index of the words that each detection has by itself; -1 where there is none."""
-    rows = zip(proposals.frame_index.tolist(), proposals.box_xyxy_px.tolist(), strict=True)
-    by_box = {(f, *box): int(a) for (f, box), a in zip(rows, proposals.attribute, strict=True)}
+    """(tracks, frames) attribute index of each detection by itself; -1 where there is none."""
     words = np.full((len(tracks.tracks), tracks.n_frames), -1)
     for row, t in zip(words, tracks.tracks, strict=True):
-        for f, box in zip(t.frame_index.tolist(), t.box_xyxy_px.tolist(), strict=True):
-            row[f] = by_box[f, *box]
+        row[t.frame_index] = detected_attributes(t, proposals)
     return words
 
 
@@ -108,13 +105,11 @@ def _ids(tracks: VideoTracks, words: Sequence[int], truth: TrueFuture) -> dict[i
         for i, o in enumerate(truth.objects):
             shared = distance[i][np.isfinite(distance[i])]
             if len(shared) and np.median(shared) < SAME_OBJECT_WORLD:
-                cost[i, k] = np.median(shared) + OTHER_WORD_WORLD * _different(o, words[k])
+                cost[i, k] = np.median(shared) + OTHER_WORD_WORLD * differing_words(
+                    o.name.split(), attributes_of(words[k])
+                )
     finite = np.where(np.isfinite(cost), cost, 1e3)  # so that there is an assignment
     return {int(i): int(k) for i, k in zip(*linear_sum_assignment(finite), strict=True) if np.isfinite(cost[i, k])}
-
-
-def _different(o: SceneObject, words: int) -> int:
-    return sum(a != b for a, b in zip((o.color, o.material, o.shape), attributes_of(words), strict=True))
 
 
 def _by_truth(location_world: FloatArray, ids: dict[int, int], truth: TrueFuture) -> FloatArray:

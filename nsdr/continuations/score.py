@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.types import Event, SceneObject
+from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, SAME_EVENT_FRAMES, STEPS_PER_FRAME
 
 __all__ = ["MEASURES", "Continuation", "Measure", "PossibleFutures", "TrueFuture", "add", "score", "true_future"]
 
-FloatArray = NDArray[np.floating[Any]]
-BoolArray = NDArray[np.bool_]
 Sums = dict[str, Any]
 """By name: a number, or a list with one for each frame after the cut. Those of several runs or videos add up."""
 MIN_GIVEN_FRAMES = 8

@@ -7,20 +7,19 @@ both objects change as masses and restitution allow, and objects that meet need 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.laws.stretches import CUT_GAIN, SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, Stretch, noise_of
 from nsdr.tracking.visibility import in_image
+from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
 
 __all__ = ["MIN_EVIDENCE", "SAME_FRAMES", "Evidence", "Explanation"]
 
-FloatArray = NDArray[np.floating[Any]]
 CORNER_WORLD = 0.07
 """How much farther a cube's edges reach than its sides (world units)."""
 REACH_NOISE_WORLD = 0.01

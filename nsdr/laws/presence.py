@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from nsdr.laws.motion import MIN_EVIDENCE, SAME_FRAMES, Evidence, Explanation
 from nsdr.tracking.localization import outline
+from nsdr.tracking.tracker import detected_attributes
 from nsdr.tracking.visibility import in_image
 from nsdr.types import VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, on_ground
-from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
+from nsdr.world.vocabulary import attributes_of, differing_words
 
 __all__ = ["other_words", "presence", "renamed"]
 
@@ -105,7 +106,7 @@ def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]
             if old != new and _takes_place(explanation, new, old):
                 both = [e for e in found if e.objects in ((old,), (new,)) and e.frame - SAME_FRAMES <= start <= e.end]
                 if both:
-                    words = sum(getattr(objects[old], w) != getattr(objects[new], w) for w in ATTRIBUTES)
+                    words = differing_words(objects[old].name.split(), objects[new].name.split())
                     nats = sum(e.nats for e in both)
                     end = int(one[-1].last) + 1
                     result.append(Evidence("identity", (old, new), start, end, words, "words", nats))
@@ -126,9 +127,7 @@ def renamed(found: list[Evidence], tracks: VideoTracks, proposals: VideoProposal
         near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < PLACE_PX
         rows = np.flatnonzero(near & (proposals.frame_index == beside))
         if e.law == "permanence" and len(rows):
-            words = (track.object.color, track.object.material, track.object.shape)
-            others = attributes_of(int(proposals.attribute[rows[0]]))
-            n = sum(a != b for a, b in zip(words, others, strict=True))
+            n = differing_words(track.object.name.split(), attributes_of(int(proposals.attribute[rows[0]])))
             e = e._replace(law="identity", amount=n, unit="words")
         result.append(e)
     return result
@@ -136,21 +135,17 @@ def renamed(found: list[Evidence], tracks: VideoTracks, proposals: VideoProposal
 
 def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
     """Against identity: reliable frames in a row in which an object has another word than in most."""
-    words = {
-        (int(f), *c): attributes_of(int(a))
-        for f, c, a in zip(proposals.frame_index, proposals.centroid_px.tolist(), proposals.attribute, strict=True)
-    }
     for t in tracks.tracks:
-        rows = [words.get((int(f), *c)) for f, c in zip(t.frame_index, t.centroid_px.tolist(), strict=True)]
-        name = (t.object.color, t.object.material, t.object.shape)
+        own, found = t.object.name.split(), detected_attributes(t, proposals).tolist()
+        differing = [differing_words(own, attributes_of(a)) if a >= 0 else 0 for a in found]
         reliable = explanation.states.reliable[t.object.id, t.frame_index]
         run: list[tuple[int, int]] = []
         best: list[tuple[int, int]] = []
-        for f, row, good in zip(t.frame_index.tolist(), rows, reliable, strict=True):
-            if row is None or row == name:
+        for f, n, good in zip(t.frame_index.tolist(), differing, reliable, strict=True):
+            if n == 0:
                 run = []
             elif good:
-                run = [*run, (f, sum(a != b for a, b in zip(row, name, strict=True)))]
+                run = [*run, (f, n)]
                 best = max(best, run, key=len)
         nats = len(best) * MISSED_NATS * explanation.states.spacing_frames
         if nats > MIN_EVIDENCE:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from nsdr.dynamics.motion_states import UNRELIABLE_WEIGHT, MotionStates
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.sliding import fit_one, slide_one, slide_roughly
+from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
 __all__ = ["CUT_GAIN", "MIN_FRAMES", "SURE_FRAMES", "VELOCITY_NOISE", "Break", "ObjectStretches", "Stretch", "noise_of"]
 
-FloatArray = NDArray[np.floating[Any]]
 DEGREES_OF_FREEDOM = 4.0
 """Of the distribution of positions."""
 MIN_NOISE_WORLD, FIRST_NOISE_WORLD = 0.004, 0.005

@@ -17,10 +17,11 @@ from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.validation import Count, Settings, Share
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import surface_points
-from nsdr.world.vocabulary import SHAPES, attributes_of
+from nsdr.world.vocabulary import SHAPES, attributes_of, differing_words
 
 __all__ = [
     "TrackerConfig",
+    "detected_attributes",
     "existence",
     "track",
     "tracks_from_annotation",
@@ -222,7 +223,7 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
 
 
 def _differing_words(attribute: int, other: int) -> int:
-    return sum(a != b for a, b in zip(attributes_of(int(attribute)), attributes_of(int(other)), strict=True))
+    return differing_words(attributes_of(int(attribute)), attributes_of(int(other)))
 
 
 def _cut_at_switches(proposals: VideoProposals, rows: list[int], spacing: float) -> list[list[int]]:
@@ -263,6 +264,14 @@ def _identities(proposals: VideoProposals, tracklets: list[list[int]]) -> dict[i
         for row in tracklet:
             by_identity[identity].setdefault(int(proposals.frame_index[row]), row)
     return {identity: [rows[f] for f in sorted(rows)] for identity, rows in by_identity.items()}
+
+
+def detected_attributes(found: Track, proposals: VideoProposals) -> NDArray[np.int64]:
+    """(n,) attribute index that each detection of a track has by itself; -1 where the proposals have none there."""
+    rows = zip(proposals.frame_index.tolist(), proposals.centroid_px.tolist(), strict=True)
+    known = {(f, *place): int(a) for (f, place), a in zip(rows, proposals.attribute, strict=True)}
+    seen = zip(found.frame_index.tolist(), found.centroid_px.tolist(), strict=True)
+    return np.array([known.get((f, *place), -1) for f, place in seen])
 
 
 def existence(tracks: VideoTracks) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """CLEVRER's attribute words and their fixed order (the order of every attribute index and logit in this package)."""
 
+from collections.abc import Sequence
 from typing import Literal, get_args
 
 Color = Literal["gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow"]
@@ -40,6 +41,11 @@ def attributes_of(index: int) -> tuple[str, str, str]:
     rest, shape = divmod(index, len(SHAPES))
     color, material = divmod(rest, len(MATERIALS))
     return COLORS[color], MATERIALS[material], SHAPES[shape]
+
+
+def differing_words(words: Sequence[str], other: Sequence[str]) -> int:
+    """In how many words two triples (color, material, shape) differ, such as those of a `SceneObject.name`."""
+    return sum(a != b for a, b in zip(words, other, strict=True))
 
 
 ADJECTIVES = {

@@ -10,21 +10,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.generate.physics.bullet import Body, BulletMotion, Contact, Simulator
 from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.tracking.visibility import cut_sides, hidden_sides, in_image
 from nsdr.types import SceneObject, Violation
+from nsdr.validation import BoolArray
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS, GROUND_FRICTION, OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES, differing_words
 
 __all__ = ["AMOUNTS", "SIZES", "break_law"]
 
-FloatArray = NDArray[np.floating[Any]]
-BoolArray = NDArray[np.bool_]
 SIZES = ("clear", "small", "limit")
 """How easily a violation is seen; the last ones are at the limit of what positions known to 0.003 world units show."""
 AMOUNTS = {
@@ -44,10 +42,10 @@ while one object passes through another (world units, at most); restitution, but
 not react at all; gap at which two objects repel (world units); collisions well seen in the video, which is played backwards."""
 CALM_FRAMES = 12
 """Frames on both sides of a change in which its objects are fully in view and touch nothing."""
-SEEN_SHARE = 0.5
-"""Of the frames around a collision, those in which neither object may be hidden in part."""
 SLIDING_FRAMES = 40
 """The same after a change of friction, which takes time to show."""
+SEEN_SHARE = 0.5
+"""Least share of the frames around a collision in which each of its objects is not hidden, not even in part."""
 MOVING_SPEED = 0.5
 """Least speed of objects whose friction, or motion while unseen, is to be judged (world units/s)."""
 SPACE_WORLD = 3.2 * OBJECT_RADIUS_WORLD
@@ -248,7 +246,7 @@ def _identity(world: _World, frames: float, size: int) -> Change | None:
         replaced = np.zeros(changed.motion.location_world.shape[1], bool)
         replaced[f:last] = True
         changed = without(without(changed, [i], replaced), [new.id], ~replaced)
-        words = sum(a != b for a, b in zip((color, material, shape), (old.color, old.material, old.shape), strict=True))
+        words = differing_words(old.name.split(), new.name.split())
         return changed, world.violation("identity", [i, new.id], f, end, words, "words")
     return None
 
