@@ -91,6 +91,8 @@ def test_an_animated_image_without_a_rate_is_warned_of(tmp_path, duration: int) 
     frames, warned = read(path)
     assert len(frames) == N
     assert "does not say its frame rate; taken as 25 per second; --fps" in warned[0]
+    assert video_seconds(path) == pytest.approx(N / 25)
+    assert video_seconds(path, fps=12.5) == pytest.approx(N / 12.5)
     frames, warned = read(path, fps=12.5)
     assert len(frames) == 2 * N
     assert warned == ["12.5 frames per second, resampled to 25"]

@@ -52,7 +52,7 @@ class OpenedVideo:
     Attributes:
         rate: frames a second.
         seconds: how long it lasts; 0 where its header does not say.
-        frames: (height, width, 3) each, as they are decoded.
+        frames: as they are decoded.
     """
 
     rate: float
@@ -83,7 +83,7 @@ def opened(path: Path, fps: float) -> Iterator[OpenedVideo]:
         yield OpenedVideo(rate, images.seconds[-1], zip(times, images.frames(), strict=False))
     else:
         frames = ((0.0, frame) for frame in images.frames())
-        yield OpenedVideo(rate, 0.0 if images.seconds else len(images.files) / rate, _evenly(frames, rate))
+        yield OpenedVideo(rate, images.n_frames / rate, _evenly(frames, rate))
 
 
 def _checked_rate(path: Path, rate: float) -> float:

@@ -21,8 +21,9 @@ from nsdr.io.limits import check_limit
 __all__ = ["Images", "has_images", "is_animated", "open_images"]
 
 FORMATS = ("GIF", "JPEG", "PNG", "WEBP")
-"""Formats that are read; of a folder, files with these suffixes:"""
+"""Formats that are read."""
 SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Of the files of a folder that are frames."""
 MIN_SECONDS = 0.02
 """Animated images whose frames last less say nothing of their rate: players replace such durations, each by its own (s)."""
 
@@ -34,11 +35,13 @@ class Images:
     Attributes:
         path: the animated image, or the folder.
         files: of a folder, one a frame; the animated image itself.
+        n_frames: number of frames.
         seconds: when each frame of an animated image is shown, and last when the last one ends; empty where nothing says.
     """
 
     path: Path
     files: tuple[Path, ...]
+    n_frames: int
     seconds: tuple[float, ...]
 
     @property
@@ -103,7 +106,7 @@ def open_images(path: Path) -> Images | None:
     # The last frame is often held for long, which is no part of what is shown.
     durations[-1] = statistics.median_low(durations[:-1])
     known = min(durations) >= MIN_SECONDS
-    return Images(path, (path,), tuple(accumulate(durations, initial=0.0)) if known else ())
+    return Images(path, (path,), len(durations), tuple(accumulate(durations, initial=0.0)) if known else ())
 
 
 def _images_in(folder: Path) -> list[Path]:
@@ -126,7 +129,7 @@ def _folder(path: Path) -> Images:
     for step, file in zip(steps, files, strict=False):
         if step > min(steps):
             raise VideoError(f"{path}: frames are missing after {file.name}; expected numbers at equal steps")
-    return Images(path, tuple(files), ())
+    return Images(path, tuple(files), len(files), ())
 
 
 @contextmanager
