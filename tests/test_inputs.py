@@ -165,9 +165,19 @@ def test_frames_that_cannot_be_read_are_named(tmp_path) -> None:
         read(path)
     noise = np.random.default_rng(0).integers(0, 255, (3, 32, 48, 3)).astype(np.uint8)
     gif = save(tmp_path / "v.gif", list(noise), 40)
-    gif.write_bytes(gif.read_bytes()[:-200])
+    whole = gif.read_bytes()
+    gif.write_bytes(whole[:-200])
     with pytest.raises(VideoError, match=r"v\.gif: a damaged image, or cut off"):
         read(gif)
+    for size in range(14, 1100, 7):  # wherever it is cut off, as in a table of colours
+        gif.write_bytes(whole[:size])
+        with pytest.raises(VideoError, match=r"v\.gif: "):
+            read(gif)
+
+
+def test_frames_of_odd_sides_are_not_written(tmp_path) -> None:
+    with pytest.raises(DataError, match=r"v\.mp4: expected frames of even sides, as H\.264 wants, got \(33, 48, 3\)"):
+        write_video(tmp_path / "v.mp4", [np.zeros((33, 48, 3), np.uint8)])
 
 
 def test_images_are_limited_as_videos_are(tmp_path, monkeypatch) -> None:

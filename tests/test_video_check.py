@@ -181,6 +181,15 @@ def test_empty_frames_at_the_start_are_left_out(clip, tmp_path) -> None:
     assert any("the first 5 frames show nothing; they are left out" in text for text in warned)
 
 
+def test_a_video_that_shows_nothing_is_named(clip, tmp_path) -> None:
+    write_video(tmp_path / "v.mp4", np.zeros_like(clip[:5]), preset="veryfast")
+    with (
+        warnings.catch_warnings(action="ignore"),
+        pytest.raises(VideoError, match=r"v\.mp4: shows nothing; each of its 5"),
+    ):
+        next(clip_frames(tmp_path / "v.mp4", VideoConfig("warn")))
+
+
 def test_objects_are_no_camera_motion_and_no_marks(clip) -> None:
     for frames in (clip, clip[::-1], clip[:5], clip[:2]):
         assert camera_motion(frames) < 0.1
@@ -284,7 +293,7 @@ def write_kind(path, kind: str) -> None:
         ("text", "is a text file"),
         ("image", "is an image"),
         ("sound", "not a video that OpenCV can read"),
-        ("zip", "is an archive"),
+        ("zip", r"is an archive \(ZIP or NPZ\)"),
     ],
 )
 def test_what_is_no_video_is_named(tmp_path, kind: str, message: str) -> None:

@@ -259,15 +259,11 @@ def _measured(videos: Sequence[Sums]) -> dict[str, dict[str, Any]]:
     for name, measure in MEASURES.items():
         above, below = (np.array([part(one) for one in summed], float) for part in (measure.above, measure.below))
         n, value = int((below > 0).sum()), _value(measure, add(summed))
-        interval = ratio_interval(above, below) if n > 1 else None
+        intervals = [ratio_interval(above, below)] if n > 1 else []
         if measure.is_share and value is not None:
             # Frames and pairs of one video are not independent, so as many trials as there are videos.
-            low, high = wilson_interval(value, n)
-            interval = (
-                (min(low, value), max(high, value))
-                if interval is None
-                else (min(low, interval[0]), max(high, interval[1]))
-            )
+            intervals += [wilson_interval(value, n), (value, value)]
+        interval = (min(low for low, _ in intervals), max(high for _, high in intervals)) if intervals else None
         table[name] = {"value": value, "interval": interval, "videos": n}
     return table
 

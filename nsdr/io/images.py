@@ -2,6 +2,7 @@
 
 import re
 import statistics
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,12 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 """Of the files of a folder that are frames."""
 MIN_SECONDS = 0.02
 """Animated images whose frames last less say nothing of their rate: players replace such durations, each by its own (s)."""
+
+
+UNREADABLE = (
+    OSError, EOFError, SyntaxError, ValueError, IndexError, struct.error, Image.DecompressionBombError
+)  # fmt: skip
+"""What Pillow raises about damaged files."""
 
 
 @dataclass(frozen=True)
@@ -144,5 +151,5 @@ def _opened(file: Path) -> Iterator[Any]:
             yield image
     except VideoError:
         raise
-    except (OSError, EOFError, SyntaxError, ValueError, Image.DecompressionBombError) as e:
+    except UNREADABLE as e:
         raise VideoError(f"{file}: a damaged image, or cut off ({' '.join(str(e).split()) or type(e).__name__})") from e

@@ -237,7 +237,7 @@ def write_video(
             same size and 0.2 to 0.3 dB less.
 
     Raises:
-        DataError: PyAV is missing, or there are no frames.
+        DataError: PyAV is missing, there are no frames, or their sides are odd.
     """
     check_installed("av", "writing videos needs PyAV", "visualize")
     import av
@@ -248,6 +248,8 @@ def write_video(
             stream: Any = None
             for frame in frames:
                 if stream is None:
+                    if any(side % 2 for side in frame.shape[:2]):
+                        raise DataError(f"{path}: expected frames of even sides, as H.264 wants, got {frame.shape}")
                     stream = container.add_stream("libx264", rate=Fraction(fps))
                     stream.height, stream.width, stream.pix_fmt = *frame.shape[:2], "yuv420p"
                     stream.options = {"crf": str(crf), "preset": preset, **REPRODUCIBLE}

@@ -123,7 +123,7 @@ def clip_frames(
         late: as of `nsdr.io.video.read_frames`.
 
     Raises:
-        VideoError, DataError: as of `check_video`; before the first frame.
+        VideoError, DataError: as of `check_video`, or no frame shows anything; before the first frame.
     """
     config = config or VideoConfig()
     check = check_video(path, config)
@@ -156,7 +156,7 @@ def _without_empty_start(
             break
         empty += 1
     else:
-        return
+        raise VideoError(f"{path}: shows nothing; each of its {empty} frames is of one colour")
     if empty:
         what = f"the first {empty} frames show nothing; they are left out, and frames counted from there"
         warnings.warn(f"{path}: {what}", stacklevel=2)

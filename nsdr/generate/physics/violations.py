@@ -294,14 +294,13 @@ def _friction(world: _World, deceleration: float, _: int) -> Change | None:
 
 def _solidity(world: _World, distance: float, size: int) -> Change | None:
     """Two objects pass through each other."""
-    least = ([0.0, *AMOUNTS["solidity"]])[size]
+    least = [0.0, *AMOUNTS["solidity"]][size]
     for c in world.collisions():
         start = c.frame - BEFORE
         scene = world.resumed(start, {}, passing=c.bodies)
         i, j = c.bodies
-        gap = np.linalg.norm(
-            np.diff(scene.motion.location_world[[i, j], start : start + 3 * CALM_FRAMES, :2], axis=0)[0], axis=1
-        )
+        path = scene.motion.location_world[:, start : start + 3 * CALM_FRAMES, :2]
+        gap = np.linalg.norm(path[i] - path[j], axis=-1)
         if least <= gap.min() < distance and world.is_calm(scene, c.bodies, start):
             inside = start + np.flatnonzero(gap < 2 * OBJECT_RADIUS_WORLD)
             if len(inside):
