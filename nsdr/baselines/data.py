@@ -12,12 +12,14 @@ from torch.nn.utils.rnn import pad_sequence
 
 from nsdr.baselines.base import Batch, Sizes
 from nsdr.baselines.features.files import KINDS, Features
-from nsdr.clevrer.files.questions import OPTION_ANSWERS, PLAIN, Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer
 
 __all__ = ["PAD", "PROGRAM_SEPARATOR", "Example", "Vocabulary", "encoded", "make_batch", "training_examples"]
 
+CHOICE_ANSWERS = ("correct", "wrong")
+"""Answers to an option, the last two of all answers; the others are those to descriptive questions."""
 PROGRAM_SEPARATOR = END
 """Token between the question's program and the option's."""
 _TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
@@ -31,15 +33,15 @@ class Vocabulary:
 
     Attributes:
         words: known words, whose indices begin at 1; 0 is `PAD`.
-        answers: answers to descriptive questions in alphabetical order, then `OPTION_ANSWERS`.
+        answers: answers to descriptive questions in alphabetical order, then `CHOICE_ANSWERS`.
     """
 
     words: tuple[str, ...]
     answers: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if self.answers[-len(OPTION_ANSWERS) :] != OPTION_ANSWERS:
-            raise DataError(f"answers end with {self.answers[-2:]}; expected {' and '.join(OPTION_ANSWERS)}")
+        if self.answers[-len(CHOICE_ANSWERS) :] != CHOICE_ANSWERS:
+            raise DataError(f"answers end with {self.answers[-2:]}; expected {' and '.join(CHOICE_ANSWERS)}")
 
     @classmethod
     def from_questions(cls, scenes: Iterable[SceneQuestions]) -> "Vocabulary":
@@ -47,7 +49,7 @@ class Vocabulary:
         questions = [q for scene in scenes for q in scene.questions]
         texts = {text for q in questions for text in (q.text, *(c.text for c in q.choices))}
         answers = sorted({q.answer for q in questions if q.answer is not None})
-        return cls(Tokenizer.from_texts(texts).words, (*answers, *OPTION_ANSWERS))
+        return cls(Tokenizer.from_texts(texts).words, (*answers, *CHOICE_ANSWERS))
 
     @cached_property
     def _tokenizer(self) -> Tokenizer:
@@ -71,7 +73,7 @@ class Vocabulary:
 
     def possible_answers(self) -> Tensor:
         """(2, answers) bool: the answers to descriptive questions, and those to options."""
-        is_choice = torch.tensor([answer in OPTION_ANSWERS for answer in self.answers])
+        is_choice = torch.tensor([answer in CHOICE_ANSWERS for answer in self.answers])
         return torch.stack([~is_choice, is_choice])
 
 

@@ -17,7 +17,6 @@ from nsdr.validation import expect, one_of
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHAPES, SPEED_UNIT
 
 __all__ = [
-    "OPTION_ANSWERS",
     "OPTION_TAGS",
     "PAIR_KINDS",
     "PLAIN",
@@ -34,8 +33,6 @@ QUESTION_TYPES = ("descriptive", "explanatory", "predictive", "counterfactual")
 """CLEVRER's question types; all but descriptive questions are multiple choice."""
 PLAIN = "plain"
 """Subtype of questions about objects alone, which the release does not have; baselines may learn from them first."""
-OPTION_ANSWERS = ("correct", "wrong")
-"""Answers to an option of a multiple-choice question."""
 OPTION_TAGS = ("observational", "inferential")
 """Kinds of counterfactual options: those that the recording without the removed object answers rightly (see
 `nsdr.baselines.recording`), and those where it fails because the removal changes what else happens."""
@@ -68,7 +65,7 @@ class Choice(msgspec.Struct, frozen=True, omit_defaults=True, rename={"id": "cho
     id: Id
     text: str
     program: Program | None = None
-    answer: Annotated[str, one_of(OPTION_ANSWERS)] | None = None
+    answer: Annotated[str, one_of(("correct", "wrong"))] | None = None
     tag: Annotated[str, one_of(OPTION_TAGS)] | None = None
     blind: bool | None = None
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.files.questions import OPTION_ANSWERS, OPTION_TAGS, Choice, Question
+from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
 from nsdr.generate.questions.candidates import is_negated
 
 __all__ = ["InferentialSelection"]
@@ -24,7 +24,7 @@ MORE_OPTIONS = 1.0
 Of 1 to 10 and 0.1 to 2 on 440 simulated training scenes, these two meet shares of 0.2 and 0.5 within the tolerance, with as
 many correct as wrong options in each half (within 0.5 %) and the fewest questions without a correct one; the statistics of
 `nsdr generate questions --questions.inferential_share 0.5` show all three."""
-CELLS = tuple((tag, answer) for tag in OPTION_TAGS for answer in OPTION_ANSWERS)
+CELLS = tuple((tag, answer) for tag in OPTION_TAGS for answer in ("correct", "wrong"))
 """Kinds of options, (tag, answer): the last axis of all arrays of numbers here."""
 CORRECT, INFERENTIAL = [0, 2], [2, 3]
 """Those of `CELLS` that are correct, and inferential."""
