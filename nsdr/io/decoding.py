@@ -52,7 +52,7 @@ class OpenedVideo:
     Attributes:
         rate: frames a second.
         seconds: how long it lasts; 0 where its header does not say.
-        frames: as they are decoded.
+        frames: (height, width, 3) each, as they are decoded.
     """
 
     rate: float
