@@ -187,7 +187,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for line, is_well in all_measured(chosen, setting):
         text, failures = text + line, failures + (not is_well)
         with atomic_path(options.output) as temporary:  # what is done is kept if the rest is killed
-            temporary.write_text(text)
+            temporary.write_text(text, encoding="utf-8")
     print(f"{options.output}: {failures} of {len(chosen)} rows not as expected")
     return 1 if failures else 0
 

@@ -88,7 +88,7 @@ def write_files(report: Mapping[str, Any], folder: Path, command: str) -> list[P
     write_json(paths[0], {"command": command, **report}, indent=1)
     made = f"{len(report['videos'])} videos. Made by `{command}`, revision {report['revision']}."
     with atomic_path(paths[1]) as temporary:
-        temporary.write_text(f"{markdown_table(report)}\n{NOTES}\n{made}\n{_not_scored(report)}")
+        temporary.write_text(f"{markdown_table(report)}\n{NOTES}\n{made}\n{_not_scored(report)}", encoding="utf-8")
     picture = figure_png(curves_figure(report))
     with atomic_path(paths[2]) as temporary:
         temporary.write_bytes(picture)
