@@ -145,7 +145,7 @@ def baselines(
     cut, frames = truth.cut, truth.location_world.shape[1]
     rows = int(np.searchsorted(proposals.frame_index, cut))
     names = ("frame_index", "attribute", "score", "centroid_px", "area_px", "box_xyxy_px", "masks")
-    arrays: dict[str, Any] = {n: None if getattr(proposals, n) is None else getattr(proposals, n)[:rows] for n in names}
+    arrays: dict[str, Any] = {n: v[:rows] for n in names if (v := getattr(proposals, n)) is not None}
     processed = proposals.processed
     processed = None if processed is None else processed[processed < cut]
     given = replace(proposals, n_frames=cut, processed=processed, **arrays)

@@ -141,7 +141,7 @@ class Explanation:
             yield Evidence(law, pair, frame, frame + 1, amount, unit, nats)
 
     def at(self, j: int, frame: float) -> Stretch | None:
-        """The stretch of object j that a frame is in, or nearest to."""
+        """The stretch of object j that a frame is in, or nearest to; None where none is within `SAME_FRAMES`."""
         near = [s for s in self.stretches[j] if s.start - SAME_FRAMES <= frame <= s.last + SAME_FRAMES]
         return min(near, key=lambda s: max(s.start - frame, frame - s.last), default=None)
 

@@ -76,12 +76,14 @@ def _should_be_seen(explanation: Explanation, i: int, frame: int) -> bool:
         return False
     covered = 0.0
     for j in range(len(explanation.stretches)):
-        replaces = j != i and (_takes_place(explanation, i, j) or _takes_place(explanation, j, i))
-        if j != i and not replaces and states.present[j, frame]:
-            x0, y0, x1, y1 = states.box_xyxy_px[j, frame]
-            if y1 > high[1] - 2:  # nearer
-                width, height = min(x1, high[0]) - max(x0, low[0]), min(y1, high[1]) - max(y0, low[1])
-                covered += max(width, 0.0) * max(height, 0.0) / float(np.prod(high - low))
+        if j == i or not states.present[j, frame]:
+            continue
+        if _takes_place(explanation, i, j) or _takes_place(explanation, j, i):
+            continue
+        x0, y0, x1, y1 = states.box_xyxy_px[j, frame]
+        if y1 > high[1] - 2:  # nearer
+            width, height = min(x1, high[0]) - max(x0, low[0]), min(y1, high[1]) - max(y0, low[1])
+            covered += max(width, 0.0) * max(height, 0.0) / float(np.prod(high - low))
     return covered < COVERED_SHARE
 
 
@@ -108,8 +110,7 @@ def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]
                 if both:
                     words = differing_words(objects[old].name.split(), objects[new].name.split())
                     nats = sum(e.nats for e in both)
-                    end = int(one[-1].last) + 1
-                    result.append(Evidence("identity", (old, new), start, end, words, "words", nats))
+                    result.append(Evidence("identity", (old, new), start, one[-1].last + 1, words, "words", nats))
                     used |= set(both)
     return result + [e for e in found if e not in used]
 

@@ -305,11 +305,11 @@ class ObjectStretches:
             gains = []
             for a, b, c in zip(self._ends, self._ends[1:], self._ends[2:], strict=False):
                 both = Break(p.stretch(a, b), p.stretch(b, c))
-                gain = p.rough_stretch(a, c).cost - both.before.cost - both.after.cost
                 if both.is_slight:
-                    gain = -np.inf
-                is_kept = not both.is_slight and gain < MERGE_GAIN and is_explained(both)
-                gains.append(np.inf if is_kept else gain)
+                    gains.append(-np.inf)
+                    continue
+                gain = p.rough_stretch(a, c).cost - both.before.cost - both.after.cost
+                gains.append(np.inf if gain < MERGE_GAIN and is_explained(both) else gain)
             worst = int(np.argmin(gains))
             if gains[worst] >= MERGE_GAIN:
                 break
