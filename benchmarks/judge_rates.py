@@ -11,18 +11,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from violations import suite
+from violations import judged, suite
 
 from nsdr.clevrer import read_compact_proposals
-from nsdr.laws.evidence import evidence_of
-from nsdr.laws.judge import judgement_of, on_time
-from nsdr.tracking.tracker import track
 from nsdr.types import Judgement, VideoProposals
 from nsdr.world.physics_constants import FPS
 
 RATES = (30.0, 25.0, 24.0, 12.5, 10.0, 25 / 3, 8.0, 6.25)
 LENGTHS = (64, 32, 24, 16)
-NONE = np.zeros(0)
 
 
 def at_rate(proposals: VideoProposals, fps: float) -> tuple[VideoProposals, NDArray[np.float64]]:
@@ -62,12 +58,6 @@ def part(proposals: VideoProposals, middle: int, frames: int) -> VideoProposals:
     return VideoProposals(frames, proposals.frame_index[kept] - first, *(getattr(proposals, n)[kept] for n in names))
 
 
-def judged(proposals: VideoProposals, late: NDArray[np.float64] = NONE) -> Judgement:
-    tracks = track(proposals)
-    tracks = on_time(tracks, late) if len(late) else tracks
-    return judgement_of(tracks, evidence_of(tracks, proposals))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("suite", type=Path)
@@ -82,7 +72,7 @@ def main() -> None:
         is_rate = isinstance(kind, float)
 
         def judgement(p: VideoProposals, middle: int = 64, kind: float = kind, is_rate: bool = is_rate) -> Judgement:
-            return judged(*at_rate(p, kind)) if is_rate else judged(part(p, middle, int(kind)))
+            return (judged(*at_rate(p, kind)) if is_rate else judged(part(p, middle, int(kind))))[0]
 
         found, right, broken, alarms = 0, 0, 0, 0
         for proposals, truth in made:

@@ -31,8 +31,9 @@ from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
+from nsdr.io.reading import read_json
 from nsdr.laws.evidence import evidence_of
-from nsdr.laws.judge import judgement_of
+from nsdr.laws.judge import judgement_of, on_time
 from nsdr.laws.motion import Evidence
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
@@ -68,16 +69,20 @@ def suite(root: Path) -> Iterator[tuple[VideoProposals, dict[str, Any]]]:
 
 def rows_of(root: Path) -> list[Row]:
     rows: list[Row] = []
-    first = min(int(path.stem[-5:]) for path in find_files(root / "truth", "truth_*.json"))
+    manifest = read_json(root / "manifest.json")
+    laws, sizes = manifest["config"]["laws"], manifest["config"]["sizes"]
+    first = next(start for start, stop in manifest["splits"].values() if start < stop)
     for proposals, truth in suite(root):
         names = [f"{o['color']} {o['material']} {o['shape']}" for o in truth["objects"]]
-        size = SIZES[(truth["scene_index"] - first) // 2 // len(LAWS) % len(SIZES)]  # as `ViolationsConfig` orders them
+        size = sizes[(truth["scene_index"] - first) // 2 // len(laws) % len(sizes)]  # as `ViolationsConfig` orders them
         rows.append(Row(truth.get("violation"), names, size, *judged(proposals)))
     return rows
 
 
-def judged(proposals: VideoProposals) -> tuple[Judgement, list[Evidence]]:
+def judged(proposals: VideoProposals, late: NDArray[np.float64] | None = None) -> tuple[Judgement, list[Evidence]]:
+    """What is said of a video, and the evidence; `late` as of `nsdr.judge`."""
     tracks = track(proposals)
+    tracks = tracks if late is None else on_time(tracks, late)
     evidence = evidence_of(tracks, proposals)
     return judgement_of(tracks, evidence), evidence
 

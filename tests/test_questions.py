@@ -11,7 +11,7 @@ import pytest
 
 from nsdr import DataError, Event, Executor, Scene, SceneObject
 from nsdr.baselines import tag_options
-from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
+from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_answers, q_type_baselines
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, read_questions, without_answers
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
@@ -338,6 +338,8 @@ def test_frequent_answers_are_those_of_the_training_set() -> None:
 
 def test_q_type_baselines_refuse_what_they_cannot_answer() -> None:
     scenes = asked(question("exist", "yes"))
+    with pytest.raises(DataError, match="name: expected one of random, frequent, got zebra"):
+        next(q_type_answers(scenes, "zebra"))
     with pytest.raises(DataError, match="training questions have no 'exist', which is to be answered"):
         q_type_baselines(scenes, training=asked(question("count", "1")))
     with pytest.raises(DataError, match=r"'A exist question\?' has no answer"):

@@ -8,6 +8,7 @@ from typing import Any
 from nsdr.clevrer.files.questions import PLAIN, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.types import Answer, ChoiceAnswer
+from nsdr.validation import expect
 from nsdr.world.vocabulary import ATTRIBUTES
 
 __all__ = ["PUBLISHED_Q_TYPE", "q_type_answers", "q_type_baselines"]
@@ -55,8 +56,10 @@ def q_type_answers(
             which is not the paper's baseline.
 
     Raises:
-        DataError: a question without its answer, an unknown subtype, or a type or subtype that the training set lacks.
+        DataError: another name, a question without its answer, an unknown subtype, or a type or subtype that the training set
+            lacks.
     """
+    expect(name in PUBLISHED_Q_TYPE, "name", f"one of {', '.join(PUBLISHED_Q_TYPE)}", name)
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for question in (q for scene in (scenes if training is None else training) for q in scene.questions):
         if question.subtype != PLAIN:
@@ -89,7 +92,7 @@ def q_type_baselines(
     Arguments and errors are those of `q_type_answers`.
     """
     found: dict[str, dict[str, Any]] = {}
-    for name in ("random", "frequent"):
+    for name in PUBLISHED_Q_TYPE:
         right: dict[str, list[list[bool]]] = defaultdict(list)
         for scene, given in q_type_answers(scenes, name, seed, training):
             for question in scene.questions:
