@@ -1,0 +1,93 @@
+"""Guides whose commands need data: those of each page run in their order, on one small data set."""
+
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from nsdr.clevrer.example import VIDEO
+from nsdr.cli.main import main
+from tests.test_docs import ROOT, commands
+
+pytest.importorskip("pybullet")
+
+MADE = (
+    "generate dataset --config configs/generate/preview.yaml -o ROOT --videos 4 --counterfactual_videos 1 --workers 1 "
+    '--splits \'{"train": 0.25, "validation": 0.5, "test": 0.25}\' --render.width 240 --render.height 160'
+)
+"""The data set of all pages: that of docs/export.md, with fewer and smaller videos."""
+SHORTER = {
+    "nsdr generate violations": "--videos 2",
+    "nsdr compare-videos": "--keep-going",
+    "nsdr train baseline": "--questions ROOT/questions/train.json --validation VALIDATION --plain_steps 0 --loop.steps 2",
+}
+"""What is added to commands that would take long, or whose data are those of another page."""
+VALUES = {
+    "QUESTIONS.json": "VALIDATION",
+    "QUESTIONS": "VALIDATION",
+    "PREDICTIONS": "keep.json",
+    "FIRST": "keep.json",
+    "SECOND": "keep.json",
+    "TRUTH_DIR": "ROOT/truth/validation",
+    "TRUTH_FOLDER": "ROOT/truth/validation",
+    "DATA": "ROOT",
+    "CLEVRER": "ROOT",
+    "NUMBER": "5",
+    "VALIDATION": "ROOT/questions/validation.json",
+}
+"""What stands for the placeholders of all pages, replaced in this order; folders that are written keep their names."""
+PAGES = {
+    "scoring.md": {"N": "2"},
+    "generate.md": {},
+    "questions.md": {},
+    "export.md": {},
+    "judge.md": {},
+    "training.md": {"VIDEOS": "ROOT/videos/train", "DIR": "ROOT/derender_proposals"},
+    "video_models.md": {"FOLDER": "ROOT/videos/test"},
+}
+LEFT_OUT = (
+    *("…", "|", "--help", "FORMAT"),  # no whole commands
+    *("http:", "--render.assets", "paper.yaml", "--source videos", "--source proposals", "nsdr tag"),
+    *("generate dataset", "--first_scene 520000", "--first_scene 580000"),
+    *("answers.json", "PAIRS/questions", "OTHER"),
+)
+"""In commands that need a server, Blender, hours or many videos, that make more data, or that read what these do not make."""
+
+
+def guided(page: str) -> list[str]:
+    """The page's commands that run here, complete; the one that makes the answers that others read comes first."""
+    found = []
+    for command in commands(ROOT / "docs" / page):
+        if any(part in command for part in LEFT_OUT) or len(command.split()) < 5:
+            continue
+        command = re.sub(r"\[--(?:device cuda|field value|workers N)\]", "", command)
+        command += "".join(f" {more}" for start, more in SHORTER.items() if command.startswith(start))
+        for name, value in (PAGES[page] | VALUES).items():
+            command = re.sub(rf"(?<![\w-]){re.escape(name)}(?![\w.])", value, command)
+        found.append(re.sub(r"[\[\]]", "", command))
+    return sorted(dict.fromkeys(found), key=lambda command: "--submission" not in command)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Iterator[Path]:
+    """Where the commands run: the repository's configurations, the data set, and two videos to judge."""
+    place = tmp_path_factory.mktemp("guides")
+    shutil.copytree(ROOT / "configs", place / "configs")
+    for name in ("generated_1.mp4", "generated_2.mp4"):
+        shutil.copy(VIDEO, place / name)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        assert main(shlex.split(MADE)) == 0
+        yield place
+
+
+@pytest.mark.filterwarnings("default:.*resized to 480x320:UserWarning")
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_of_guides_run(page: str, folder: Path) -> None:
+    commands_of_page = guided(page)
+    assert commands_of_page
+    for command in commands_of_page:
+        assert main(shlex.split(command)[1:]) == 0, command
