@@ -54,7 +54,7 @@ def rows(small: bool) -> dict[str, Row]:
     }
     for name in ("physics", "state", "paper", "paper_images"):
         found[f"results: dynamics {name}"] = partial(results.dynamics, name=name)
-    for name in ("truth/mac", "truth/mac_objects", "truth/tbd", "pixels/mac_objects"):
+    for name in ("truth/mac", "truth/mac_objects", "truth/tbd", "truth/tvqa", "pixels/mac_objects"):
         found[f"results: baseline {name}"] = partial(results.baseline, name=name)
     found["results: video to answers"] = results.pipeline
     for title, row in (("one step", trainings.one_step), ("resumed", trainings.resumed), ("rate", trainings.rates)):

@@ -24,7 +24,7 @@ weights-dynamics-paper: $(WEIGHTS)/dynamics_paper/dynamics.json
 weights-dynamics-images: $(WEIGHTS)/dynamics_paper_images/dynamics.json
 weights-collisions: $(WEIGHTS)/default/collisions.json
 weights-question-parser: $(WEIGHTS)/default/question_parser.json
-weights-baselines: $(foreach name,truth/tbd truth/mac truth/mac_objects pixels/mac_objects,$(WEIGHTS)/baselines/$(name)/baseline.json)
+weights-baselines: $(foreach name,truth/tbd truth/tvqa truth/mac truth/mac_objects pixels/mac_objects,$(WEIGHTS)/baselines/$(name)/baseline.json)
 
 $(WEIGHTS)/frame_parser/checkpoint/frame_parser.json:
 	$(call run,frame-parser,frame_parser/default,frame_parser,$(FRAMES))

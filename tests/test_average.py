@@ -105,7 +105,8 @@ def test_the_recipes_make_every_shipped_weight(tiny_frames, tiny_motion, tmp_pat
         program, *arguments = shlex.split(command)
         assert program == "nsdr"
         assert main([*arguments, *SMALLER.get(arguments[1], "").split()]) == 0
-    baselines = [f"baselines/{name}" for name in ("truth/mac", "truth/mac_objects", "truth/tbd", "pixels/mac_objects")]
+    names = ("truth/mac", "truth/mac_objects", "truth/tbd", "truth/tvqa", "pixels/mac_objects")
+    baselines = [f"baselines/{name}" for name in names]
     for shipped in ("default", "dynamics_paper", "dynamics_paper_images", *baselines):
         made = {path.name for path in (weights / shipped).iterdir()}
         assert made == {path.name for path in (root / "checkpoints" / shipped).iterdir()} - {"README.md"}

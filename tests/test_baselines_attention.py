@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
-from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
 from nsdr.baselines.base import BASELINES, Baseline, Batch, Sizes
 from nsdr.baselines.systems import mac, memory, tvqa
@@ -220,26 +219,6 @@ def test_time_encoding() -> None:
     distances = torch.cdist(encoding, encoding) + torch.eye(25)
     assert distances.min() > 0.1  # all frames differ
     assert time_encoding(3, 5, torch.zeros(1)).shape == (3, 5)
-
-
-def test_padded_lstm_equals_packed_lstm() -> None:
-    torch.manual_seed(0)
-    ours, packed = tvqa._BidirectionalLstm(3, 8), nn.LSTM(3, 4, batch_first=True, bidirectional=True)
-    back = {f"{name}_reverse": value for name, value in ours.back.state_dict().items()}
-    packed.load_state_dict(ours.ahead.state_dict() | back)
-    items, lengths = torch.rand(3, 5, 3), torch.tensor([2, 5, 1])
-    expected = packed(pack_padded_sequence(items, lengths, batch_first=True, enforce_sorted=False))[0]
-    states = ours(items, lengths)
-    for row, length, of_row in zip(states, lengths, pad_packed_sequence(expected, batch_first=True)[0], strict=True):
-        torch.testing.assert_close(row[:length], of_row[:length])
-
-
-def test_objects_are_read_in_the_order_of_frames() -> None:
-    items = torch.arange(1.0, 9.0).view(2, 4, 1)
-    mask = torch.tensor([[True, False, True, True], [False, False, False, False]])
-    kept, lengths = tvqa._compact(items, mask)
-    assert kept[..., 0].tolist() == [[1, 3, 4], [0, 0, 0]]
-    assert lengths.tolist() == [3, 1]
 
 
 def test_the_scale_of_maps_does_not_matter() -> None:

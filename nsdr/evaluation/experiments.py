@@ -175,7 +175,7 @@ def run_experiment(path: str | Path, output: str | Path = "results", device: str
             done = [known[r.name] for r in rows if r.name in known]  # rows that were kept, and are still to come, too
             write_json(file, {"title": title, "command": command, "rows": done}, indent=1)
         with atomic_path(table) as temporary:
-            temporary.write_text(markdown_table(title, command, done))
+            temporary.write_text(markdown_table(title, command, done), encoding="utf-8")
     return table
 
 

@@ -175,4 +175,4 @@ def _table(title: str, counts: Mapping[str, float], released: Mapping[str, float
 
 def _write(path: Path, lines: Sequence[str]) -> None:
     with atomic_path(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n")
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
