@@ -12,8 +12,6 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from tests.test_docs import ROOT, commands
 
-pytest.importorskip("pybullet")
-
 MADE = (
     "generate dataset --config configs/generate/preview.yaml -o ROOT --videos 4 --counterfactual_videos 1 --workers 1 "
     '--splits \'{"train": 0.25, "validation": 0.5, "test": 0.25}\' --render.width 240 --render.height 160'
