@@ -1,6 +1,7 @@
 """Every baseline that sees the video learns to look at it, on features of the truth."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, TruthCo
 from nsdr.baselines.features.truth import truth_features
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
-from nsdr.training.baselines import BaselineTraining, train_baseline
+from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
 
 from .test_baselines import SMALL
@@ -77,3 +78,22 @@ def test_the_other_video_of_a_pair_gets_the_other_answer(name: str, folder, tmp_
         assert right >= 2 * PAIRS - 2
     else:
         assert right == PAIRS  # it gives all videos the same answer
+
+
+def test_half_of_the_videos_are_mirrored(folder) -> None:
+    path, _ = folder
+    questions = str(path / "questions.json")
+    config = BaselineTraining(
+        "run", "tvqa", questions, questions, features=str(path), mirror=True, texts_per_video=1, model=SMALL["tvqa"]
+    )
+    task = BaselineTask(config)
+    drawn = task.draw(200, np.random.default_rng(0), 0)
+    assert 70 < sum(example.mirrored for example in drawn) < 130
+    example = drawn[0]._replace(mirrored=False)
+    inputs = task.collate([example, example._replace(mirrored=True), example]).inputs
+    assert inputs.video.tolist() == [0, 1, 0]
+    left, _, right, _ = inputs.objects[..., -4:].unbind(-1)
+    np.testing.assert_allclose(left[1], (1 - right[0]) * inputs.has_object[0], atol=1e-6)
+    assert not any(
+        e.mirrored for e in BaselineTask(replace(config, mirror=False)).draw(50, np.random.default_rng(0), 0)
+    )

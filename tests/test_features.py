@@ -13,6 +13,7 @@ from torchvision import models
 
 from nsdr import DataError
 from nsdr.baselines.features import extraction
+from nsdr.baselines.features.arrays import as_inputs, mirror_image
 from nsdr.baselines.features.backbone import image_batch
 from nsdr.baselines.features.extraction import (
     FeatureExtraction,
@@ -29,6 +30,7 @@ from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.frame_parser.parser import FrameParser
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.io.configuration import parse_config
+from nsdr.io.reading import read_json
 from nsdr.io.video import spaced, write_video
 from nsdr.types import VideoProposals
 from nsdr.world.vocabulary import ATTRIBUTES
@@ -390,3 +392,20 @@ def test_the_settings_in_the_repository_are_valid() -> None:
     )
     assert paper.features == FeatureConfig()
     assert sum(np.prod(small.features.shape(kind)) * 2 for kind in small.features.kinds) < 1e6
+
+
+def test_mirrored_features_of_the_truth_are_those_of_the_mirrored_world(tmp_path) -> None:
+    config = TruthConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=3)
+    generate_dataset(DatasetConfig(str(tmp_path / "data"), videos=1, renderer="none", questions=None))
+    annotation = read_json(next((tmp_path / "data").rglob("annotation_*.json")))
+    features = as_inputs(truth_features(annotation, config))
+    for frame in annotation["motion_trajectory"]:
+        for row in frame["objects"]:
+            x, y, z = row["location"]
+            roll, pitch, yaw = row["orientation"]
+            row |= {"location": [x, -y, z], "orientation": [-roll, pitch, -yaw]}
+    expected = as_inputs(truth_features(annotation, config))
+    found = mirror_image(features, config.manifest()["features"])
+    assert not np.allclose(features["maps"], expected["maps"], atol=0.1)
+    for kind, value in expected.items():
+        np.testing.assert_allclose(found[kind], value, atol=1e-5, err_msg=kind)

@@ -87,6 +87,7 @@ class Example(NamedTuple):
         is_choice: whether the text is an option.
         is_plain: whether the question is about objects alone.
         answer: index of the answer; -1 where the file has none, or one that did not occur in training.
+        mirrored: whether the video is shown with left and right exchanged.
     """
 
     scene_index: int
@@ -95,6 +96,7 @@ class Example(NamedTuple):
     is_choice: bool
     is_plain: bool
     answer: int
+    mirrored: bool = False
 
 
 def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs: Collection[str]) -> list[Example]:
@@ -159,11 +161,11 @@ def make_batch(examples: Sequence[Example], features: Features | None, needs: Co
     Raises:
         DataError: a video has no features, or videos have features of different shapes; names the video.
     """
-    rows = {index: row for row, index in enumerate(dict.fromkeys(e.scene_index for e in examples))}
+    rows = {video: row for row, video in enumerate(dict.fromkeys((e.scene_index, e.mirrored) for e in examples))}
     arrays: dict[str, Tensor] = {}
     if set(needs) & set(KINDS):
         assert features is not None, f"needs {', '.join(sorted(needs))}"
-        videos = [features.get(index, needs) for index in rows]
+        videos = [features.get(index, needs, mirrored) for index, mirrored in rows]
         arrays = {name: torch.from_numpy(np.stack([video[name] for video in videos])) for name in videos[0]}
     if "has_object" in arrays:
         places = arrays["has_object"].any((0, 1)).nonzero()
@@ -171,7 +173,7 @@ def make_batch(examples: Sequence[Example], features: Features | None, needs: Co
         arrays |= {name: arrays[name][:, :, :used] for name in ("objects", "has_object")}
     return Batch(
         _padded([e.words for e in examples]),
-        torch.tensor([rows[e.scene_index] for e in examples]),
+        torch.tensor([rows[e.scene_index, e.mirrored] for e in examples]),
         program=_padded([e.program for e in examples]) if "program" in needs else None,
         **arrays,
     )

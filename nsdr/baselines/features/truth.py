@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.features.files import BOX_NUMBERS, TruthConfig
+from nsdr.baselines.features.arrays import BOX_NUMBERS
+from nsdr.baselines.features.files import TruthConfig
 from nsdr.io.video import spaced
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.shapes import rendered_rotation, surface_points
