@@ -78,7 +78,7 @@ def read_videos(options: argparse.Namespace) -> Iterator[Video]:
 def print_errors(videos: Iterator[Video]) -> None:
     """Counts of objects, entrances and exits, and the cases that are wrong."""
     objects: Counter[str] = Counter()
-    late: Counter[tuple[int, bool]] = Counter()
+    late: Counter[tuple[bool, int, bool]] = Counter()
     errors: dict[str, Counter[int]] = {"in": Counter(), "out": Counter()}
     without: dict[str, Counter[str]] = {"in": Counter(), "out": Counter()}
     scenes = 0
@@ -88,7 +88,7 @@ def print_errors(videos: Iterator[Video]) -> None:
         for one, detected in zip(video.states.objects, video.states.detected, strict=True):
             n = int(detected.sum())
             if n <= LATE_FRAMES and detected[-n:].all():
-                late[n, one.name in true] += 1
+                late[one.shape == "sphere", n, one.name in true] += 1
         objects.update(found=len(found), true=len(true), missing=len(true - found), extra=len(found - true))
         for what, names in (("missing", true - found), ("too many", found - true)):
             for name in sorted(names):
@@ -105,8 +105,10 @@ def print_errors(videos: Iterator[Video]) -> None:
     print(f"{scenes} scenes")
     for what, total in (("missing", "true"), ("extra", "found")):
         print(f"objects {what}: {shown(objects[what], objects[total])}")
-    for n in range(1, LATE_FRAMES + 1):
-        print(f"seen in the last {n} frames only: {late[n, True]} right, {late[n, False]} too many")
+    for is_sphere, kind in ((True, "spheres"), (False, "others")):
+        for n in range(1, LATE_FRAMES + 1):
+            right, wrong = late[is_sphere, n, True], late[is_sphere, n, False]
+            print(f"{kind} seen in the last {n} frames only: {right} right, {wrong} too many")
     for kind, title in (("in", "entrances"), ("out", "exits")):
         matched = errors[kind].total()
         near = sum(errors[kind][d] for d in (-1, 0, 1))

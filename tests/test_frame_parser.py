@@ -22,7 +22,7 @@ from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
 from nsdr.tracking.localization import ground_location, outline
 from nsdr.tracking.tracker import TrackerConfig, track
-from nsdr.tracking.visibility import hidden_sides
+from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import attribute_index
 
@@ -399,6 +399,24 @@ def test_a_tracklet_that_goes_over_to_another_object_is_cut() -> None:
     assert len(track(as_proposals(wrong_label, 75)).tracks) == 1
     alternating = moving(range(0, 40, 2), RED, 50, 4) + moving(range(1, 40, 2), other, 50, 4)
     assert len(track(as_proposals(alternating)).tracks) == 1
+
+
+def test_an_object_that_enters_is_one_whatever_it_was_taken_for_at_first() -> None:
+    """Half outside at the top, far from the camera: a wider box shifts the place by more than objects move."""
+    metal = attribute_index("red", "metal", "sphere")
+    rows = [(f, metal, 0.99, (358.0, 9.0), [343, 1, 373, 17]) for f in range(14)]
+    rows += [(f, RED, 0.99, (359.0, 10.0), [343, 1, 375, 24]) for f in range(14, 60)]
+    video = track(as_proposals(rows, 60))
+    boxes = np.array([rows[0][4], rows[14][4]])
+    places = ground_location("sphere", np.array([rows[0][3], rows[14][3]]), boxes, cut_sides(boxes))
+    assert np.hypot(*(places[0] - places[1])) > 0.35
+    assert [(t.object.name, len(t.frame_index)) for t in video.tracks] == [("red rubber sphere", 60)]
+
+
+def test_the_rest_of_a_hidden_object_is_no_second_one() -> None:
+    fragment = [(f, BLUE, 0.99, (50.0, 150.0), [35, 135, 48, 165]) for f in range(20)]
+    whole = moving(range(40), RED, 50, 0)
+    assert [t.object.color for t in track(as_proposals(whole + fragment)).tracks] == ["red"]
 
 
 def test_two_tracklets_of_one_triple_become_one_track() -> None:

@@ -367,15 +367,16 @@ def test_motion_near_the_limit_is_uncertain() -> None:
 
 
 def test_objects_that_enter_at_the_end_are_uncertain() -> None:
-    def track(color: str, frames: list[int]) -> Track:
+    def track(color: str, frames: list[int], shape: str = "cube") -> Track:
         n = len(frames)
-        thing = SceneObject(["red", "blue", "green", "gray"].index(color), color, "metal", "cube")
+        thing = SceneObject(["red", "blue", "green", "gray"].index(color), color, "metal", shape)
         box = np.tile([10, 10, 50, 50], (n, 1))
         return Track(thing, np.array(frames), np.zeros((n, 2)), np.full((n, 2), 30.0), box, np.ones(n))
 
     every_third = track("red", [0, 3, 6, 9, 11]), track("blue", [11]), track("green", [9, 11]), track("gray", [3])
     found = existence(VideoTracks(12, every_third))
-    np.testing.assert_allclose(found, [1, 0.6, 0.8, 1])
+    np.testing.assert_allclose(found, [1, 0.5, 0.75, 1])
+    assert existence(VideoTracks(12, (*every_third[:3], track("gray", [11], "sphere"))))[3] == 1
     assert existence(VideoTracks(2, (track("red", [0, 1]),))) == [1]  # in every frame of a short video
     rollout = Rollout(np.zeros((4, 12, 2)), np.ones((4, 12), bool), (), uncertain=())
     prediction = DynamicsPrediction(tuple(t.object for t in every_third), 12, rollout)
