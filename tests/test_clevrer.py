@@ -112,6 +112,8 @@ def test_scene_of_a_ground_truth_block() -> None:
         "collisions": [{"type": "collision", "object": [1, 0], "frame": 30}],
     }
     scene = scene_from_ground_truth(block)
+    last = max(e.frame for e in scene.events)
+    assert scene_from_ground_truth(block, last).n_frames == last + 1  # as in CLEVRER's irregular videos
     assert scene.visible[0].all()
     assert np.flatnonzero(np.diff(scene.visible[1].astype(int))).tolist() == [4, 89]
     assert scene.moving is None

@@ -218,8 +218,8 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
         last = np.array([p.rows[-1] for p in active], int)
         predicted = np.array([p.position + n * p.velocity for p, n in zip(active, gap, strict=True)]).reshape(-1, 2)
         distance = np.hypot(*np.moveaxis(positions[rows][:, None] - predicted, 2, 0))
-        overlap = _iou(proposals.box_xyxy_px[rows], proposals.box_xyxy_px[last])
-        may_be_same = (distance <= _gate_world(gap)) | ((gap == 1) & (overlap >= SAME_IOU))
+        overlaps = (gap == 1) & (_iou(proposals.box_xyxy_px[rows], proposals.box_xyxy_px[last]) >= SAME_IOU)
+        may_be_same = (distance <= _gate_world(gap)) | (overlaps & np.isfinite(distance))
         words = (_WORDS[proposals.attribute[rows]][:, None] != _WORDS[proposals.attribute[last]]).sum(2)
         cost = np.minimum(distance, _gate_world(gap)) + mismatch_world * words
         cost[~may_be_same] = NO_MATCH_COST

@@ -130,7 +130,8 @@ def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAM
 
     Args:
         block: `objects`, `in_outs` and `collisions`, from `read_ground_truth` or `read_truth`.
-        n_frames: number of frames of the video.
+        n_frames: number of frames of the video. The scene has more where events come later, as in CLEVRER's irregular
+            videos (`nsdr.clevrer.IRREGULAR_VIDEOS`).
 
     Raises:
         DataError: a missing key or unknown attribute word.
@@ -141,6 +142,7 @@ def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAM
         events += [Event("collision", e["frame"], tuple(sorted(e["object"]))) for e in block["collisions"]]
     except (KeyError, TypeError, IndexError) as e:
         raise DataError(f"not a ground-truth block: {e!r}") from e
+    n_frames = max([n_frames, *(e.frame + 1 for e in events)])
     visible = np.ones((len(objects), n_frames), bool)
     for i in range(len(objects)):
         changes = sorted((e for e in events if e.kind != "collision" and e.objects == (i,)), key=lambda e: e.frame)
