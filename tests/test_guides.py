@@ -1,8 +1,10 @@
 """Guides whose commands need data: those of each page run in their order, on one small data set."""
 
+import json
 import re
 import shlex
 import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -89,3 +91,24 @@ def test_commands_of_guides_run(page: str, folder: Path) -> None:
     assert commands_of_page
     for command in commands_of_page:
         assert main(shlex.split(command)[1:]) == 0, command
+
+
+@pytest.mark.robustness
+@pytest.mark.filterwarnings("default")
+def test_the_worked_example_of_another_camera_runs(tmp_path: Path, monkeypatch) -> None:
+    """With two steps of training."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("configs", "checkpoints"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    page = (ROOT / "docs/other_cameras.md").read_text(encoding="utf-8").partition("## A worked example")[2]
+    for language, block in re.findall(r"^```(\w*)\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL):
+        if language == "python":
+            exec(compile(block, "other_cameras.md", "exec"), {})
+            continue
+        for command in block.replace("\\\n", " ").splitlines():
+            if command.startswith("nsdr"):
+                arguments = shlex.split(command.replace("steps 500", "steps 2 --loop.warmup_steps 1"))
+                assert main(arguments[1:]) == 0, command
+            elif not command.startswith("pip"):
+                subprocess.run(command, shell=True, check=True)
+    assert json.loads(Path("scene.json").read_text())
