@@ -74,4 +74,4 @@ $(WEIGHTS)/baselines/truth/%/baseline.json: $(ASKED)
 
 $(WEIGHTS)/baselines/pixels/%/baseline.json: $(ASKED)
 	$(NSDR) extract-features --config configs/baselines/features.yaml --root $(<D) -o $(WEIGHTS)/pixel_features
-	$(call run,baseline,baselines/small/$*,baselines/pixels_$*,--output $(@D) --features $(WEIGHTS)/pixel_features --mirror false $(QUESTIONS))
+	$(call run,baseline,baselines/small/$*,baselines/pixels_$*,--output $(@D) --features $(WEIGHTS)/pixel_features --recolor false $(QUESTIONS))

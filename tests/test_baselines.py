@@ -314,7 +314,7 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
         ({"model": {"hiden": 3}}, "model: .*hiden"),
         ({"model": {"hidden": 0}}, "model: hidden: expected a whole number from 2 to 65536, got 0"),
         ({"features": "somewhere"}, "would do nothing"),
-        ({"mirror": True}, "mirror: lstm sees no video, it would do nothing"),
+        ({"recolor": True}, "recolor: lstm sees no video, it would do nothing"),
         ({"system": "cnn_mlp"}, "needs pooled"),
         ({"validation": ""}, "validation: "),
     ],

@@ -10,10 +10,14 @@ from safetensors.numpy import save_file
 from nsdr.baselines.base import BASELINES
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, TruthConfig, feature_file
 from nsdr.baselines.features.truth import truth_features
+from nsdr.baselines.recoloring import Recoloring
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
+from nsdr.errors import DataError
+from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
+from nsdr.world.vocabulary import COLORS as VOCABULARY_COLORS
 
 from .test_baselines import SMALL
 
@@ -80,20 +84,41 @@ def test_the_other_video_of_a_pair_gets_the_other_answer(name: str, folder, tmp_
         assert right == PAIRS  # it gives all videos the same answer
 
 
-def test_half_of_the_videos_are_mirrored(folder) -> None:
+def test_colors_are_exchanged_in_features_words_programs_and_answers(folder, tmp_path) -> None:
     path, _ = folder
-    questions = str(path / "questions.json")
-    config = BaselineTraining(
-        "run", "tvqa", questions, questions, features=str(path), mirror=True, texts_per_video=1, model=SMALL["tvqa"]
-    )
-    task = BaselineTask(config)
-    drawn = task.draw(200, np.random.default_rng(0), 0)
-    assert 70 < sum(example.mirrored for example in drawn) < 130
-    example = drawn[0]._replace(mirrored=False)
-    inputs = task.collate([example, example._replace(mirrored=True), example]).inputs
-    assert inputs.video.tolist() == [0, 1, 0]
-    left, _, right, _ = inputs.objects[..., -4:].unbind(-1)
-    np.testing.assert_allclose(left[1], (1 - right[0]) * inputs.has_object[0], atol=1e-6)
-    assert not any(
-        e.mirrored for e in BaselineTask(replace(config, mirror=False)).draw(50, np.random.default_rng(0), 0)
-    )
+    text, program = "Is there a red object?", ("objects", "red", "filter_color", "exist")
+    scenes = [
+        SceneQuestions(
+            index, f"video_{index:05d}.mp4",
+            (Question(0, TEXT, "descriptive", "query_color", PROGRAM, COLORS[index % 2], ()),
+             Question(1, text, "descriptive", "exist", program, "yes" if index % 2 == 0 else "no", ())),
+        )
+        for index in range(1, 9)
+    ]  # fmt: skip
+    write_questions(tmp_path / "questions.json", scenes)
+    questions = str(tmp_path / "questions.json")
+    settings = {"features": str(path), "recolor": True, "texts_per_video": 2, "model": SMALL["tbd"]}
+    task = BaselineTask(BaselineTraining("run", "tbd", questions, questions, **settings))
+    vocabulary = task.trained.vocabulary
+    assert "blue" not in vocabulary.words  # it occurs in answers alone, so nothing is exchanged
+    assert all(e.colors == tuple(range(8)) for e in task.draw(8, np.random.default_rng(0), 0))
+    vocabulary = replace(vocabulary, words=(*vocabulary.words, "blue"))
+    red, blue = VOCABULARY_COLORS.index("red"), VOCABULARY_COLORS.index("blue")
+    colors = list(range(8))
+    colors[red], colors[blue] = blue, red
+    recoloring = Recoloring(vocabulary)
+    assert recoloring.known == [red, blue]
+    assert {recoloring.draw(np.random.default_rng(seed)) for seed in range(9)} == {tuple(range(8)), tuple(colors)}
+    asked, exists = (recoloring.text(e, tuple(colors)) for e in task.videos[0])
+    assert [vocabulary.answers[e.answer] for e in (asked, exists)] == ["red", "no"]  # video 1 has a blue object
+    assert vocabulary.words[exists.words[3] - 1] == "blue"
+    assert [PROGRAM_TOKENS[t] for t in exists.program] == ["objects", "blue", "filter_color", "exist"]
+    found, before = (task.collate([e]).inputs.maps[0, :, :8].sum((0, 2, 3)) for e in (asked, task.videos[0][0]))
+    assert before[blue] > 0
+    assert found[red] == before[blue]
+    assert found[blue] == before[red] == 0
+    manifest = CONFIG.manifest()
+    del manifest["features"]["from"]
+    (tmp_path / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(DataError, match="has features of pixels; give those of the truth"):
+        BaselineTask(BaselineTraining("run", "tbd", questions, questions, **{**settings, "features": str(tmp_path)}))

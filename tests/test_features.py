@@ -13,7 +13,6 @@ from torchvision import models
 
 from nsdr import DataError
 from nsdr.baselines.features import extraction
-from nsdr.baselines.features.arrays import as_inputs, mirror_image
 from nsdr.baselines.features.backbone import image_batch
 from nsdr.baselines.features.extraction import (
     FeatureExtraction,
@@ -22,7 +21,7 @@ from nsdr.baselines.features.extraction import (
     region_features,
 )
 from nsdr.baselines.features.files import KINDS, FeatureCache, FeatureConfig, TruthConfig, check_settings, feature_file
-from nsdr.baselines.features.truth import truth_features
+from nsdr.baselines.features.truth import recolored, truth_features
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
@@ -33,7 +32,7 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.reading import read_json
 from nsdr.io.video import spaced, write_video
 from nsdr.types import VideoProposals
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS
 
 from .conftest import draw_frame
 from .second_device import second_device
@@ -394,18 +393,14 @@ def test_the_settings_in_the_repository_are_valid() -> None:
     assert sum(np.prod(small.features.shape(kind)) * 2 for kind in small.features.kinds) < 1e6
 
 
-def test_mirrored_features_of_the_truth_are_those_of_the_mirrored_world(tmp_path) -> None:
+def test_recolored_features_of_the_truth_are_those_of_the_recolored_video(tmp_path) -> None:
     config = TruthConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=3)
     generate_dataset(DatasetConfig(str(tmp_path / "data"), videos=1, renderer="none", questions=None))
     annotation = read_json(next((tmp_path / "data").rglob("annotation_*.json")))
-    features = as_inputs(truth_features(annotation, config))
-    for frame in annotation["motion_trajectory"]:
-        for row in frame["objects"]:
-            x, y, z = row["location"]
-            roll, pitch, yaw = row["orientation"]
-            row |= {"location": [x, -y, z], "orientation": [-roll, pitch, -yaw]}
-    expected = as_inputs(truth_features(annotation, config))
-    found = mirror_image(features, config.manifest()["features"])
-    assert not np.allclose(features["maps"], expected["maps"], atol=0.1)
+    colors = (3, 0, 2, 1, 7, 6, 4, 5)
+    found = recolored(truth_features(annotation, config), colors)
+    for thing in annotation["object_property"]:
+        thing["color"] = COLORS[colors[COLORS.index(thing["color"])]]
+    expected = truth_features(annotation, config)
     for kind, value in expected.items():
-        np.testing.assert_allclose(found[kind], value, atol=1e-5, err_msg=kind)
+        np.testing.assert_array_equal(found[kind], value, err_msg=kind)

@@ -12,6 +12,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from nsdr.baselines.base import Batch, Sizes
 from nsdr.baselines.features.files import KINDS, Features
+from nsdr.baselines.features.truth import recolored
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer
@@ -87,7 +88,7 @@ class Example(NamedTuple):
         is_choice: whether the text is an option.
         is_plain: whether the question is about objects alone.
         answer: index of the answer; -1 where the file has none, or one that did not occur in training.
-        mirrored: whether the video is shown with left and right exchanged.
+        colors: for each of `COLORS`, the index of the one that takes its place in the video and the text; empty: they stay.
     """
 
     scene_index: int
@@ -96,7 +97,7 @@ class Example(NamedTuple):
     is_choice: bool
     is_plain: bool
     answer: int
-    mirrored: bool = False
+    colors: tuple[int, ...] = ()
 
 
 def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs: Collection[str]) -> list[Example]:
@@ -161,11 +162,12 @@ def make_batch(examples: Sequence[Example], features: Features | None, needs: Co
     Raises:
         DataError: a video has no features, or videos have features of different shapes; names the video.
     """
-    rows = {video: row for row, video in enumerate(dict.fromkeys((e.scene_index, e.mirrored) for e in examples))}
+    rows = {video: row for row, video in enumerate(dict.fromkeys((e.scene_index, e.colors) for e in examples))}
     arrays: dict[str, Tensor] = {}
     if set(needs) & set(KINDS):
         assert features is not None, f"needs {', '.join(sorted(needs))}"
-        videos = [features.get(index, needs, mirrored) for index, mirrored in rows]
+        found = ((features.get(index, needs), colors) for index, colors in rows)
+        videos = [recolored(video, colors) if colors else video for video, colors in found]
         arrays = {name: torch.from_numpy(np.stack([video[name] for video in videos])) for name in videos[0]}
     if "has_object" in arrays:
         places = arrays["has_object"].any((0, 1)).nonzero()
@@ -173,7 +175,7 @@ def make_batch(examples: Sequence[Example], features: Features | None, needs: Co
         arrays |= {name: arrays[name][:, :, :used] for name in ("objects", "has_object")}
     return Batch(
         _padded([e.words for e in examples]),
-        torch.tensor([rows[e.scene_index, e.mirrored] for e in examples]),
+        torch.tensor([rows[e.scene_index, e.colors] for e in examples]),
         program=_padded([e.program for e in examples]) if "program" in needs else None,
         **arrays,
     )

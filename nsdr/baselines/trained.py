@@ -203,8 +203,8 @@ class _OneVideo:
 
     found: dict[str, NDArray[Any]]
 
-    def get(self, scene_index: int, needs: Collection[str], mirrored: bool = False) -> dict[str, NDArray[Any]]:
-        """All of them, as they are: they were made for these needs."""
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
+        """All of them: they were made for these needs."""
         return self.found
 
 

@@ -49,9 +49,9 @@ class _ControlFeatures(FeatureCache):
         super().__init__(folder, needs)
         self.control, self.taken = control, exchange(indices) if control == "shuffled" else {}
 
-    def get(self, scene_index: int, needs: Collection[str], mirrored: bool = False) -> dict[str, NDArray[Any]]:
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
         """As of `FeatureCache`: of another video, zeros, or with the frames in reverse order."""
-        found = super().get(self.taken.get(scene_index, scene_index), needs, mirrored)
+        found = super().get(self.taken.get(scene_index, scene_index), needs)
         if self.control == "blind":
             return {kind: np.zeros_like(value) for kind, value in found.items()}
         return {kind: value[::-1] for kind, value in found.items()} if self.control == "reversed" else found

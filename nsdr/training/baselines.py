@@ -13,6 +13,7 @@ from torch.nn import functional as F
 from nsdr.baselines.base import BASELINES, Baseline, Batch
 from nsdr.baselines.data import Example, Vocabulary, make_batch, training_examples
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache
+from nsdr.baselines.recoloring import Recoloring
 from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import PLAIN, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
@@ -39,7 +40,8 @@ class BaselineTraining(Settings):
         features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
         plain_steps: in the first so many steps only questions about objects alone are drawn (subtype "plain"; `nsdr generate`
             writes them when told to), afterwards only the others; 0 draws both in all steps.
-        mirror: whether half of the videos are shown with left and right exchanged, drawn anew in each step.
+        recolor: whether the colours of each video that is drawn are exchanged with each other, in its features (of the truth)
+            and its texts.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.
         model: settings of the system, as of its `Config`; what is not given has its default.
@@ -53,7 +55,7 @@ class BaselineTraining(Settings):
     output: str = ""
     features: str = ""
     plain_steps: Count = 0
-    mirror: bool = False
+    recolor: bool = False
     texts_per_video: PositiveCount = 8
     model: dict[str, Any] = field(default_factory=dict)
     loop: LoopConfig = field(default_factory=LoopConfig)
@@ -67,8 +69,8 @@ class BaselineTraining(Settings):
         wanted = ", ".join(sorted(BASELINES[self.system].needs & set(KINDS)))
         if wanted and not self.features:
             raise DataError(f"features: {self.system} needs {wanted} of the videos; give the folder of their features")
-        if self.mirror and not wanted:
-            raise DataError(f"mirror: {self.system} sees no video, it would do nothing; leave it out")
+        if self.recolor and not wanted:
+            raise DataError(f"recolor: {self.system} sees no video, it would do nothing; leave it out")
         if self.features and not wanted:
             raise DataError(f"features: {self.system} sees no video, they would do nothing; leave them out")
 
@@ -126,22 +128,29 @@ class BaselineTask(Task):
         network = kind(config.model_config(), sizes)
         self.model: nn.Module = network
         made = features.manifest["features"] if features else {}
+        if config.recolor and made.get("from") != "truth":
+            raise DataError(
+                f"recolor: {config.features} has features of pixels; give those of the truth, or leave it out"
+            )
+        self.recoloring = Recoloring(vocabulary) if config.recolor else None
         self.trained = TrainedBaseline(config.system, network, vocabulary, made)
         self.possible = vocabulary.possible_answers()
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[Example]:
         """Up to `texts_per_video` texts each of random videos, drawn by their numbers of texts.
 
-        See `plain_steps` and `mirror` of the settings.
+        See `plain_steps` and `recolor` of the settings.
         """
         videos = self.first if step < self.config.plain_steps else self.later
         sizes = np.array([len(texts) for texts in videos])
         drawn: list[Example] = []
         while len(drawn) < count:
             texts = videos[rng.choice(len(videos), p=sizes / sizes.sum())]
-            mirrored = self.config.mirror and bool(rng.random() < 0.5)
-            some = rng.permutation(len(texts))[: self.config.texts_per_video]
-            drawn += [texts[i]._replace(mirrored=mirrored) for i in some]
+            some = [texts[i] for i in rng.permutation(len(texts))[: self.config.texts_per_video]]
+            if self.recoloring:
+                colors = self.recoloring.draw(rng)
+                some = [self.recoloring.text(example, colors) for example in some]
+            drawn += some
         return drawn[:count]
 
     def collate(self, examples: Sequence[Example]) -> TrainingBatch:

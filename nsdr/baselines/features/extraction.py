@@ -16,15 +16,16 @@ from torch.nn.functional import adaptive_avg_pool2d
 from torchvision.ops import roi_align
 
 from nsdr.baselines.features import VERSION
-from nsdr.baselines.features.arrays import BOX_NUMBERS, as_inputs
 from nsdr.baselines.features.backbone import FRAME_PARSER, FrameParserBackbone, ResnetBackbone
 from nsdr.baselines.features.files import (
+    BOX_NUMBERS,
     KINDS,
     MANIFEST,
     NAMES,
     FeatureCache,
     FeatureConfig,
     TruthConfig,
+    as_inputs,
     check_settings,
     feature_file,
 )

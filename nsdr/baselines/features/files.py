@@ -7,11 +7,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
+import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
-from nsdr.baselines.features.arrays import BOX_NUMBERS, as_inputs, mirror_image
 from nsdr.baselines.features.backbone import CHANNELS, FRAME_PARSER, PYRAMID_LEVELS, STRIDE
 from nsdr.errors import DataError
 from nsdr.frame_parser.model import FrameParserConfig
@@ -33,6 +33,7 @@ __all__ = [
     "FeatureConfig",
     "Features",
     "TruthConfig",
+    "as_inputs",
     "check_settings",
     "feature_file",
 ]
@@ -43,6 +44,8 @@ MANIFEST = "features.json"
 """File of a folder of features that says how they were made."""
 NAMES = ("detector",)
 """Settings that name weights. Features depend on their content, of which the manifest has the fingerprint."""
+BOX_NUMBERS = 4
+"""Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
 TRUTH_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
 """Numbers of an object in features from truth: its attribute words, each 0 or 1, and its box."""
 Objects = Annotated[int, Meta(ge=1, le=N_ATTRIBUTE_TRIPLES)]
@@ -238,18 +241,26 @@ def feature_file(folder: Path, scene_index: int) -> Path:
 class Features(Protocol):
     """Where the features of videos come from."""
 
-    def get(self, scene_index: int, needs: Collection[str], mirrored: bool = False) -> dict[str, NDArray[Any]]:
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
         """The features of a video.
 
         Args:
             scene_index: the video.
             needs: kinds of features; others, such as "program", are passed over.
-            mirrored: those of the video with left and right exchanged.
 
         Returns:
             By kind float32 arrays of the shapes in `nsdr.baselines.base.Batch`, without the axis of the videos; with "objects"
             also `has_object`, (F, N) bool.
         """
+
+
+def as_inputs(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What `Features.get` returns, of features as `nsdr extract-features` stores them."""
+    found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
+    if "objects" in found:
+        left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
+        found["has_object"] = right > left
+    return found
 
 
 class FeatureCache:
@@ -316,7 +327,7 @@ class FeatureCache:
         """Changes when any of the features may have."""
         return fingerprint(inputs=[p for p in (self.folder / MANIFEST, self.folder / LEDGER) if p.is_file()])
 
-    def get(self, scene_index: int, needs: Collection[str], mirrored: bool = False) -> dict[str, NDArray[Any]]:
+    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
         """As of `Features`.
 
         Raises:
@@ -336,5 +347,4 @@ class FeatureCache:
         for kind, value in stored.items():
             if value.shape != self._shapes[kind]:
                 raise DataError(f"{path}: {kind}: expected {self._shapes[kind]}, got {value.shape}; {again}")
-        found = as_inputs(stored)
-        return mirror_image(found, self.manifest["features"]) if mirrored else found
+        return as_inputs(stored)

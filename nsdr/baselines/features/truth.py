@@ -1,18 +1,18 @@
 """Features made of true motion in place of pixels, so that learning to reason is measured apart from perception."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.features.arrays import BOX_NUMBERS
-from nsdr.baselines.features.files import TruthConfig
+from nsdr.baselines.features.files import BOX_NUMBERS, TRUTH_CHANNELS, TruthConfig
 from nsdr.io.video import spaced
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.shapes import rendered_rotation, surface_points
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["truth_features"]
+__all__ = ["recolored", "truth_features"]
 
 Array = NDArray[np.floating[Any]]
 
@@ -47,6 +47,26 @@ def truth_features(annotation: dict[str, Any], config: TruthConfig) -> dict[str,
     cells = maps.reshape(*maps.shape[:2], rows, height // rows, columns, width // columns)
     features = {"objects": objects, "maps": maps, "pooled": cells.mean((3, 5)).reshape(len(maps), -1)}
     return {kind: features[kind] for kind in config.kinds}
+
+
+def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str, Array]:
+    """Features of the truth of the video with other colours.
+
+    Args:
+        features: by kind, of the shapes in `nsdr.baselines.base.Batch` without the axis of the videos.
+        colors: for each of `COLORS`, the index of the one that takes its place.
+    """
+    channels = np.arange(TRUTH_CHANNELS)
+    channels[list(colors)] = range(len(colors))  # those of `COLORS` are the first ones
+    found = dict(features)
+    if "objects" in found:
+        found["objects"] = found["objects"][..., channels]
+    if "maps" in found:
+        found["maps"] = found["maps"][:, channels]
+    if "pooled" in found:
+        pooled = found["pooled"]
+        found["pooled"] = pooled.reshape(len(pooled), TRUTH_CHANNELS, -1)[:, channels].reshape(pooled.shape)
+    return found
 
 
 def _boxes(shape: str, location: Array, orientation: Array) -> Array:

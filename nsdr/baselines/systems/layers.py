@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
-from nsdr.baselines.features.arrays import BOX_NUMBERS
+from nsdr.baselines.features.files import BOX_NUMBERS
 from nsdr.question_parser.tokenizer import PAD
 from nsdr.validation import MAX_SIZE
 
