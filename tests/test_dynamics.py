@@ -57,7 +57,7 @@ def test_absent_objects_have_no_influence() -> None:
 
 def tracks(n_frames: int = 40) -> VideoTracks:
     rows = moving(range(n_frames), RED, 50, 4) + moving(range(n_frames), BLUE, 300, 0)
-    rows += moving(range(12, n_frames), GREEN, 400, -1)
+    rows += moving(range(12, n_frames), GREEN, 400, -0.4)
     return track(as_proposals(rows, n_frames))
 
 
