@@ -50,11 +50,14 @@ def truth_features(annotation: dict[str, Any], config: TruthConfig) -> dict[str,
 
 
 def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str, Array]:
-    """Features of the truth of the video with other colours.
+    """Features of the truth of the same video with other colours.
 
     Args:
         features: by kind, of the shapes in `nsdr.baselines.base.Batch` without the axis of the videos.
         colors: for each of `COLORS`, the index of the one that takes its place.
+
+    Returns:
+        Arrays of the same shapes.
     """
     channels = np.arange(TRUTH_CHANNELS)
     channels[list(colors)] = range(len(colors))  # those of `COLORS` are the first ones
