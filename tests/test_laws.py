@@ -76,6 +76,14 @@ def test_what_takes_an_objects_place_does_not_hide_it() -> None:
     assert abs(strongest.frame - made[1].frame) <= 3
 
 
+def test_a_half_hidden_object_that_nothing_can_have_touched_jumps() -> None:
+    made = break_law(simulate_scene(362022), "continuity", "clear", 362022)
+    assert made is not None
+    (found,) = evidence_of(tracks_of(made[0]))
+    assert found.law == "continuity"
+    assert abs(found.amount - made[1].amount) < 0.05
+
+
 def test_a_rebound_out_of_all_proportion_is_no_reversed_video() -> None:
     seed = 332131
     made = break_law(lawful(seed), "reaction", "clear", seed)

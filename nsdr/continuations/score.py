@@ -3,14 +3,14 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.types import Event, SceneObject
-from nsdr.validation import BoolArray, FloatArray
+from nsdr.types.arrays import ArrayHolder
+from nsdr.validation import Array, BoolArray, FloatArray, IntArray
 from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, SAME_EVENT_FRAMES, STEPS_PER_FRAME
 
 __all__ = ["MEASURES", "Continuation", "Measure", "PossibleFutures", "TrueFuture", "add", "score", "true_future"]
@@ -27,8 +27,8 @@ is about twice the mean error with which the frame parser sees positions (the ro
 docs/video_models.md); the tails reach to what lies between the futures."""
 
 
-@dataclass(frozen=True)
-class Continuation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Continuation(ArrayHolder):
     """What somebody says of the frames after the cut, of n objects with the ids of the truth.
 
     Attributes:
@@ -38,13 +38,13 @@ class Continuation:
             seen; None for predictions of positions alone.
     """
 
-    location_world: FloatArray
+    location_world: Annotated[FloatArray, Array("n", "F", 2, nan=True)]
     collisions: tuple[Event, ...]
-    words: NDArray[np.int8] | None = None
+    words: Annotated[IntArray, Array("n", "F", low=-1, high=1)] | None = None
 
 
-@dataclass(frozen=True)
-class TrueFuture:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrueFuture(ArrayHolder):
     """What really follows the given frames, and which of it follows from them.
 
     What an object does after it met one that the given frames do not show, directly or through others, is not asked.
@@ -61,9 +61,9 @@ class TrueFuture:
 
     objects: tuple[SceneObject, ...]
     cut: int
-    given_world: FloatArray
-    location_world: FloatArray
-    asked: BoolArray
+    given_world: Annotated[FloatArray, Array("objects", "cut", 2, nan=True)]
+    location_world: Annotated[FloatArray, Array("objects", "F", 2, nan=True)]
+    asked: Annotated[BoolArray, Array("objects", "F")]
     collisions: tuple[Event, ...]
     touching: frozenset[tuple[int, ...]]
 

@@ -31,7 +31,8 @@ UNSEEN_FRAMES = 10
 CROWDED_FRAMES, CROWDED_WORLD = 10, 1.2
 """Other changes so near to a contact make its effect unknown (frames, world units)."""
 JUMP_FRAMES = 6
-"""An object that is hidden for longer may have been hit twice, so that its place tells nothing (frames)."""
+"""An object that is hidden for longer may have been hit twice, so that its place tells nothing if something can have touched it
+(frames)."""
 HIDDEN_FRAMES = 24
 """Changes during which an object is hidden for longer do not show the effect of one contact alone (frames)."""
 CONTACT_COST, TOUCH_NATS = 12.0, 4.0
@@ -115,13 +116,14 @@ class Explanation:
         for b in (b for one in self.breaks for b in one):
             if not b.is_sure:
                 continue
-            jump, kick = b.jump(), b.kick()
+            jump, kick, contacts = b.jump(), b.kick(), self._contacts(b)
             frame = round(b.frame)
             if jump.nats > kick.nats:
-                if jump.nats > MIN_EVIDENCE and b.hidden_frames <= JUMP_FRAMES:
-                    yield Evidence("continuity", (b.i,), frame, frame + 1, jump.size, "world units", jump.nats)
+                touched = min((c.gap_nats for c in contacts), default=np.inf)
+                nats = jump.nats if b.hidden_frames <= JUMP_FRAMES else min(jump.nats, touched)
+                if nats > MIN_EVIDENCE:
+                    yield Evidence("continuity", (b.i,), frame, frame + 1, jump.size, "world units", nats)
                 continue
-            contacts = self._contacts(b)
             lawful = min((c.nats for c in contacts), default=np.inf)
             nats = min(kick.nats, lawful, self._unseen_nats(b))
             if nats < MIN_EVIDENCE:
