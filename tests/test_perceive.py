@@ -104,6 +104,8 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     empty.mkdir()
     with pytest.raises(DataError, match=r"holds no proposal_N\.json"):
         predict_dynamics(empty, output)
+    with pytest.raises(DataError, match="none: no such file or folder"):
+        predict_dynamics(tmp_path / "none", output)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -170,6 +170,8 @@ def _videos(root: Path, generated: Path, split: str) -> tuple[dict[str, _Video],
     truths = find_files(root / "truth" / split, "truth_*.json")
     if not truths:
         raise DataError(f"{root / 'truth' / split}: holds no truth_*.json")
+    if not generated.is_dir():
+        raise DataError(f"{generated}: no such folder; expected one with a video_N.mp4 for each of the truth's videos")
     files: dict[str, Path] = {}
     for path in find_files(generated, "*.mp4"):
         if path.stem in files:

@@ -83,6 +83,8 @@ def predict_dynamics(
     if form not in FORMATS:
         raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
     source = Path(proposals)
+    if not source.exists():
+        raise DataError(f"{source}: no such file or folder")
     if source.suffix == ".npz":
         found: dict[str, Any] = {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(source)}
     elif source.is_file():

@@ -249,13 +249,8 @@ def find_files(folder: str | Path, pattern: str) -> list[Path]:
     Args:
         folder: searched with its subfolders.
         pattern: of names, such as `video_*.mp4`.
-
-    Raises:
-        DataError: no such folder.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder")
     return sorted(p for p in folder.rglob(pattern) if p.is_file() and not is_hidden(p.relative_to(folder)))
 
 
