@@ -7,10 +7,12 @@ import pytest
 import torch
 
 from nsdr.baselines.base import BASELINES
-from nsdr.baselines.data import Vocabulary
-from nsdr.baselines.features.extraction import FeatureExtraction, TruthExtraction, extract_features
-from nsdr.baselines.features.files import FeatureCache, FeatureConfig, TruthConfig
+from nsdr.baselines.data import Vocabulary, encoded
+from nsdr.baselines.features.extraction import FeatureExtraction, WordExtraction, extract_features
+from nsdr.baselines.features.files import FeatureCache, FeatureConfig, WordConfig, as_inputs
+from nsdr.baselines.features.words import detected_features
 from nsdr.baselines.trained import TrainedBaseline
+from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
@@ -19,6 +21,7 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import config_of
+from nsdr.io.video import read_frames, spaced
 
 from .test_baselines import SMALL
 
@@ -49,7 +52,7 @@ def data(tmp_path_factory) -> Path:
         "frame_parser", FRAMES, (320, 480), (2, 3), kinds=("pooled", "maps"), detector=str(root / "parser")
     )
     extract_features(FeatureExtraction(str(root), str(root / "pixels"), features=pixels, workers=1, device="cpu"))
-    extract_features(TruthExtraction(str(root), str(root / "truth"), features=TruthConfig(FRAMES), workers=1))
+    extract_features(WordExtraction(str(root), str(root / "truth"), features=WordConfig(FRAMES), workers=1))
     return root
 
 
@@ -61,6 +64,13 @@ def untrained(name: str, features: FeatureCache | None, folder: Path) -> Trained
     made = features.manifest["features"] if features else {}
     TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary, made).save_pretrained(folder)
     return TrainedBaseline.from_pretrained(folder, "cpu")
+
+
+class Known(dict):
+    """`Features` of one video."""
+
+    def get(self, scene_index, needs):
+        return self
 
 
 @pytest.mark.parametrize(
@@ -81,6 +91,22 @@ def test_the_answer_is_that_of_the_evaluation(name: str, learnt_from: str, data,
     assert choice["probability"] == pytest.approx(expected[1].choices[0].probability)
 
 
+def test_what_learnt_from_the_truth_answers_a_video_by_found_objects(data, tmp_path, capsys) -> None:
+    baseline = untrained("mac_objects", FeatureCache(data / "truth", ["objects"]), tmp_path / "it")
+    frames = list(read_frames(VIDEO))
+    found = FrameParser.from_pretrained("default", "cpu").parse([frames[i] for i in spaced(len(frames), FRAMES)])
+    features = detected_features(found, WordConfig(FRAMES, source="proposals"))
+    assert features["objects"].any(2).sum() >= FRAMES
+    assert (
+        main(["answer", str(VIDEO), "--system", str(tmp_path / "it"), "--device", "cpu", "--json", "-q", COUNT.text])
+        == 0
+    )
+    answer = json.loads(capsys.readouterr().out)
+    (example,) = encoded(0, COUNT, baseline.vocabulary, baseline.network.needs)
+    expected = baseline.probabilities([example], Known(as_inputs(features)))
+    assert answer["probability"] == pytest.approx(float(expected.max()), rel=1e-3)
+
+
 def test_what_a_baseline_cannot_answer_from_is_refused(data, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setenv("NSDR_CHECKPOINTS", str(tmp_path))
     untrained("cnn_mlp", FeatureCache(data / "pixels", ["pooled"]), tmp_path / "baselines" / "small")
@@ -92,7 +118,6 @@ def test_what_a_baseline_cannot_answer_from_is_refused(data, tmp_path, monkeypat
         return capsys.readouterr().err
 
     assert "learnt from pixels: give a video" in refusal(annotation, "small")
-    assert "learnt from features of the truth: give the video's annotation" in refusal(video, "exact", "--force")
     assert "baselines/none" in refusal(video, "none", "--force")
     assert "--trace would do nothing with --system" in refusal(video, "small", "--trace")
     assert "--parser would do nothing: small reads no programs" in refusal(video, "small", "--parser", "http://x")

@@ -8,8 +8,8 @@ import pytest
 from safetensors.numpy import save_file
 
 from nsdr.baselines.base import BASELINES
-from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, TruthConfig, feature_file
-from nsdr.baselines.features.truth import truth_features
+from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, WordConfig, feature_file
+from nsdr.baselines.features.words import truth_features
 from nsdr.baselines.recoloring import Recoloring
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
@@ -21,7 +21,7 @@ from nsdr.world.vocabulary import COLORS as VOCABULARY_COLORS
 
 from .test_baselines import SMALL
 
-CONFIG = TruthConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=2)
+CONFIG = WordConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=2)
 COLORS = ("red", "blue")
 TEXT, PROGRAM = "What color is the object?", ("objects", "unique", "query_color")
 VIDEOS, PAIRS = 200, 10

@@ -20,9 +20,10 @@ from nsdr.baselines.features.extraction import (
     extract_features,
     region_features,
 )
-from nsdr.baselines.features.files import KINDS, FeatureCache, FeatureConfig, TruthConfig, check_settings, feature_file
-from nsdr.baselines.features.truth import recolored, truth_features
+from nsdr.baselines.features.files import KINDS, FeatureCache, FeatureConfig, WordConfig, check_settings, feature_file
+from nsdr.baselines.features.words import detected_features, linked_boxes, recolored, truth_features
 from nsdr.clevrer.example import VIDEO
+from nsdr.clevrer.files.proposals import compact_rows
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
@@ -208,15 +209,17 @@ def proposals(rows: list[tuple[int, float, tuple[int, int, int, int]]], n_frames
 def test_detections_with_the_same_attributes_are_one_object() -> None:
     boxes = [(0, 0.95, (0, 0, 240, 160)), (0, 0.99, (240, 0, 480, 160)), (1, 0.92, (0, 160, 480, 320))]
     found = proposals([*boxes, (2, 0.9, (0, 0, 20, 20))], 3, attribute=[7, 3, 3, 7])  # a score of 0.9 is not above it
-    often, once = extraction.linked_boxes(found, 2).swapaxes(0, 1)
+    attribute, boxes = linked_boxes(found, 2)
+    assert attribute.tolist() == [3, 7]
+    often, once = boxes.swapaxes(0, 1)
     np.testing.assert_allclose(often, [[0.5, 0, 1, 0.5], [0, 0.5, 1, 1], [0, 0, 0, 0]])
     np.testing.assert_allclose(once, [[0, 0, 0.5, 0.5], [0, 0, 0, 0], [0, 0, 0, 0]])
-    assert extraction.linked_boxes(found, 1).tolist() == often[:, None].tolist()
+    assert linked_boxes(found, 1)[1].tolist() == often[:, None].tolist()
 
 
 def test_of_two_detections_of_an_object_the_better_one_stays() -> None:
     found = proposals([(0, 0.99, (0, 0, 240, 160)), (0, 0.95, (240, 0, 480, 160))], 1)
-    np.testing.assert_allclose(extraction.linked_boxes(found, 1), [[[0, 0, 0.5, 0.5]]])
+    np.testing.assert_allclose(linked_boxes(found, 1)[1], [[[0, 0, 0.5, 0.5]]])
 
 
 def test_the_frame_parser_finds_the_objects(config, tmp_path) -> None:
@@ -293,7 +296,7 @@ def test_truth_is_extracted_by_the_command_line(annotated, tmp_path, capsys) -> 
         "maps": (4, 17, 8, 12), "objects": (4, 10, 17), "pooled": (4, 17 * 24), "has_object": (4, 10)
     }  # fmt: skip
     (annotation,) = (annotated / "annotations").rglob("annotation_00001.json")
-    for kind, value in truth_features(json.loads(annotation.read_text()), TruthConfig(4)).items():
+    for kind, value in truth_features(json.loads(annotation.read_text()), WordConfig(4)).items():
         np.testing.assert_allclose(found[kind], value, atol=1e-3)
     assert main([*given, "--features.frames", "5"]) == 2  # other features are in the folder
     assert "frames 4 in place of 5" in capsys.readouterr().err
@@ -312,7 +315,7 @@ def test_features_of_truth_are_words_and_boxes() -> None:
         {"object_id": 1, "color": "blue", "material": "rubber", "shape": "cube"},
     ]
     motion = [{"objects": [state(0, (0, -1), True), state(1, (0, 1), seen)]} for seen in (True, False)]
-    config = TruthConfig(frames=2, max_objects=3)
+    config = WordConfig(frames=2, max_objects=3)
     found = truth_features({"object_property": things, "motion_trajectory": motion}, config)
     words = [word for known in ATTRIBUTES.values() for word in known]
     objects, maps = found["objects"], found["maps"]
@@ -331,6 +334,55 @@ def test_features_of_truth_are_words_and_boxes() -> None:
     pooled = found["pooled"].reshape(2, 17, 4, 6)
     np.testing.assert_allclose(pooled[0, words.index("red"), 0, 0], red[:2, :2].mean())
     np.testing.assert_allclose(pooled[0, words.index("red")].mean(), red.mean())
+
+
+def test_features_of_proposals_are_those_of_the_truth_where_all_is_seen(tmp_path, capsys) -> None:
+    """Exact masks in place of a frame parser's: an object that nothing hides has the same words and nearly the same box."""
+    generate_dataset(
+        DatasetConfig(str(tmp_path / "data"), 1, splits={"train": 1.0}, renderer="none", questions=None, workers=1)
+    )
+    given = ["extract-features", "--root", str(tmp_path / "data"), "--workers", "1", "--features.frames", "13"]
+    for source in ("truth", "proposals"):
+        assert main([*given, "--from", source, "-o", str(tmp_path / source)]) == 0
+    capsys.readouterr()
+    true, found = (FeatureCache(tmp_path / name).get(0, {"objects"})["objects"] for name in ("truth", "proposals"))
+    rows = {tuple(row[:-4].tolist()): k for k, row in enumerate(true.max(0)) if row.any()}
+    assert rows.keys() >= {tuple(row[:-4].tolist()) for row in found.max(0) if row.any()}
+    off = [
+        np.abs(frame[k] - true[f, rows[tuple(frame[k, :-4].tolist())]]).max()
+        for f, frame in enumerate(found) for k in np.flatnonzero(frame.any(1))
+    ]  # fmt: skip
+    assert len(off) > 13
+    assert np.median(off) < 2 / 320
+    assert main([*given, "--from", "truth", "-o", str(tmp_path / "proposals")]) == 2  # of the other source
+    assert "from proposals in place of truth" in capsys.readouterr().err
+
+
+def test_compact_proposals_give_the_same_features(tmp_path, capsys) -> None:
+    boxes = [(0, 1.0, (0, 0, 240, 160)), (1, 1.0, (0, 160, 480, 320))]
+    many = replace(proposals(boxes, 128, attribute=[3, 3]), centroid_px=np.full((2, 2), 100.0))
+    np.savez(tmp_path / "many.npz", **compact_rows(12, many))
+    assert main(["extract-features", "--from", "proposals", "--root", str(tmp_path / "many.npz"), "-o", str(tmp_path / "out"),
+                 "--workers", "1"]) == 0  # fmt: skip
+    stored = FeatureCache(tmp_path / "out").get(12, set(KINDS))
+    for kind, value in detected_features(many, WordConfig()).items():
+        np.testing.assert_allclose(stored[kind], value, atol=1e-3)
+    assert (
+        main(["extract-features", "--from", "proposals", "--root", str(tmp_path / "none"), "-o", str(tmp_path / "a")])
+        == 2
+    )
+    assert "no such file or folder" in capsys.readouterr().err
+    (tmp_path / "proposal_last.json").write_text("{}")
+    assert main(["extract-features", "--from", "proposals", "--root", str(tmp_path), "-o", str(tmp_path / "a")]) == 2
+    assert "expected a name that ends with the video's index" in capsys.readouterr().err
+
+
+def test_frames_are_chosen_among_those_that_were_processed() -> None:
+    found = replace(
+        proposals([(0, 1.0, (0, 0, 240, 160)), (4, 1.0, (240, 0, 480, 160))], 6), processed=np.array([0, 4])
+    )
+    left = detected_features(found, WordConfig(frames=2, max_objects=1))["objects"][:, 0, -4]
+    assert left.tolist() == [0, 0.5]
 
 
 def test_frames_are_evenly_spaced() -> None:
@@ -394,7 +446,7 @@ def test_the_settings_in_the_repository_are_valid() -> None:
 
 
 def test_recolored_features_of_the_truth_are_those_of_the_recolored_video(tmp_path) -> None:
-    config = TruthConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=3)
+    config = WordConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=3)
     generate_dataset(DatasetConfig(str(tmp_path / "data"), videos=1, renderer="none", questions=None))
     annotation = read_json(next((tmp_path / "data").rglob("annotation_*.json")))
     colors = (3, 0, 2, 1, 7, 6, 4, 5)

@@ -12,7 +12,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from nsdr.baselines.base import Batch, Sizes
 from nsdr.baselines.features.files import KINDS, Features
-from nsdr.baselines.features.truth import recolored
+from nsdr.baselines.features.words import recolored
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer

@@ -121,14 +121,15 @@ class TrainedBaseline(PretrainedPart):
         """Answer a question about a video.
 
         Args:
-            source: the video file, or its annotation for a baseline that learnt from features of the truth.
+            source: the video file. A baseline that learnt from features of the truth sees the objects that the default frame
+                parser finds in it; it also takes the video's annotation.
             question: the question.
             choices: options of a multiple-choice question.
             parser: reads the programs that modular networks run; None for those that need none.
 
         Raises:
             QuestionError: a word that did not occur in training, or a text that fits no program.
-            DataError, VideoError: the source cannot be read, or is not what the baseline learnt from.
+            DataError, VideoError: the source cannot be read, or is an annotation for a baseline that learnt from pixels.
             CheckpointError: the weights that features are made with cannot be found, or are others.
         """
         needs, texts = self.network.needs, list(choices or ())

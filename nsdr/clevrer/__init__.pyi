@@ -52,6 +52,7 @@ from .files.predictions import (
 )
 from .files.proposals import (
     compact_rows as compact_rows,
+    find_proposals as find_proposals,
     ground_truth_of as ground_truth_of,
     parse_proposals as parse_proposals,
     proposals_document as proposals_document,

@@ -45,7 +45,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "mcp": ("serve", "tools for agents (Model Context Protocol) on a folder's videos"),
     "serve": ("serve", "a page to ask and to intervene on"),
     "generate": ("generate", "dataset|scene|questions [--config configs/generate/….yaml] -o OUTPUT [--field value]"),
-    "extract-features": ("train", "[--from truth] --root DATA -o OUTPUT [--config FILE.yaml] [--field value]"),
+    "extract-features": (
+        "train",
+        "[--from truth|proposals] --root DATA -o OUTPUT [--config FILE.yaml] [--field value]",
+    ),
     "train": ("train", "PART --config configs/….yaml [--field value]; without a part, says which there are"),
 }
 """Module and summary of each. The module has a function of the command's name, and one that adds its options; without the

@@ -29,18 +29,19 @@ def train(arguments: list[str]) -> int:
 
 
 def extract_features(arguments: list[str]) -> int:
-    """Extract features of videos for the baselines, or make them of the truth."""
-    from nsdr.baselines.features.extraction import FeatureExtraction, TruthExtraction, extract_features as extract
+    """Extract features of videos for the baselines, or make them of the words and boxes of their objects."""
+    from nsdr.baselines.features.extraction import FeatureExtraction, WordExtraction, extract_features as extract
+    from nsdr.baselines.features.files import SOURCES
     from nsdr.io.files import check_output_folder
 
     own = argparse.ArgumentParser("nsdr extract-features", add_help=False, allow_abbrev=False)
-    own.add_argument("--from", dest="source", choices=("videos", "truth"), default="videos")
+    own.add_argument("--from", dest="source", choices=("videos", *SOURCES), default="videos")
     own.add_argument(KEEP_GOING, action="store_true")
     options, fields = own.parse_known_args(arguments)
-    extraction: FeatureExtraction | TruthExtraction = (
-        configured(TruthExtraction, fields, "extract-features")
-        if options.source == "truth"
-        else configured(FeatureExtraction, fields, "extract-features")
+    extraction: FeatureExtraction | WordExtraction = (
+        configured(FeatureExtraction, fields, "extract-features")
+        if options.source == "videos"
+        else configured(WordExtraction, [*fields, "--features.source", options.source], "extract-features")
     )
     check_output_folder(extraction.output)
     count = extract(extraction, options.keep_going)

@@ -9,12 +9,12 @@ from typing import Any
 
 from nsdr import laws
 from nsdr.clevrer.files.predictions import predictions_document
-from nsdr.clevrer.files.proposals import proposals_document, read_compact_proposals, read_proposals
+from nsdr.clevrer.files.proposals import find_proposals, proposals_document, read_proposals
 from nsdr.errors import DataError, VideoError
 from nsdr.io import storage
 from nsdr.io.decoding import SUFFIXES, find_videos
 from nsdr.io.device import resolve_device
-from nsdr.io.files import find_files, write_json
+from nsdr.io.files import by_number, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.io.reading import read_json
@@ -54,7 +54,7 @@ def parse_videos(
     paths = find_videos(videos)
     if not paths:
         raise DataError(f"{videos}: holds no {', '.join(f'*{suffix}' for suffix in SUFFIXES)}")
-    found = _by_number({str(p.relative_to(videos)): p for p in paths})
+    found = by_number({str(p.relative_to(videos)): p for p in paths})
     return _run("videos", found, output, checkpoint, settings, engine, workers, device)
 
 
@@ -82,18 +82,7 @@ def predict_dynamics(
     """
     if form not in FORMATS:
         raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
-    source = Path(proposals)
-    if not source.exists():
-        raise DataError(f"{source}: no such file or folder")
-    if source.suffix == ".npz":
-        found: dict[str, Any] = {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(source)}
-    elif source.is_file():
-        found = _by_number({source.name: source})
-    else:
-        names = (f"{stem}_*.json{end}" for stem in ("proposal", "sim") for end in ("", ".gz"))
-        found = _by_number({str(p.relative_to(source)): p for name in names for p in find_files(source, name)})
-    if not found:
-        raise DataError(f"{proposals}: holds no proposal_N.json and no sim_N.json")
+    found = find_proposals(proposals)
     return _run(form, found, output, checkpoint, settings, engine, workers, device)
 
 
@@ -155,21 +144,6 @@ def judged(pipeline: Pipeline, video: str | Path) -> dict[str, Any]:
             found = {"error": str(e)}
     texts = dict.fromkeys(str(w.message).removeprefix(f"{video}: ") for w in given)
     return {"video": str(video), "warnings": list(texts), **found}
-
-
-def _by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:
-    """(name, path) by the last part of the file's name, such as "00012" of `video_00012.mp4`.
-
-    Raises:
-        DataError: two files have one number.
-    """
-    found: dict[str, tuple[str, Path]] = {}
-    for name, path in paths.items():
-        number = path.name.split(".")[0].split("_")[-1]
-        if number in found:
-            raise DataError(f"{found[number][1]} and {path}: both are number {number}; rename one, or use two folders")
-        found[number] = (name, path)
-    return found
 
 
 def _run(

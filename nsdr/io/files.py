@@ -9,7 +9,7 @@ import socket
 import stat
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from nsdr.errors import DataError
 
 __all__ = [
     "atomic_path",
+    "by_number",
     "check_installed",
     "check_output",
     "check_output_folder",
@@ -252,6 +253,21 @@ def find_files(folder: str | Path, pattern: str) -> list[Path]:
     """
     folder = Path(folder)
     return sorted(p for p in folder.rglob(pattern) if p.is_file() and not is_hidden(p.relative_to(folder)))
+
+
+def by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:
+    """(name, path) by the last part of the file's name, such as "00012" of `video_00012.mp4`.
+
+    Raises:
+        DataError: two files have one number.
+    """
+    found: dict[str, tuple[str, Path]] = {}
+    for name, path in paths.items():
+        number = path.name.split(".")[0].split("_")[-1]
+        if number in found:
+            raise DataError(f"{found[number][1]} and {path}: both are number {number}; rename one, or use two folders")
+        found[number] = (name, path)
+    return found
 
 
 def is_hidden(path: Path) -> bool:

@@ -40,7 +40,7 @@ class BaselineTraining(Settings):
         features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
         plain_steps: in the first so many steps only questions about objects alone are drawn (subtype "plain"; `nsdr generate`
             writes them when told to), afterwards only the others; 0 draws both in all steps.
-        recolor: whether the colours of each video that is drawn are exchanged with each other, in its features (of the truth)
+        recolor: whether the colours of each video that is drawn are exchanged with each other, in its features (of words)
             and its texts.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.
@@ -128,7 +128,7 @@ class BaselineTask(Task):
         network = kind(config.model_config(), sizes)
         self.model: nn.Module = network
         made = features.manifest["features"] if features else {}
-        if config.recolor and made.get("from") != "truth":
+        if config.recolor and "from" not in made:
             raise DataError(
                 f"recolor: {config.features} has features of pixels; give those of the truth, or leave it out"
             )

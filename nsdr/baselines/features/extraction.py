@@ -24,14 +24,15 @@ from nsdr.baselines.features.files import (
     NAMES,
     FeatureCache,
     FeatureConfig,
-    TruthConfig,
+    WordConfig,
     as_inputs,
     check_settings,
     feature_file,
 )
-from nsdr.baselines.features.truth import truth_features
+from nsdr.baselines.features.words import detected_features, linked_boxes, truth_features
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.files.annotations import check_annotation
+from nsdr.clevrer.files.proposals import find_proposals, read_proposals
 from nsdr.errors import DataError
 from nsdr.frame_parser.parser import Detector, FrameParser
 from nsdr.io.configuration import config_of
@@ -43,13 +44,11 @@ from nsdr.io.reading import read_json
 from nsdr.io.video import read_frames, spaced
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES
 
 __all__ = [
     "FeatureExtraction",
     "FeatureExtractor",
-    "TruthExtraction",
+    "WordExtraction",
     "extract_features",
     "features_of",
     "find_videos",
@@ -58,8 +57,6 @@ __all__ = [
 
 REGION_CELLS = 7
 """Cells along each side of a region, of which the mean is taken."""
-MIN_SCORE = 0.9
-"""Objects with a score up to this are left out (0-1; the paper's threshold for proposals)."""
 REGION_SAMPLES = 2
 """Samples of the map per cell along each axis (`sampling_ratio` of RoIAlign)."""
 
@@ -107,37 +104,50 @@ class FeatureExtraction(_Extraction):
 
 
 @dataclass(frozen=True)
-class TruthExtraction(_Extraction):
-    """Features of all annotations of a data set, in place of its videos.
+class WordExtraction(_Extraction):
+    """Features of the words and boxes of all annotations or proposals of a data set, in place of its videos.
 
     Attributes:
-        root: folder of a data set in the official layout; it needs no videos.
+        root: folder of a data set in the official layout, which needs no videos; for features of proposals any source of
+            `nsdr.clevrer.find_proposals`.
         output: folder to write; what an earlier run wrote is kept under its fingerprint.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
         features: the settings.
     """
 
-    features: TruthConfig = field(default_factory=TruthConfig)
+    features: WordConfig = field(default_factory=WordConfig)
 
-    def resolved(self, kept: FeatureCache | None) -> "TruthExtraction":
+    def resolved(self, kept: FeatureCache | None) -> "WordExtraction":
         """Itself."""
         return self
 
-    def inputs(self) -> dict[int, Path]:
-        """The annotations by index."""
+    def inputs(self) -> dict[int, Path | VideoProposals]:
+        """The annotations or proposals by index of the video."""
+        if self.features.source == "proposals":
+            return {_index(number, name): item for number, (name, item) in find_proposals(self.root).items()}
         dataset = CLEVRER(self.root)
         found = {i: path for name in SPLITS for i, path in dataset.split(name).entries("annotations").items()}
         if not found:
             raise DataError(f"{self.root}: holds no annotations; make some with `nsdr generate dataset`")
-        return found
+        return {**found}
 
-    def features_of(self, annotation: Path) -> dict[str, NDArray[Any]]:
+    def features_of(self, item: Path | VideoProposals) -> dict[str, NDArray[Any]]:
         """The features of a video by kind."""
-        return annotation_features(annotation, self.features)
+        if self.features.source == "proposals":
+            proposals = read_proposals(item) if isinstance(item, Path) else item
+            return detected_features(proposals, self.features)
+        assert isinstance(item, Path)
+        return annotation_features(item, self.features)
 
 
-def extract_features(extraction: FeatureExtraction | TruthExtraction, keep_going: bool = False) -> int:
+def _index(number: str, name: str) -> int:
+    if not number.isdigit():
+        raise DataError(f"{name}: expected a name that ends with the video's index, such as proposal_00012.json")
+    return int(number)
+
+
+def extract_features(extraction: FeatureExtraction | WordExtraction, keep_going: bool = False) -> int:
     """Write the features of every video for `FeatureCache`. A second process that writes to the folder waits.
 
     Args:
@@ -168,7 +178,7 @@ def extract_features(extraction: FeatureExtraction | TruthExtraction, keep_going
     return len(summary.succeeded(jobs, folder, keep_going))
 
 
-def _extract(extraction: FeatureExtraction | TruthExtraction, item: Any, output: Path) -> None:
+def _extract(extraction: FeatureExtraction | WordExtraction, item: Any, output: Path) -> None:
     features = _rounded(extraction.features_of(item))
     with atomic_path(output) as temporary:
         temporary.write_bytes(safetensors.save(features))
@@ -179,7 +189,7 @@ def _rounded(features: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float
     return {kind: np.ascontiguousarray(value, np.float16) for kind, value in features.items()}
 
 
-def annotation_features(annotation: str | Path, config: TruthConfig) -> dict[str, NDArray[Any]]:
+def annotation_features(annotation: str | Path, config: WordConfig) -> dict[str, NDArray[Any]]:
     """`truth_features` of an annotation file.
 
     Raises:
@@ -197,7 +207,8 @@ def features_of(
     """The features of one video, made as those that a network learnt from.
 
     Args:
-        source: the video; its annotation file for features of the truth.
+        source: the video; where the network learnt from features of the truth, its annotation file, too. Of a video, its
+            objects are then those that the default frame parser finds.
         made: `features` of the manifest of those.
         needs: kinds of features.
         device: where networks run.
@@ -206,18 +217,22 @@ def features_of(
         As of `Features.get`.
 
     Raises:
-        DataError: the source is none of these, or cannot be read.
+        DataError: an annotation where the network learnt from pixels, or the source cannot be read.
         CheckpointError: the weights that features are made with cannot be found, or are others.
     """
-    from_truth, is_annotation = made.get("from") == "truth", Path(source).suffix == ".json"
-    if from_truth != is_annotation:
-        expected = "features of the truth: give the video's annotation (JSON)" if from_truth else "pixels: give a video"
-        raise DataError(f"{source}: the baseline learnt from {expected}")
-    config: Any = TruthConfig if from_truth else FeatureConfig
+    from_words, is_annotation = "from" in made, Path(source).suffix == ".json"
+    if is_annotation and not from_words:
+        raise DataError(f"{source}: the baseline learnt from pixels: give a video")
+    config: Any = WordConfig if from_words else FeatureConfig
     values = {f.name: made[f.name] for f in fields(config) if f.name in made}
     config = config_of(config, values | {"kinds": [kind for kind in KINDS if kind in needs]})
-    if from_truth:
+    if is_annotation:
         return as_inputs(_rounded(annotation_features(source, config)))
+    if from_words:
+        frames = frames_of(source)
+        chosen = np.stack([frames[i] for i in spaced(len(frames), config.frames)])
+        found = FrameParser.from_pretrained("default", device).parse(chosen)
+        return as_inputs(_rounded(detected_features(found, config)))
     extractor = FeatureExtractor(config, device)
     check_settings(extractor.config.manifest()["features"], made, needs, "the weights that are found here: ")
     return as_inputs(extractor(frames_of(source)))
@@ -305,30 +320,13 @@ class FeatureExtractor:
             features["maps"] = maps
         if "objects" in c.kinds:
             assert self.parser is not None
-            features["objects"] = region_features(found.levels, linked_boxes(self.parser.parse(chosen), c.max_objects))
+            _, boxes = linked_boxes(self.parser.parse(chosen), c.max_objects)
+            features["objects"] = region_features(found.levels, boxes)
         half = {kind: value.to("cpu", torch.float16).contiguous() for kind, value in features.items()}
         for kind, value in half.items():
             if not bool(value.isfinite().all()):
                 raise DataError(f"{kind}: features beyond the range of float16; choose another backbone")
         return {kind: value.numpy() for kind, value in half.items()}
-
-
-def linked_boxes(proposals: VideoProposals, max_objects: int) -> NDArray[np.float32]:
-    """Boxes (F, max_objects, 4) of a video's objects as shares of the image, zeros where an object is not seen.
-
-    An object keeps its place. CLEVRER's objects differ in their attributes, so detections with the same attributes are of one
-    object. Those that are seen in most frames come first; where there are too many, the others are left out.
-    """
-    p = proposals
-    found = np.flatnonzero((p.score > MIN_SCORE) & (p.area_px > 0))
-    found = found[np.argsort(p.score[found], kind="stable")]
-    seen = np.zeros((N_ATTRIBUTE_TRIPLES, p.n_frames, BOX_NUMBERS), np.float32)
-    sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
-    seen[p.attribute[found], p.frame_index[found]] = (
-        p.box_xyxy_px[found] / sides
-    )  # of two in a frame the last, the best, stays
-    order = np.argsort(-seen.any(2).sum(1), kind="stable")[:max_objects]
-    return np.ascontiguousarray(seen[order].swapaxes(0, 1))
 
 
 def region_features(maps: Sequence[Tensor], boxes: NDArray[np.float32]) -> Tensor:

@@ -32,7 +32,7 @@ __all__ = [
     "FeatureCache",
     "FeatureConfig",
     "Features",
-    "TruthConfig",
+    "WordConfig",
     "as_inputs",
     "check_settings",
     "feature_file",
@@ -46,8 +46,10 @@ NAMES = ("detector",)
 """Settings that name weights. Features depend on their content, of which the manifest has the fingerprint."""
 BOX_NUMBERS = 4
 """Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
-TRUTH_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
-"""Numbers of an object in features from truth: its attribute words, each 0 or 1, and its box."""
+WORD_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
+"""Numbers of an object that is described by words: its attribute words, each 0 or 1, and its box."""
+SOURCES = ("truth", "proposals")
+"""Where objects that are described by words come from: annotations, or a frame parser's detections."""
 Objects = Annotated[int, Meta(ge=1, le=N_ATTRIBUTE_TRIPLES)]
 """Objects of a video, which differ in their attributes."""
 Side = Annotated[int, Meta(ge=STRIDE, le=MAX_SIZE)]
@@ -157,8 +159,8 @@ class FeatureConfig(Settings):
 
 
 @dataclass(frozen=True)
-class TruthConfig(Settings):
-    """How features are made of a video's annotation in place of its pixels.
+class WordConfig(Settings):
+    """How features are made of the words and boxes of a video's objects in place of its pixels.
 
     Attributes:
         frames: number of frames, evenly spaced from the first to the last one.
@@ -166,6 +168,7 @@ class TruthConfig(Settings):
         pooled_grid: height and width of a coarser grid, over whose cells the maps are averaged for "pooled".
         kinds: what is written: "pooled", "maps" and "objects".
         max_objects: objects of a video.
+        source: whose words and boxes: "truth" (of the annotation) or "proposals" (of a frame parser's detections).
 
     Raises:
         DataError: a value out of its range; names it.
@@ -176,6 +179,7 @@ class TruthConfig(Settings):
     pooled_grid: tuple[Size, Size] = (4, 6)
     kinds: tuple[str, ...] = KINDS
     max_objects: Objects = 10
+    source: Annotated[str, one_of(SOURCES)] = "truth"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -188,14 +192,15 @@ class TruthConfig(Settings):
     def shape(self, kind: str) -> tuple[int, ...]:
         """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
         if kind == "pooled":
-            return self.frames, TRUTH_CHANNELS * math.prod(self.pooled_grid)
+            return self.frames, WORD_CHANNELS * math.prod(self.pooled_grid)
         if kind == "maps":
-            return self.frames, TRUTH_CHANNELS, *self.grid
-        return self.frames, self.max_objects, TRUTH_CHANNELS
+            return self.frames, WORD_CHANNELS, *self.grid
+        return self.frames, self.max_objects, WORD_CHANNELS
 
     def manifest(self) -> dict[str, Any]:
         """How features are made, as plain values."""
-        return _plain({"from": "truth", **asdict(self)}, self)
+        values = asdict(self)
+        return _plain({"from": values.pop("source"), **values}, self)
 
 
 def check_kinds(kinds: Collection[str]) -> None:
@@ -215,7 +220,7 @@ def check_settings(found: Mapping[str, Any], wanted: Mapping[str, Any], needs: C
     Raises:
         DataError: names how they differ.
     """
-    idle = ["kinds", "precision", *([] if "objects" in needs else ["max_objects"])]
+    idle = ["from", "kinds", "precision", *([] if "objects" in needs else ["max_objects"])]
     if "objects" not in needs and wanted.get("backbone") != FRAME_PARSER:
         idle.append("detector_fingerprint")
     different = _differences(*({k: v for k, v in values.items() if k not in idle} for values in (found, wanted)))
@@ -228,7 +233,7 @@ def _differences(mine: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     return ", ".join(f"{n} {mine.get(n, 'none')} in place of {wanted.get(n, 'none')}" for n in names)
 
 
-def _plain(values: dict[str, Any], config: FeatureConfig | TruthConfig) -> dict[str, Any]:
+def _plain(values: dict[str, Any], config: FeatureConfig | WordConfig) -> dict[str, Any]:
     plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
     return {"features": plain, "shapes": {kind: list(config.shape(kind)) for kind in config.kinds}}
 
@@ -304,7 +309,7 @@ class FeatureCache:
         self.channels: int = next(iter(channels.values()), 0)
         self.grid: tuple[int, int] = self._shapes["maps"][2:] if "maps" in read else (0, 0)
 
-    def check(self, config: FeatureConfig | TruthConfig) -> None:
+    def check(self, config: FeatureConfig | WordConfig) -> None:
         """Refuse features of other settings.
 
         Raises:

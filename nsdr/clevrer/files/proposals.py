@@ -14,6 +14,7 @@ from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
 from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, MaskNumbers, numbers_of_runs, runs_of_mask
 from nsdr.clevrer.files.schema import LARGEST_ID, check_frame
 from nsdr.errors import DataError
+from nsdr.io.files import by_number, find_files
 from nsdr.io.limits import check_limit, limits
 from nsdr.io.reading import parse_json, read_bytes, read_json, read_npz
 from nsdr.types import VideoProposals
@@ -34,6 +35,7 @@ from nsdr.world.vocabulary import (
 
 __all__ = [
     "compact_rows",
+    "find_proposals",
     "ground_truth_of",
     "parse_proposals",
     "proposals_document",
@@ -346,6 +348,32 @@ def read_compact_proposals(
                 a.box[rows].astype(np.int64),
             ),
         )
+
+
+def find_proposals(source: str | Path) -> dict[str, tuple[str, Path | VideoProposals]]:
+    """The proposals of many videos.
+
+    Args:
+        source: a folder with `proposal_N.json` or `sim_N.json` (plain or gzipped), one such file, or a compact NPZ file.
+
+    Returns:
+        By the video's number, such as "00012": a name for messages, and the file or, from a compact one, the proposals.
+
+    Raises:
+        DataError: there are none, two files have one number, or a compact file cannot be read; names it.
+    """
+    path = Path(source)
+    if not path.exists():
+        raise DataError(f"{path}: no such file or folder")
+    if path.suffix == ".npz":
+        return {f"{video:05d}": (f"{video:05d}", p) for video, p in read_compact_proposals(path)}
+    if path.is_file():
+        return {**by_number({path.name: path})}
+    names = (f"{stem}_*.json{end}" for stem in ("proposal", "sim") for end in ("", ".gz"))
+    found = by_number({str(p.relative_to(path)): p for name in names for p in find_files(path, name)})
+    if not found:
+        raise DataError(f"{source}: holds no proposal_N.json and no sim_N.json")
+    return {**found}
 
 
 def _compact_arrays(path: str | Path) -> _Compact:

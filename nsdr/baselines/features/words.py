@@ -1,4 +1,7 @@
-"""Features made of true motion in place of pixels, so that learning to reason is measured apart from perception."""
+"""Features made of the objects' words and boxes in place of pixels: true ones, or those that a frame parser found.
+
+With true ones, learning to reason is measured apart from perception; what learnt from these reads found ones, too.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,26 +9,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.features.files import BOX_NUMBERS, TRUTH_CHANNELS, TruthConfig
+from nsdr.baselines.features.files import BOX_NUMBERS, WORD_CHANNELS, WordConfig
 from nsdr.io.video import spaced
+from nsdr.types import VideoProposals
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.shapes import rendered_rotation, surface_points
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES, attribute_index, attributes_of
 
-__all__ = ["recolored", "truth_features"]
+__all__ = ["detected_features", "linked_boxes", "recolored", "truth_features"]
 
 Array = NDArray[np.floating[Any]]
+MIN_SCORE = 0.9
+"""Detections with a score up to this are left out (0-1; the paper's threshold for proposals)."""
+WORDS = np.array(
+    [[word in attributes_of(i) for known in ATTRIBUTES.values() for word in known] for i in range(N_ATTRIBUTE_TRIPLES)],
+    np.float64,
+)
+"""(48, 13) the words of each attribute index, as 0 or 1."""
 
 
-def truth_features(annotation: dict[str, Any], config: TruthConfig) -> dict[str, Array]:
-    """The features of a video.
+def truth_features(annotation: dict[str, Any], config: WordConfig) -> dict[str, Array]:
+    """The features of a video by its true motion.
 
     Args:
         annotation: content of its annotation file.
         config: the settings.
 
     Returns:
-        By kind, arrays of the shapes of `TruthConfig.shape`:
+        By kind, arrays of the shapes of `WordConfig.shape`:
 
         - "objects": attribute words as 0 or 1, and the box. An object has the same place in all frames, and is zeros where it
           cannot be seen;
@@ -37,11 +48,51 @@ def truth_features(annotation: dict[str, Any], config: TruthConfig) -> dict[str,
     frames = [{row["object_id"]: row for row in motion[i]["objects"]} for i in spaced(len(motion), config.frames)]
     objects = np.zeros(config.shape("objects"))
     for place, thing in enumerate(annotation["object_property"][: config.max_objects]):
-        words = [thing[name] == word for name, known in ATTRIBUTES.items() for word in known]
+        words = WORDS[attribute_index(thing["color"], thing["material"], thing["shape"])]
         states = [frame[thing["object_id"]] for frame in frames]
         boxes = _boxes(thing["shape"], *(np.array([s[k] for s in states]) for k in ("location", "orientation")))
         seen = np.array([s["inside_camera_view"] for s in states]) & (boxes[:, 2:] > boxes[:, :2]).all(1)
         objects[seen, place] = np.c_[np.tile(words, (len(boxes), 1)), boxes][seen]
+    return _features(objects, config)
+
+
+def detected_features(proposals: VideoProposals, config: WordConfig) -> dict[str, Array]:
+    """The features of a video by what a frame parser found in it.
+
+    Args:
+        proposals: its detections; frames are chosen among the processed ones.
+        config: the settings.
+
+    Returns:
+        As of `truth_features`. Objects are those of `linked_boxes`: their boxes are of what can be seen of them.
+    """
+    frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
+    attribute, boxes = linked_boxes(proposals, config.max_objects)
+    boxes = boxes[frames[spaced(len(frames), config.frames)]]
+    words = np.broadcast_to(WORDS[attribute], (*boxes.shape[:2], WORDS.shape[1]))
+    return _features(np.concatenate([words * boxes.any(2, keepdims=True), boxes], 2), config)
+
+
+def linked_boxes(proposals: VideoProposals, max_objects: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Attribute indices (N,) of a video's objects, and their boxes (F, N, 4) as shares of the image, zeros where not seen.
+
+    An object keeps its place. CLEVRER's objects differ in their attributes, so detections with the same attributes are of one
+    object. Those that are seen in most frames come first; where there are more than N, the others are left out.
+    """
+    p = proposals
+    found = np.flatnonzero((p.score > MIN_SCORE) & (p.area_px > 0))
+    found = found[np.argsort(p.score[found], kind="stable")]
+    seen = np.zeros((N_ATTRIBUTE_TRIPLES, p.n_frames, BOX_NUMBERS), np.float32)
+    sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
+    seen[p.attribute[found], p.frame_index[found]] = (
+        p.box_xyxy_px[found] / sides
+    )  # of two in a frame the last, the best, stays
+    order = np.argsort(-seen.any(2).sum(1), kind="stable")[:max_objects]
+    return order, np.ascontiguousarray(seen[order].swapaxes(0, 1))
+
+
+def _features(objects: Array, config: WordConfig) -> dict[str, Array]:
+    """The features of objects (F, N, C)."""
     maps = _painted(objects, config.grid)
     (height, width), (rows, columns) = config.grid, config.pooled_grid
     cells = maps.reshape(*maps.shape[:2], rows, height // rows, columns, width // columns)
@@ -50,7 +101,7 @@ def truth_features(annotation: dict[str, Any], config: TruthConfig) -> dict[str,
 
 
 def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str, Array]:
-    """Features of the truth of the same video with other colours.
+    """Features of the words and boxes of the same video with other colours.
 
     Args:
         features: by kind, of the shapes in `nsdr.baselines.base.Batch` without the axis of the videos.
@@ -59,7 +110,7 @@ def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str,
     Returns:
         Arrays of the same shapes.
     """
-    channels = np.arange(TRUTH_CHANNELS)
+    channels = np.arange(WORD_CHANNELS)
     channels[list(colors)] = range(len(colors))  # those of `COLORS` are the first ones
     found = dict(features)
     if "objects" in found:
@@ -68,7 +119,7 @@ def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str,
         found["maps"] = found["maps"][:, channels]
     if "pooled" in found:
         pooled = found["pooled"]
-        found["pooled"] = pooled.reshape(len(pooled), TRUTH_CHANNELS, -1)[:, channels].reshape(pooled.shape)
+        found["pooled"] = pooled.reshape(len(pooled), WORD_CHANNELS, -1)[:, channels].reshape(pooled.shape)
     return found
 
 
