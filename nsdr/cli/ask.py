@@ -36,7 +36,7 @@ def answer_options(parser: Any) -> None:
     add("-q", "--question", required=True, help="in CLEVRER's English")
     add("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
     add("--extensions", action="store_true", help=EXTENSIONS)
-    add("--system", default="", help="answer by a trained baseline: folder or name of its checkpoint, such as truth/mac")
+    add("--system", default="", help="answer by a trained baseline: folder or name of a checkpoint, such as truth/mac")
     add("--trace", action="store_true", help="print every executed step")
     add("--json", action="store_true", help="print the answer as JSON")
     shared_options(parser, "failures", "parser", "checkpoint", "pipeline", "video")

@@ -44,7 +44,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "export": ("data", "write a data set as prompts, chats, a Hugging Face data set or WebDataset shards; resumable"),
     "mcp": ("serve", "tools for agents (Model Context Protocol) on a folder's videos"),
     "serve": ("serve", "a page to ask and to intervene on"),
-    "generate": ("generate", "dataset|violations|scene|questions [--config configs/generate/….yaml] -o OUTPUT [--field value]"),
+    "generate": ("generate", "dataset|violations|scene|questions [--config FILE.yaml] -o OUTPUT [--field value]"),
     "extract-features": (
         "train",
         "[--from truth|proposals] --root DATA -o OUTPUT [--config FILE.yaml] [--field value]",
