@@ -420,6 +420,7 @@ def test_a_run_that_never_got_to_a_checkpoint_does_not_refuse_another_configurat
 @pytest.mark.parametrize("fast", [True, False])
 def test_automatic_precision_is_bfloat16_only_where_it_is_fast(fast: bool, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(torch.cpu, CPU_CHECK, lambda: fast)
+    monkeypatch.setattr("nsdr.training.loop.has_bfloat16", lambda: True)
     task, casts = Line(), []
     task.model = torch.nn.Sequential(task.model)
     task.model[0].register_forward_pre_hook(lambda *_: casts.append(torch.is_autocast_enabled("cpu")))
