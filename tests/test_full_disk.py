@@ -68,6 +68,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): re.sub(rb'"(cpu_)?seconds": [\d.]+', b"", p.read_bytes()) for p in files}
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # the thread of `SummaryWriter`
 def test_a_training_survives_a_full_disk_at_every_write(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(run_folder, "KEPT_CHECKPOINTS", 1)
     config = LoopConfig(steps=2, log_every=1, save_every=1, device="cpu")

@@ -15,7 +15,7 @@ class Batch(NamedTuple):
     """B texts about V videos of F frames. A text is a descriptive question, or a question with one of its options.
 
     Attributes:
-        words: (B, T) int64 word indices of the question, and for an option of `SEPARATOR` and the option; padded with `PAD`.
+        words: (B, T) int64 word indices of the question, and for an option of a separator and the option; padded with `PAD`.
         video: (B,) int64, each text's row in the tensors of the videos.
         pooled: (V, F, C) float32 feature vectors of the frames; None where `Baseline.needs` has no "pooled".
         maps: (V, F, C, h, w) float32 feature maps of the frames, or None.

@@ -30,7 +30,7 @@ _TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 class Vocabulary:
     """Indices of the words and answers of the training questions.
 
-    A text is the words of a question, and for an option the index `SEPARATOR`, which is the highest one, and its words.
+    A text is the words of a question, and for an option a separator, the highest index, and its words.
 
     Attributes:
         words: known words, whose indices begin at 1; 0 is `PAD`.

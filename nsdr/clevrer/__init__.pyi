@@ -27,6 +27,7 @@ from .dataset import (
     SPLITS as SPLITS,
     Inventory as Inventory,
     Split as Split,
+    sub_folder as sub_folder,
 )
 from .download import OFFICIAL_ROOT as OFFICIAL_ROOT, download as download
 from .files.annotations import (

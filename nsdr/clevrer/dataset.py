@@ -18,7 +18,7 @@ from nsdr.types import VideoProposals
 from nsdr.validation import PositiveCount, convert, expect
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
-__all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split"]
+__all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split", "sub_folder"]
 
 SPLITS = {"train": range(0, 10000), "validation": range(10000, 15000), "test": range(15000, 20000)}
 """Video indices of each split."""
@@ -36,6 +36,14 @@ _FILES = {
     "proposals": ["proposal_{index:05d}.json", "sim_{index:05d}.json", "sim_{index:05d}.json.gz"],
 }
 """File names of each kind, in order of preference."""
+FOLDER_SIZE = 1000
+"""Files in each sub-folder of the release."""
+
+
+def sub_folder(stem: str, index: int) -> str:
+    """Name of the sub-folder of the release that has a video's file, such as "video_10000-11000"."""
+    low = index // FOLDER_SIZE * FOLDER_SIZE
+    return f"{stem}_{low:05d}-{low + FOLDER_SIZE:05d}"
 
 
 class _Manifest(TypedDict):

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nsdr.clevrer.dataset import CLEVRER, Split
+from nsdr.clevrer.dataset import CLEVRER, Split, sub_folder
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.errors import DataError
-from nsdr.evaluation.sources import sub_folder
 from nsdr.io.files import atomic_path, check_installed, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, Summary, run_jobs

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.dataset import Split
+from nsdr.clevrer.dataset import Split, sub_folder
 from nsdr.clevrer.files.annotations import read_annotation, read_truth, read_truth_file
 from nsdr.clevrer.files.predictions import PredictionFile, read_predictions, scene_from_predictions
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
@@ -25,7 +25,6 @@ __all__ = [
     "SourceFactory",
     "find_file",
     "prediction_file",
-    "sub_folder",
 ]
 
 PerceptionInput = Mapping[str, Any]
@@ -39,14 +38,6 @@ SourceFactory = Callable[[Data, Set[int]], SceneSource]
 
 ANNOTATION = "annotation_{:05d}.json"
 SIMULATION = ("sim_{:05d}.json", "sim_{:05d}.json.gz")
-FOLDER_SIZE = 1000
-"""Files in each sub-folder of the official layout."""
-
-
-def sub_folder(stem: str, scene_index: int) -> str:
-    """Name of the official sub-folder of a scene: "video_10000-11000"."""
-    low = scene_index // FOLDER_SIZE * FOLDER_SIZE
-    return f"{stem}_{low:05d}-{low + FOLDER_SIZE:05d}"
 
 
 def find_file(folder: Path, names: Sequence[str], scene_index: int) -> Path:

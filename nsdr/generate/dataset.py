@@ -17,7 +17,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from nsdr.clevrer.dataset import SPLITS
+from nsdr.clevrer.dataset import SPLITS, sub_folder
 from nsdr.clevrer.files.annotations import read_truth_file, write_annotation
 from nsdr.clevrer.files.questions import SceneQuestions, without_answers, write_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
@@ -53,8 +53,6 @@ SceneSeed = Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
 LAST_FIRST_SCENE = SCENES_PER_SEED - SPLITS["test"].stop
 """Largest first scene; `seed` gives further scenes."""
 Split = Annotated[str, one_of(SPLITS)]
-VIDEOS_PER_FOLDER = 1000
-"""Videos in each sub-folder, as in the release."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +144,10 @@ class Files:
 
     def __init__(self, root: str | Path, split: str, index: int, world: int = 0) -> None:
         root = Path(root) / "counterfactual" / str(world) if world else Path(root)
-        low = index // VIDEOS_PER_FOLDER * VIDEOS_PER_FOLDER
-        folder = f"{low:05d}-{low + VIDEOS_PER_FOLDER:05d}"
-        self.video = root / "videos" / split / f"video_{folder}" / f"video_{index:05d}.mp4"
-        self.annotation = root / "annotations" / split / f"annotation_{folder}" / f"annotation_{index:05d}.json"
+        self.video = root / "videos" / split / sub_folder("video", index) / f"video_{index:05d}.mp4"
+        self.annotation = (
+            root / "annotations" / split / sub_folder("annotation", index) / f"annotation_{index:05d}.json"
+        )
         self.proposals = root / "derender_proposals" / f"proposal_{index:05d}.json"
         self.truth = root / "truth" / split / f"truth_{index:05d}.json"
 

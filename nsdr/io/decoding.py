@@ -180,8 +180,7 @@ def check_is_video(path: Path) -> None:
     if not head:
         raise VideoError(f"{path}: is empty (0 bytes); expected a video")
     if head.startswith(b"PK"):
-        remedy = "scenes that older versions saved as NPZ have to be made again (nsdr parse-video)"
-        raise VideoError(f"{path}: is an archive (ZIP or NPZ); expected a video; {remedy}")
+        raise VideoError(f"{path}: is an archive (ZIP or NPZ); expected a video")
     # OpenCV would read both as videos.
     if cv2.haveImageReader(str(path)) and not is_animated(path):
         raise VideoError(f"{path}: is an image; expected a video, or an animated GIF, WebP or PNG")

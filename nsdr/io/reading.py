@@ -13,7 +13,6 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -113,14 +112,9 @@ def parse_json(data: bytes, name: str, kind: Any = Any) -> Any:
     with _named(name, "JSON file"):
         text = _text(data, name)
         try:
-            return _decoder(kind).decode(text)
+            return msgspec.json.decode(text, type=kind)
         except msgspec.ValidationError as e:
             raise DataError(explained(e, msgspec.json.decode(text), kind, f"{name}: ")) from e
-
-
-@lru_cache(maxsize=32)
-def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
-    return msgspec.json.Decoder(kind)
 
 
 def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD
 from nsdr.laws.stretches import CUT_GAIN, SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, Stretch, noise_of
 from nsdr.tracking.visibility import in_image
 from nsdr.validation import FloatArray
@@ -20,8 +21,6 @@ from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
 
 __all__ = ["MIN_EVIDENCE", "SAME_FRAMES", "Evidence", "Explanation"]
 
-CORNER_WORLD = 0.07
-"""How much farther a cube's edges reach than its sides (world units)."""
 REACH_NOISE_WORLD = 0.01
 """Standard deviation of the distance at which two objects touch (world units)."""
 SAME_FRAMES = 3

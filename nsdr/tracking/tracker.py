@@ -23,6 +23,7 @@ __all__ = [
     "TrackerConfig",
     "detected_attributes",
     "existence",
+    "rows_of",
     "track",
     "tracks_from_annotation",
 ]
@@ -274,12 +275,16 @@ def _identities(proposals: VideoProposals, tracklets: list[list[int]]) -> dict[i
     return {identity: [rows[f] for f in sorted(rows)] for identity, rows in by_identity.items()}
 
 
+def rows_of(found: Track, proposals: VideoProposals) -> NDArray[np.int64]:
+    """(n,) row that each detection of a track has among the proposals, by frame and box; -1 where they have none there."""
+    rows, seen = (zip(x.frame_index.tolist(), x.box_xyxy_px.tolist(), strict=True) for x in (proposals, found))
+    known = {(frame, *box): row for row, (frame, box) in enumerate(rows)}
+    return np.array([known.get((frame, *box), -1) for frame, box in seen])
+
+
 def detected_attributes(found: Track, proposals: VideoProposals) -> NDArray[np.int64]:
     """(n,) attribute index that each detection of a track has by itself; -1 where the proposals have none there."""
-    rows = zip(proposals.frame_index.tolist(), proposals.centroid_px.tolist(), strict=True)
-    known = {(f, *place): int(a) for (f, place), a in zip(rows, proposals.attribute, strict=True)}
-    seen = zip(found.frame_index.tolist(), found.centroid_px.tolist(), strict=True)
-    return np.array([known.get((f, *place), -1) for f, place in seen])
+    return np.append(proposals.attribute, -1)[rows_of(found, proposals)]
 
 
 def existence(tracks: VideoTracks) -> NDArray[np.float64]:

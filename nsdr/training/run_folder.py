@@ -3,8 +3,6 @@
 import hashlib
 import json
 import logging
-import os
-import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -119,7 +117,7 @@ class RunFolder:
     def __init__(self, path: str | Path, resolved: Mapping[str, Any], writes: bool = True) -> None:
         self.path, self.writes = Path(path), writes
         self._metrics = self.path / "metrics.jsonl"
-        self._events: Path | None = None
+        self._events: Any = None
         self._cpu_before = -time.process_time()
         if writes:
             remove_partial_files(self.path)
@@ -206,30 +204,20 @@ class RunFolder:
             with writing(self._metrics), open(self._metrics, "a") as file:
                 file.write(json.dumps({"step": step, **record}) + "\n")
             if self._events is not None:
-                from torch.utils.tensorboard.summary import scalar  # heavy
-
-                for name, value in record.items():
-                    self._add_event(step=step, summary=scalar(name, value))
+                with writing(self.path):
+                    for name, value in record.items():
+                        self._events.add_scalar(name, value, step)
+                    self._events.flush()  # raises what failed in the writer's thread, too
 
     def _start_events(self, start: int) -> None:
         """Begin a file of events for TensorBoard; those of later steps in earlier files are hidden."""
         try:
-            from tensorboard.compat.proto.event_pb2 import SessionLog
+            from torch.utils.tensorboard import SummaryWriter
         except ImportError:
             log.warning("TensorBoard is not installed (pip install 'nsdr[train]'); metrics.jsonl has the same numbers")
             return
-        self._events = self.path / f"events.out.tfevents.{time.time():.0f}.{socket.gethostname()}.{os.getpid()}"
-        self._add_event(file_version="brain.Event:2")
-        self._add_event(step=start + 1, session_log=SessionLog(status=SessionLog.START))
-
-    def _add_event(self, **content: Any) -> None:
-        """Write an event at once: `SummaryWriter` has a thread, whose errors, such as a full disk, reach nobody."""
-        from tensorboard.compat.proto.event_pb2 import Event
-        from tensorboard.summary.writer.record_writer import RecordWriter
-
-        assert self._events is not None
-        with writing(self._events), self._events.open("ab") as file:
-            RecordWriter(file).write(Event(wall_time=time.time(), **content).SerializeToString())
+        with writing(self.path):
+            self._events = SummaryWriter(self.path, purge_step=start + 1)
 
     def metrics(self, step: int) -> dict[str, float] | None:
         """The metrics that `metrics.jsonl` has for a step; None where it has no line."""

@@ -12,6 +12,7 @@ from pycocotools import mask as rle
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
 from nsdr.io.video import write_video
+from nsdr.tracking.tracker import rows_of
 from nsdr.types import Event, Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS_RGB, attributes_of
@@ -235,18 +236,11 @@ def _position_px(track: Any, frame_index: int) -> NDArray[Any] | None:
 
 
 def _masks_by_frame(proposals: VideoProposals, tracks: VideoTracks) -> list[dict[int, str]]:
-    """For each track its run-length masks by frame: those of the proposals with the same frame and box."""
+    """For each track its run-length masks by frame, as far as the proposals have its detections."""
     if proposals.masks is None:
         return [{} for _ in tracks.tracks]
-    by_frame_and_box = {
-        (int(f), *map(int, box)): mask
-        for f, box, mask in zip(proposals.frame_index, proposals.box_xyxy_px, proposals.masks, strict=True)
-    }
-    masks = []
-    for t in tracks.tracks:
-        keys = [(int(f), *map(int, box)) for f, box in zip(t.frame_index, t.box_xyxy_px, strict=True)]
-        masks.append({key[0]: by_frame_and_box[key] for key in keys if key in by_frame_and_box})
-    return masks
+    rows = ((t.frame_index.tolist(), rows_of(t, proposals).tolist()) for t in tracks.tracks)
+    return [{f: proposals.masks[row] for f, row in zip(*seen, strict=True) if row >= 0} for seen in rows]
 
 
 def _blended(image: NDArray[Any], frame: NDArray[Any], counts: str, opacity: float) -> NDArray[Any]:

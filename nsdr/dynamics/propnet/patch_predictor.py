@@ -153,7 +153,7 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
     def _rollouts(
         self, states: MotionStates, exists: BoolArray, start: int, here: BoolArray, observed: Sequence[Event] | None
     ) -> list[Rollout]:
-        """Predict several n_rollouts on from frame `start`; the others of `exists` (C, n) enter when they are first seen."""
+        """Predict several rollouts from frame `start`; the others of `exists` (C, n) enter when they are first seen."""
         (n_rollouts, n), frames = exists.shape, states.present.shape[1]
         if not n:
             total = rollout_frames(frames, self.horizon_frame)

@@ -11,6 +11,7 @@ from pycocotools import mask as rle
 from nsdr.dynamics.motion_states import MotionStates, extrapolate
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchModelConfig
 from nsdr.errors import DataError
+from nsdr.tracking.tracker import rows_of
 from nsdr.types import VideoProposals, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 
@@ -83,18 +84,17 @@ def object_patches(
     n, n_frames = states.present.shape
     box = patch_boxes(states.location_world, states.box_px, states.reliable, 0, states.camera)
     centre = box[..., :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
-    row_of = {_key(proposals, row): row for row in range(len(proposals))}
+    rows = [dict(zip(t.frame_index.tolist(), rows_of(t, proposals).tolist(), strict=True)) for t in tracks.tracks]
     whole = np.where(states.reliable.any(1, keepdims=True), states.reliable, states.detected)
     patches = np.zeros((n, n_frames, PATCH_CHANNELS, config.patch_cells, config.patch_cells), np.uint8)
-    detection = {(i, int(f)): k for i, t in enumerate(tracks.tracks) for k, f in enumerate(t.frame_index)}
     count = 0
     for f, frame in enumerate(frames):
         if f >= n_frames:
             break
         count += 1
         for i in np.flatnonzero(whole[:, f]).tolist():
-            row = row_of.get((f, *tracks.tracks[i].box_xyxy_px[detection[i, f]].tolist()))
-            if row is None:
+            row = rows[i][f]
+            if row < 0:
                 raise DataError(f"frame {f}: the proposals have no detection of track {i}; give those it was made from")
             mask = rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row].encode()})
             patches[i, f] = _patch(frame, mask, centre[i, f], config)
@@ -106,10 +106,6 @@ def object_patches(
         seen = np.flatnonzero(whole[i])
         patches[i] = patches[i, seen[np.abs(seen - np.arange(n_frames)[:, None]).argmin(1)]]
     return patches
-
-
-def _key(proposals: VideoProposals, row: int) -> tuple[int, ...]:
-    return (int(proposals.frame_index[row]), *proposals.box_xyxy_px[row].tolist())
 
 
 def _patch(

@@ -116,6 +116,12 @@ class BulletMotion:
     contacts: tuple[Contact, ...] = field(default=())
     complete: bool = True
 
+    def body(self, i: int, frame: int, shape: str, mass: float) -> Body:
+        """Body i as it is in a frame, with its shape and mass."""
+        states = (self.location_world, self.orientation, self.velocity, self.angular_velocity)
+        location, orientation, velocity, spin = (tuple(state[i, frame].tolist()) for state in states)
+        return Body(shape, location, orientation, velocity, spin, mass)
+
 
 class Simulator:
     """A Bullet world for any number of simulations, one after another. Use it in a `with` block.

@@ -130,11 +130,7 @@ def scene_without(scene: SimulatedScene, removed: int, config: SceneConfig | Non
     """
     config, motion = config or SceneConfig(), scene.motion
     kept = [o for o in scene.objects if o.id != removed]
-    bodies = []
-    for o in kept:
-        states: Any = (motion.location_world, motion.orientation, motion.velocity, motion.angular_velocity)
-        location, orientation, velocity, spin = (tuple(state[o.id, 0].tolist()) for state in states)
-        bodies.append(Body(o.shape, location, orientation, velocity, spin, float(scene.mass[o.id])))
+    bodies = [motion.body(o.id, 0, o.shape, float(scene.mass[o.id])) for o in kept]
     objects = tuple(replace(o, id=i) for i, o in enumerate(kept))
     with Simulator(config.physics) as simulator:
         motion = simulator.run(bodies, config.simulated_frames)

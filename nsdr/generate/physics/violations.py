@@ -133,8 +133,7 @@ class _World:
 
     def body(self, i: int, frame: int) -> Body:
         """An object's state in a frame."""
-        state: dict[str, Any] = {name: tuple(getattr(self.scene.motion, name)[i, frame].tolist()) for name in _STATES}
-        return Body(self.scene.objects[i].shape, **state, mass=float(self.scene.mass[i]))
+        return self.scene.motion.body(i, frame, self.scene.objects[i].shape, float(self.scene.mass[i]))
 
     def resumed(
         self, frame: int, changed: dict[int, Body | None], passing: tuple[int, int] | None = None
