@@ -226,6 +226,17 @@ def test_every_instruction_runs_and_learns() -> None:
         assert [n for n, p in model.named_parameters() if p.grad is None] == []
 
 
+def test_large_activations_do_not_close_a_mask() -> None:
+    module = network("tbd").program_modules["filter_after"]
+    with torch.no_grad():
+        for layer in module.modules():
+            if isinstance(layer, torch.nn.Conv2d):
+                layer.weight *= 3
+        mask = module(torch.randn(2, 4, *GRID, 8, generator=torch.Generator().manual_seed(1)))
+    assert mask.min() > 1e-3
+    assert mask.max() < 1 - 1e-3
+
+
 def test_few_frames_are_repeated() -> None:
     with torch.no_grad():
         found = network("iep", frames=9)(batch([tokens(COUNT_RED)], [0], maps(1)))
