@@ -143,7 +143,7 @@ class _Residual(nn.Module):
     """Residual module of one argument, or of two after a 1x1 projection: (N, F, h, w, width) each -> (N, F, h, w, width).
 
     Its convolutions read normalised values (layer normalisation), and no ReLU follows the sum. As in the paper, without either,
-    values are 100 times as large after 16 untrained modules in a row; so they are 5 times.
+    values are 100 times as large after 16 untrained modules in a row, and here 5 times.
     """
 
     def __init__(self, width: int, arguments: int) -> None:
