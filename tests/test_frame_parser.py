@@ -481,7 +481,7 @@ def test_broken_videos_are_named(tmp_path) -> None:
     with pytest.raises(VideoError, match=r"text\.mp4: is a text file"):
         read_video(tmp_path / "text.mp4")
     np.savez(tmp_path / "scene.npz", np.zeros(1))
-    with pytest.raises(VideoError, match=r"scene\.npz: is an archive"):
+    with pytest.raises(VideoError, match=r"scene\.npz: is an archive \(ZIP or NPZ\); expected a video$"):
         read_video(tmp_path / "scene.npz")
     draw_video(tmp_path / "empty.mp4", frames=0)
     with pytest.raises(VideoError, match=r"empty\.mp4: (is|not) .*video"):

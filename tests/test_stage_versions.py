@@ -68,10 +68,10 @@ def _laws() -> Any:
 
 
 def _physics() -> Any:
-    """Frames after the video's end differ by more between processors."""
+    """Of collisions after the video the pairs: their frames depend on the processor."""
     made = _perception().dynamics
     rollouts = [made.observed, *(made.counterfactual[k] for k in sorted(made.counterfactual))]
-    collisions = [_events(tuple(e for e in r.collisions if e.frame < VIDEO_FRAMES)) for r in rollouts]
+    collisions = [[[min(e.frame, VIDEO_FRAMES), *e.objects] for e in r.collisions] for r in rollouts]
     return [collisions, _places(made.observed.location_world, (0, 60, 120))]
 
 
