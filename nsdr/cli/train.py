@@ -38,6 +38,8 @@ def extract_features(arguments: list[str]) -> int:
     own.add_argument("--from", dest="source", choices=("videos", *SOURCES), default="videos")
     own.add_argument(KEEP_GOING, action="store_true")
     options, fields = own.parse_known_args(arguments)
+    if any(re.match(r"--features\.source(=|$)", argument) for argument in fields):
+        raise DataError("--features.source: --from says what features are made from; leave it out")
     extraction: FeatureExtraction | WordExtraction = (
         configured(FeatureExtraction, fields, "extract-features")
         if options.source == "videos"
