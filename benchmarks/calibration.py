@@ -23,7 +23,7 @@ from nsdr import Event, Scene, load
 from nsdr.clevrer.files.annotations import read_truth, read_truth_file
 from nsdr.clevrer.files.questions import QUESTION_TYPES
 from nsdr.clevrer.files.scenes import scene_from_ground_truth, scene_from_truth
-from nsdr.evaluation.measures import calibration, wilson_interval
+from nsdr.evaluation.measures import SURE, calibration, wilson_interval
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
@@ -109,8 +109,12 @@ def named(scene: Scene, events: Iterable[Event]) -> set[Names]:
 
 def table(title: str, found: dict[str, dict[str, Any]]) -> str:
     """Markdown."""
-    lines = [f"# {title}", "", "| statements | number | calibration error | Brier score |", "|---" * 4 + "|"]
-    lines += [f"| {name} | {c['n']} | {100 * c['ece']:.1f} % | {c['brier']:.4f} |" for name, c in found.items()]
+    columns = ("statements", "number", "calibration error", "Brier score", f"{100 * SURE:.0f} % sure", "of these wrong")
+    lines = [f"# {title}", "", f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    for name, c in found.items():
+        low, high = wilson_interval(c["sure_wrong"] / max(c["sure"], 1), c["sure"])
+        wrong = f"{c['sure_wrong']} ({100 * low:.2f}-{100 * high:.2f} %)"
+        lines.append(f"| {name} | {c['n']} | {100 * c['ece']:.1f} % | {c['brier']:.4f} | {c['sure']} | {wrong} |")
     lines += ["", "Stated probability, share that is true, and number of statements of each bin:", ""]
     for name, c in found.items():
         bins = "; ".join(f"{100 * p:.0f} %: {100 * share:.0f} % of {n}" for p, share, n in c["bins"])

@@ -14,6 +14,7 @@ from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObje
 from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.symbolic.causal import ancestor_sets, direct_causes
+from nsdr.symbolic.uncertainty import SIMULATED_DOUBT
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 RED_CUBE = "objects red filter_color cube filter_shape unique"
@@ -342,5 +343,5 @@ def test_the_rule_of_the_data_set_can_be_switched_off(small_scene: Scene) -> Non
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, red_sphere))]
     scene = replace(small_scene, unseen_scores=np.full((4, 4), 0.3), uncertain=())
     judged = Executor(scene, data_set_rules=False).judge("unseen_events belong_to", choices).choices
-    assert [(c.answer, c.probability) for c in judged] == [("wrong", 0.0), ("wrong", 0.0)]
+    assert [(c.answer, c.probability) for c in judged] == [("wrong", SIMULATED_DOUBT), ("wrong", SIMULATED_DOUBT)]
     assert [c.answer for c in Executor(scene).judge("unseen_events belong_to", choices).choices] == ["correct", "wrong"]

@@ -14,7 +14,7 @@ from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.evaluation import calibration, evaluate, format_table
 from nsdr.evaluation.experiments import markdown_table
 from nsdr.symbolic import format_probability
-from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
+from nsdr.symbolic.uncertainty import N_DRAWS, SIMULATED_DOUBT, possible_scenes
 from nsdr.tracking.tracker import existence
 from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject, Track, VideoTracks
 from nsdr.types.answers import ChoiceAnswer
@@ -175,7 +175,7 @@ def test_worlds_are_drawn_once(unsure: Scene, monkeypatch) -> None:
     answer = executor.answer(COUNT)
     judged = executor.judge(WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))])
     assert pickle.loads(pickle.dumps(answer)) == answer
-    assert judged.choices[0].probability == executor.answer("objects count").probability == 1.0
+    assert (judged.choices[0].probability, executor.answer("objects count").probability) == (1 - SIMULATED_DOUBT, 1.0)
     assert len(calls) == 1
 
 
@@ -215,6 +215,10 @@ def test_one_of_two_predictions_is_correct(small_scene: Scene) -> None:
     assert first.probability == pytest.approx(1 - second.probability)
     nothing = Executor(replace(scene, unseen_scores=np.zeros((4, 4)))).judge("unseen_events belong_to", choices).choices
     assert [c.probability for c in nothing] == [0.5, 0.5]
+    one = np.zeros((4, 4))
+    one[0, 3] = one[3, 0] = 1.0  # in all runs
+    sure = Executor(replace(scene, unseen_scores=one)).judge("unseen_events belong_to", choices).choices
+    assert [c.probability for c in sure] == [SIMULATED_DOUBT, 1 - SIMULATED_DOUBT]
 
 
 @pytest.mark.parametrize(
@@ -236,9 +240,11 @@ def test_calibration_of_statements() -> None:
     perfect = calibration([0.25] * 4 + [1.0] * 2, [True, False, False, False, True, True])
     assert perfect["ece"] == pytest.approx(0.0)
     assert perfect["brier"] == pytest.approx((0.75**2 + 3 * 0.25**2) / 6)
+    assert (perfect["sure"], perfect["sure_wrong"]) == (2, 0)
     assert perfect["bins"] == [[0.25, 0.25, 4], [1.0, 1.0, 2]]
     sure = calibration([1.0, 1.0, 0.0, 0.0], [True, False, False, False])
     assert sure["ece"] == pytest.approx(0.5 * 0.5)
+    assert (sure["sure"], sure["sure_wrong"]) == (4, 1)
 
 
 def test_reports_have_the_calibration_of_answers_and_options(unsure: Scene) -> None:
@@ -254,8 +260,10 @@ def test_reports_have_the_calibration_of_answers_and_options(unsure: Scene) -> N
     descriptive, counterfactual = report["results"]
     p = descriptive["probability"]
     assert report["descriptive"]["calibration"]["bins"] == [[p, 1.0, 1]]
-    assert [c["probability"] for c in counterfactual["choices"]] == [1.0, 0.0]
-    assert report["counterfactual"]["calibration"]["brier"] == 0.5  # the second option was judged wrong, and is correct
+    assert [c["probability"] for c in counterfactual["choices"]] == [1 - SIMULATED_DOUBT, SIMULATED_DOUBT]
+    # The second option was judged wrong, and is correct.
+    brier = (SIMULATED_DOUBT**2 + (1 - SIMULATED_DOUBT) ** 2) / 2
+    assert report["counterfactual"]["calibration"]["brier"] == pytest.approx(brier)
     assert "calibration" not in report["explanatory"]
     text = f"expected calibration error (Brier score): descriptive {100 * (1 - p):.1f} %"
     assert text in format_table(report)

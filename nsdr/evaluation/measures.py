@@ -14,6 +14,7 @@ from nsdr.errors import DataError
 __all__ = [
     "BINS",
     "BLIND_HALVES",
+    "SURE",
     "accuracy_interval",
     "blind_text",
     "by_halves",
@@ -112,6 +113,8 @@ def ratio_interval(above: NDArray[np.float64], below: NDArray[np.float64]) -> tu
 
 BINS = 15
 """Bins of equal width of the expected calibration error (Guo et al., On Calibration of Modern Neural Networks, ICML 2017)."""
+SURE = 0.99
+"""Statements with this probability or more, or with 1 minus this or less, count as sure."""
 
 
 def calibration(probability: Sequence[float], true: Sequence[bool]) -> dict[str, Any]:
@@ -124,7 +127,8 @@ def calibration(probability: Sequence[float], true: Sequence[bool]) -> dict[str,
     Returns:
         `ece`, the expected calibration error: the distance of mean probability and share that is true, averaged over all
         statements of `BINS` bins; `brier`, the Brier score; `n`, the number of statements; `bins`, for each that is not
-        empty the mean probability, the share that is true, and the number.
+        empty the mean probability, the share that is true, and the number; `sure`, the number of sure statements (`SURE`),
+        and `sure_wrong`, of those among them whose opposite is true.
     """
     p, y = np.array(probability, float), np.array(true, float)
     bin_of = np.minimum((p * BINS).astype(int), BINS - 1)
@@ -133,7 +137,10 @@ def calibration(probability: Sequence[float], true: Sequence[bool]) -> dict[str,
     mean, share = (np.bincount(bin_of, v, BINS)[used] / n[used] for v in (p, y))
     bins = list(zip(mean.tolist(), share.tolist(), n[used].tolist(), strict=True))
     ece = float(np.sum(n[used] * np.abs(mean - share)) / len(p))
-    return {"ece": ece, "brier": float(np.mean((p - y) ** 2)), "n": len(p), "bins": [list(row) for row in bins]}
+    wrong = np.abs(p - y)
+    sure, sure_wrong = int(np.sum((p >= SURE) | (p <= 1 - SURE))), int(np.sum(wrong >= SURE))
+    row = {"ece": ece, "brier": float(np.mean(wrong**2)), "n": len(p), "bins": [list(row) for row in bins]}
+    return row | {"sure": sure, "sure_wrong": sure_wrong}
 
 
 def calibration_text(table: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from nsdr.symbolic.modules import EXTENSIONS, Kind, as_set
 from nsdr.symbolic.official import OfficialExecutor
 from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
-from nsdr.symbolic.uncertainty import MIN_SUPPOSED, N_DRAWS, possible_scenes
+from nsdr.symbolic.uncertainty import MIN_SUPPOSED, N_DRAWS, SIMULATED_DOUBT, possible_scenes
 from nsdr.symbolic.world import Boundary, World
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import SPEED_UNIT
@@ -188,7 +188,7 @@ class Executor:
         if self.scene.uncertain is None:
             return list(answers)
         one, other = first * (1 - second), second * (1 - first)
-        share = one / (one + other) if one + other else 0.5
+        share = _simulated(one / (one + other) if one + other else 0.5)
         return [replace(answers[0], probability=share), replace(answers[1], probability=1 - share)]
 
     def _with_probabilities(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
@@ -239,12 +239,14 @@ class Executor:
         What is uncertain says nothing of speeds and masses, nor of entrances and exits that would have to be simulated.
         """
         tokens = frozenset(program.tokens)
-        beyond_simulation = not SIMULATED.isdisjoint(tokens) and not BORDER_EVENTS.isdisjoint(tokens)
+        simulated = not SIMULATED.isdisjoint(tokens)
+        beyond_simulation = simulated and not BORDER_EVENTS.isdisjoint(tokens)
         if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens) or beyond_simulation:
             return None
         runs = self._in_worlds(self._worlds, lambda e: e._said(e._values(program.steps)[-1]))
         total, said = sum(n for n, _ in runs), self._said(value)
-        return sum(n for n, found in runs if found == said) / total if total else 0.0
+        share = sum(n for n, found in runs if found == said) / total if total else 0.0
+        return _simulated(share) if simulated else share
 
     def _said(self, value: Any) -> Any:
         """What an answer says: of a list of events their kinds and the names of their objects, whatever their frames."""
@@ -285,6 +287,11 @@ class Executor:
                 shown = TraceStep(token, inputs, kind, value, _text(kind, value), objects, events)
             trace.append(shown)
         return tuple(trace)
+
+
+def _simulated(share: float) -> float:
+    """The probability of an answer about what was simulated, by the share of possible worlds that give it."""
+    return min(max(share, SIMULATED_DOUBT), 1 - SIMULATED_DOUBT)
 
 
 def _text(kind: Kind, value: Any) -> str:
