@@ -137,10 +137,15 @@ def calibration(probability: Sequence[float], true: Sequence[bool]) -> dict[str,
     mean, share = (np.bincount(bin_of, v, BINS)[used] / n[used] for v in (p, y))
     bins = list(zip(mean.tolist(), share.tolist(), n[used].tolist(), strict=True))
     ece = float(np.sum(n[used] * np.abs(mean - share)) / len(p))
-    wrong = np.abs(p - y)
-    sure, sure_wrong = int(np.sum((p >= SURE) | (p <= 1 - SURE))), int(np.sum(wrong >= SURE))
-    row = {"ece": ece, "brier": float(np.mean(wrong**2)), "n": len(p), "bins": [list(row) for row in bins]}
-    return row | {"sure": sure, "sure_wrong": sure_wrong}
+    error, sure = np.abs(p - y), (p >= SURE) | (p <= 1 - SURE)
+    return {
+        "ece": ece,
+        "brier": float(np.mean(error**2)),
+        "n": len(p),
+        "bins": [list(row) for row in bins],
+        "sure": int(sure.sum()),
+        "sure_wrong": int((error >= SURE).sum()),
+    }
 
 
 def calibration_text(table: Mapping[str, Any]) -> str:
