@@ -484,14 +484,14 @@ def test_an_interrupted_generation_resumes(tiny) -> None:
 
 
 def test_one_failing_video_does_not_stop_the_rest(tiny, tmp_path, monkeypatch) -> None:
-    make = dataset._make_video
+    make = dataset._make_videos
 
     def failing(config, job, output):
-        if job == ("train", 0):
+        if job == ("train", range(1)):
             raise OSError("disk is full")
         make(config, job, output)
 
-    monkeypatch.setattr(dataset, "_make_video", failing)
+    monkeypatch.setattr(dataset, "_make_videos", failing)
     config = replace(tiny, output=str(tmp_path / "set"), renderer="none", masks=False)
     with pytest.raises(DataError, match=r"1 of 3 failed, such as video 0: OSError: disk is full"):
         generate_dataset(config)

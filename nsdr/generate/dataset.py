@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import cv2
 import numpy as np
@@ -77,6 +77,9 @@ class DatasetConfig(Settings):
         workers: number of processes; 0 is one per CPU core.
     """
 
+    job: ClassVar[tuple[str, int]] = "video", 1
+    """What one process makes at a time, and of how many videos it is."""
+
     output: str
     videos: Annotated[int, Meta(ge=1, le=limits().videos)] = 100
     seed: SceneSeed = 0
@@ -108,9 +111,9 @@ class DatasetConfig(Settings):
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
         return self.seed * SCENES_PER_SEED + self.first_scene + index
 
-    def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
-        """The scene of a video, and what its truth file says beside it."""
-        return simulate_scene(self.scene_seed(index), self.scene), {}
+    def made(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
+        """The scenes of a job's videos, from index `first` on, and what their truth files say beside them."""
+        return [(simulate_scene(self.scene_seed(first), self.scene), {})]
 
     def indices(self) -> dict[str, range]:
         """Video indices of each split: the first ones of the release's ranges."""
@@ -187,17 +190,20 @@ def _write_manifest(config: DatasetConfig, path: Path) -> None:
 
 
 def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
-    jobs = [(split, index) for split, indices in config.indices().items() for index in indices]
-    value = _fingerprint(config)
-    videos = [Job(f"video {index}", (split, index), Files(root, split, index).truth, value) for split, index in jobs]
-    summary = run_jobs(partial(_make_video, config), videos, root, config.engine, config.workers)
-    jobs = [job.item for job in summary.succeeded(videos, root, keep_going)]
+    value, (unit, step) = _fingerprint(config), config.job
+    jobs = [
+        Job(f"video {video}", (split, range(video, video + step)), Files(root, split, video + step - 1).truth, value)
+        for split, indices in config.indices().items()
+        for video in indices[::step]
+    ]
+    summary = run_jobs(partial(_make_videos, config), jobs, root, config.engine, config.workers, unit)
+    made = [(job.item[0], index) for job in summary.succeeded(jobs, root, keep_going) for index in job.item[1]]
     if config.questions is not None:
         for split in config.indices():
-            _write_split_questions(config, split, [index for name, index in jobs if name == split])
-    truths = (read_truth_file(Files(root, *job).truth) for job in jobs)
+            _write_split_questions(config, split, [index for name, index in made if name == split])
+    truths = (read_truth_file(Files(root, *video).truth) for video in made)
     counts = count_scenes(scene_from_truth(t) for t in truths)
-    write_statistics(root, counts, f"{len(jobs)} generated videos")
+    write_statistics(root, counts, f"{len(made)} generated videos")
 
 
 def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[int]) -> None:
@@ -252,20 +258,21 @@ def _fingerprint(config: DatasetConfig) -> str:
     return fingerprint(config=[VERSION, _manifest(config)["config"]])
 
 
-def _make_video(config: DatasetConfig, job: tuple[str, int], _: Path) -> None:
-    """Write all files of one video; the ground truth comes last, so that an unfinished video never counts as done."""
-    split, index = job
-    scene, more_truth = config.made(index)
-    for world, removed in enumerate(removals_by_effect(scene)[: config.counterfactual_videos], 1):
-        files = Files(config.output, split, index, world)
-        _write_files(config, job, scene_without(scene, removed, config.scene), files, {"removed": removed})
-    _write_files(config, job, scene, Files(config.output, split, index), more_truth)
+def _make_videos(config: DatasetConfig, job: tuple[str, range], _: Path) -> None:
+    """Write all files of a job's videos; the ground truth comes last, so that an unfinished video never counts as done."""
+    split, indices = job
+    for index, (scene, more_truth) in zip(indices, config.made(indices[0]), strict=True):
+        video = split, index
+        for world, removed in enumerate(removals_by_effect(scene)[: config.counterfactual_videos], 1):
+            files = Files(config.output, *video, world)
+            _write_files(config, video, scene_without(scene, removed, config.scene), files, {"removed": removed})
+        _write_files(config, video, scene, Files(config.output, *video), more_truth)
 
 
 def _write_files(
-    config: DatasetConfig, job: tuple[str, int], scene: SimulatedScene, files: Files, more_truth: dict[str, Any]
+    config: DatasetConfig, video: tuple[str, int], scene: SimulatedScene, files: Files, more_truth: dict[str, Any]
 ) -> None:
-    split, index = job
+    split, index = video
     view = view_of(config.render, scene.seed)
     # Masks and visibility refer to the release's image size, whatever the video's size is.
     camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from msgspec import Meta
@@ -16,7 +16,7 @@ from nsdr.generate.dataset import DatasetConfig, Files, Split, generate_dataset
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.violations import SIZES, break_law
 from nsdr.io.limits import limits
-from nsdr.types import LAWS, Violation
+from nsdr.types import LAWS
 from nsdr.validation import Share, one_of
 
 __all__ = ["ViolationsConfig", "generate_violations"]
@@ -25,8 +25,6 @@ SCENES_PER_PAIR = 400
 """Scenes tried for one pair: not every scene has an occasion to break every law."""
 PARTS = 4
 """Parts of a video, of which a question asks."""
-_kept: dict[str, tuple[SimulatedScene, SimulatedScene, Violation]] = {}
-"""The last pair, whose second video is often made after the first."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +41,8 @@ class ViolationsConfig(DatasetConfig):
         sizes: how clearly, of "clear", "small" and "limit".
     """
 
+    job: ClassVar[tuple[str, int]] = "pair", 2
+
     videos: Annotated[int, Meta(ge=2, le=limits().videos, multiple_of=2)] = 54
     splits: Mapping[Split, Share] = field(default_factory=lambda: {"validation": 1.0})
     questions: None = None
@@ -56,28 +56,17 @@ class ViolationsConfig(DatasetConfig):
         if sum(share > 0 for share in self.splits.values()) != 1:
             raise DataError(f"splits: expected one split, as both videos of a pair are in it; got {dict(self.splits)}")
 
-    def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
-        """The scene of a video; that of every other one, with its `violation`, breaks a law."""
-        first = next(r.start for r in self.indices().values() if len(r))
-        pair, is_broken = divmod(index - first, 2)
-        lawful, broken, violation = self._pair(pair)
-        return (broken, {"violation": asdict(violation)}) if is_broken else (lawful, {})
-
-    def _pair(self, pair: int) -> tuple[SimulatedScene, SimulatedScene, Violation]:
-        key = repr((self, pair))
-        if key not in _kept:
-            _kept.clear()
-            _kept[key] = self._occasion(pair)
-        return _kept[key]
-
-    def _occasion(self, pair: int) -> tuple[SimulatedScene, SimulatedScene, Violation]:
+    def made(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
+        """The scenes of a pair, and the `violation` of the second one."""
+        pair = (first - next(r.start for r in self.indices().values() if len(r))) // 2
         size, law = (names[k % len(names)] for names, k in ((self.sizes, pair // len(self.laws)), (self.laws, pair)))
         for attempt in range(SCENES_PER_PAIR):
             seed = self.scene_seed(pair + attempt * (self.videos // 2))
             scene = simulate_scene(seed, self.scene, removals=False)
-            broken = break_law(scene, law, size, seed)
-            if broken is not None:
-                return scene, *broken
+            found = break_law(scene, law, size, seed)
+            if found is not None:
+                broken, violation = found
+                return [(scene, {}), (broken, {"violation": asdict(violation)})]
         raise DataError(f"pair {pair}: {SCENES_PER_PAIR} scenes gave no occasion to break {law} ({size})")
 
 
