@@ -91,6 +91,23 @@ def test_a_rebound_out_of_all_proportion_is_no_reversed_video() -> None:
     assert [e.law for e in evidence_of(tracks_of(made[0]))] == ["reaction"]
 
 
+@pytest.mark.parametrize(
+    ("law", "size", "seed"),
+    [
+        ("friction", "clear", 366026),  # a cube that stops short, which is no reversed video
+        ("friction", "clear", 366362),  # a sphere that is braked until it rolls
+        ("reaction", "small", 366751),  # two others collide nearby, but touch neither
+        ("inertia", "clear", 366065),  # another object changes at the same time, far away and for a reason of its own
+    ],
+)
+def test_a_law_broken_once_is_told_from_others(law: str, size: str, seed: int) -> None:
+    made = break_law(simulate_scene(seed, removals=False), law, size, seed)
+    assert made is not None
+    strongest = evidence_of(tracks_of(made[0]))[0]
+    assert strongest.law == law
+    assert abs(strongest.frame - made[1].frame) <= 3
+
+
 def test_before_the_violation_nothing_is_changed() -> None:
     scene = lawful(SEEDS["inertia"])
     made = break_law(scene, "inertia", "small", 1)

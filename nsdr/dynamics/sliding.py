@@ -112,22 +112,37 @@ def _line(seconds, location, lag, weight):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def slide_roughly(shape, speed, seconds, extra):  # type: ignore[no-untyped-def]
-    """Distance slid and speed afterwards on a ground that slows down by `extra` more than CLEVRER's (world units/s²), or less.
+def slide_roughly(shape, speed, seconds, extra, onset, end):  # type: ignore[no-untyped-def]
+    """Distances slid (N,) and speeds afterwards (N,) where another ground slows down for a while, in steps of a frame.
 
-    In steps of a frame; seconds are 0 or more.
+    Args:
+        shape: index into `nsdr.world.vocabulary.SHAPES`.
+        speed: at second 0 (world units/s).
+        seconds: (N,) in ascending order.
+        extra: how much more than CLEVRER's ground the other one slows down, or less (world units/s²).
+        onset: when the other ground starts (s, 0 or more).
+        end: and ends (s).
     """
-    distance, law = 0.0, 0.0 if shape == _SPHERE else _DECELERATION
-    while seconds > 0 and speed > 0:
-        step = min(seconds, FRAME_SECONDS)
-        later = max(speed - step * (law + extra + LINEAR_DAMPING * speed * (1 + speed)), 0.0)
-        distance += step * (speed + later) / 2
-        speed, seconds = min(later, MAX_SPEED_WORLD_PER_S), seconds - step
-    return distance, speed
+    distances, speeds = np.empty(len(seconds)), np.empty(len(seconds))
+    law = 0.0 if shape == _SPHERE else _DECELERATION
+    covered, now, _, _ = slide_one(shape, speed, onset)
+    at = onset
+    for k in range(len(seconds)):
+        if seconds[k] <= onset:
+            distances[k], speeds[k], _, _ = slide_one(shape, speed, seconds[k])
+            continue
+        while at < min(seconds[k], end):
+            step = min(min(seconds[k], end) - at, FRAME_SECONDS)
+            later = max(now - step * (law + extra + LINEAR_DAMPING * now * (1 + now)), 0.0) if now > 0 else 0.0
+            covered += step * (now + later) / 2
+            now, at = min(later, MAX_SPEED_WORLD_PER_S), at + step
+        more, speeds[k], _, _ = slide_one(shape, now, max(seconds[k] - max(end, onset), 0.0))
+        distances[k] = covered + more
+    return distances, speeds
 
 
 @cached_njit
-def fit_one(shape, seconds, location, weight, extra=0.0):  # type: ignore[no-untyped-def]
+def fit_one(shape, seconds, location, weight):  # type: ignore[no-untyped-def]
     """Robust fit of free sliding: position and velocity (4,) at second 0, and the distances (N,) of the positions from it.
 
     Args:
@@ -135,20 +150,13 @@ def fit_one(shape, seconds, location, weight, extra=0.0):  # type: ignore[no-unt
         seconds: (N,) of the positions, in ascending order.
         location: (N, 2) measured positions (world units).
         weight: (N,) weight of each position, 0-1.
-        extra: see `slide_roughly`; where it is not 0, no seconds are negative.
     """
     n = len(seconds)
     motion, lag, residual, weights = np.zeros(4), np.zeros((n, 2)), np.empty(n), np.maximum(weight, MIN_WEIGHT)
     for _ in range(ROUNDS):
         speed = np.sqrt(motion[2] ** 2 + motion[3] ** 2)
-        now, covered, before = min(speed, MAX_SPEED_WORLD_PER_S), 0.0, 0.0
         for t in range(n):  # how far the law falls short of constant velocity; the first round fits a straight line
-            if extra == 0.0:
-                distance = slide_one(shape, min(speed, MAX_SPEED_WORLD_PER_S), seconds[t])[0]
-            else:
-                step, now = slide_roughly(shape, now, seconds[t] - before, extra)
-                covered, before = covered + step, seconds[t]
-                distance = covered
+            distance = slide_one(shape, min(speed, MAX_SPEED_WORLD_PER_S), seconds[t])[0]
             share = distance / speed - seconds[t] if speed > _MIN_SPEED_WORLD_PER_S else 0.0
             lag[t, 0], lag[t, 1] = share * motion[2], share * motion[3]
         motion = _line(seconds, location, lag, weights)

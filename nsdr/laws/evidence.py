@@ -37,7 +37,8 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     if proposals is not None:
         found = renamed(found, tracks, proposals)
         found += other_words(forwards, tracks, proposals)
-    backwards = Explanation(_reversed(states), forwards.noise)
+    # If time runs backwards, nothing else is broken.
+    backwards = Explanation(_reversed(states), forwards.noise, is_clevrers=True)
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:
         every = tuple(range(len(states.objects)))

@@ -20,18 +20,18 @@ __all__ = ["judge", "judgement_of", "on_time"]
 EVEN_NATS = {
     "permanence": 6.0,
     "identity": 6.0,
-    "continuity": 13.9,
-    "inertia": 19.0,
-    "friction": 35.9,
-    "solidity": 22.7,
-    "reaction": 12.0,
+    "continuity": 16.1,
+    "inertia": 21.8,
+    "friction": 43.2,
+    "solidity": 23.1,
+    "reaction": 11.6,
     "distance": 6.0,
     "arrow": 6.0,
 }
-STEEPNESS = 2.4
+STEEPNESS = 2.3
 """Evidence against each law that makes its violation as probable as not (nats), and how fast the log odds grow with the
-evidence's logarithm: of 575 lawful scenes of `train` and of training seeds, printed by `python benchmarks/violations.py SUITE
---lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit`."""
+evidence's logarithm: of 501 lawful scenes of `train` and of training seeds, printed by `python benchmarks/violations.py SUITE…
+--lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the suites were made)."""
 MIN_FRAMES, MAX_SPACING_FRAMES = 24, 3
 """Fewest frames that are judged, and how far apart they may lie (frames): with fewer, little is found, and farther apart lawful
 videos seem to break laws (`python benchmarks/judge_rates.py SUITE PROPOSALS_VALIDATION.npz`)."""

@@ -13,7 +13,16 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD
-from nsdr.laws.stretches import CUT_GAIN, SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, Stretch, noise_of
+from nsdr.laws.stretches import (
+    CUT_GAIN,
+    MIN_EVIDENCE,
+    SURE_FRAMES,
+    VELOCITY_NOISE,
+    Break,
+    ObjectStretches,
+    Stretch,
+    noise_of,
+)
 from nsdr.tracking.visibility import in_image
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
@@ -27,24 +36,19 @@ SAME_FRAMES = 3
 """Two objects that change within so many frames may do so in one contact."""
 UNSEEN_FRAMES = 10
 """Objects may touch so long before they are first seen, or after they are last seen (frames)."""
-CROWDED_FRAMES, CROWDED_WORLD = 10, 1.2
-"""Other changes so near to a contact make its effect unknown (frames, world units)."""
+CROWDED_FRAMES, CROWDED_WORLD = 10, 0.7
+"""Other changes so long before or after a contact make its effect unknown, those of a third object if it comes so near (frames,
+world units)."""
 JUMP_FRAMES = 6
 """An object that is hidden for longer may have been hit twice, so that its place tells nothing if something can have touched it
 (frames)."""
 HIDDEN_FRAMES = 24
 """Changes during which an object is hidden for longer do not show the effect of one contact alone (frames)."""
-CONTACT_COST, TOUCH_NATS = 12.0, 4.0
-"""Contacts against which more speaks explain nothing; pairs against whose contact less speaks touch (nats)."""
+TOUCH_NATS = 4.0
+"""Objects against whose contact less speaks touch (nats)."""
 BROKEN_NATS = 200.0
 """Most that a law broken once counts for when both directions of time are compared: a clear one is no reason to turn the video
 around, against which its friction speaks in many frames (nats)."""
-MIN_EVIDENCE = 4.0
-"""Less evidence is not reported (nats)."""
-MIN_EXTRA = 0.08
-"""Smaller differences of the deceleration are those of the fit, where an object comes to rest (world units/s²)."""
-SPIN_RELIEF = {"cube": 0.2, "cylinder": 0.2, "sphere": MIN_EXTRA}
-"""So much less slows down an object that spins, as friction acts against both motions (world units/s²)."""
 MASS_RATIOS = np.geomspace(MASS_RANGE[0] / MASS_RANGE[1], MASS_RANGE[1] / MASS_RANGE[0], 15)
 MAX_RESTITUTION = 0.8
 """Largest restitution that a collision may show; CLEVRER's is 0.64, and up to 0.76 was measured in official proposals."""
@@ -73,20 +77,22 @@ class Explanation:
     Args:
         states: the tracks.
         noise: standard deviation of their positions; None to measure it.
+        is_clevrers: whether the ground is CLEVRER's for sure.
     """
 
     states: MotionStates
     noise: float | None = None
+    is_clevrers: bool = False
 
     def __post_init__(self) -> None:
         every = range(len(self.states.objects))
         if self.noise is None:
             self.noise = noise_of(s for i in every for s in ObjectStretches(self.states, i).stretches())
-        objects = [ObjectStretches(self.states, i, self.noise) for i in every]
+        objects = [ObjectStretches(self.states, i, self.noise, self.is_clevrers) for i in every]
         self.frames = self.states.present.shape[1]
         self._cut([o.stretches() for o in objects])
         for one in objects:
-            one.merge(lambda b: min((c.nats for c in self._contacts(b)), default=np.inf) < CONTACT_COST)
+            one.merge(lambda b: min((c.nats for c in self._contacts(b)), default=np.inf) < TOUCH_NATS)
         self._cut([o.stretches() for o in objects])
 
     def _cut(self, stretches: list[list[Stretch]]) -> None:
@@ -100,15 +106,16 @@ class Explanation:
         yield from self._solidity()
 
     def cost(self) -> float:
-        """Of the positions, the cuts, and all that is against the laws of motion (nats)."""
+        """Of the positions, the cuts, and all that is against the laws of motion, of which the worst counts as a cut (nats)."""
         fit = sum(s.cost for one in self.stretches for s in one)
         cuts = CUT_GAIN * sum(len(one) for one in self.breaks)
-        return fit + cuts + sum(min(e.nats, BROKEN_NATS) for e in self.motion())
+        broken = sorted((min(e.nats, BROKEN_NATS) for e in self.motion()), reverse=True)
+        return fit + cuts + min(broken[0], CUT_GAIN) + sum(broken[1:]) if broken else fit + cuts
 
     def _friction(self) -> Iterator[Evidence]:
         for s in (s for one in self.stretches for s in one):
-            if s.gain > MIN_EVIDENCE and not -SPIN_RELIEF[s.shape] < s.extra < MIN_EXTRA:
-                yield Evidence("friction", (s.track.i,), s.onset(), s.last + 1, s.extra, "world units/s²", s.gain)
+            if s.gain:
+                yield Evidence("friction", (s.track.i,), *s.rough_frames, s.ground.extra, "world units/s²", s.gain)
 
     def _changes(self) -> Iterator[Evidence]:
         """Against continuity, inertia, reaction and action at a distance alone: changes of motion without a good reason."""
@@ -162,20 +169,9 @@ class Explanation:
 
     def _contact(self, b: Break, j: int) -> "_Contact | None":
         """How well a contact with object j explains a change of motion; None where j is not seen around it."""
-        frame, when = b.frame, b.window
-        near = [
-            s for s in self.stretches[j] if s.start - UNSEEN_FRAMES <= when[-1] and when[0] <= s.last + UNSEEN_FRAMES
-        ]
-        if not near:
+        frame, (gap, nats) = b.frame, self._gap(b, j)
+        if np.isinf(nats):
             return None
-        gap, nats = np.inf, np.inf
-        reach = 2 * OBJECT_RADIUS_WORLD + CORNER_WORLD * sum(s.shape == "cube" for s in (b.before, near[0]))
-        for one in (b.before, b.after):
-            for other in near:
-                gaps = np.maximum(_distance(one, other, when) - reach, 0.0)
-                found = gaps**2 / (2 * _distance_variance(one, other, when))
-                if found.min() < nats:
-                    gap, nats = float(gaps[found.argmin()]), float(found.min())
         others = [o for o in self.breaks[j] if abs(o.frame - frame) <= SAME_FRAMES]
         sides = self._sides(j, frame)
         exchange, restitution = None, np.nan
@@ -184,20 +180,43 @@ class Explanation:
             hidden = [o.hidden_frames for o in (b, *others)]
             if max(hidden) <= HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
                 exchange, restitution = _exchange((b.before, b.after), sides, frame)
-        return _Contact(j, gap, nats, exchange, restitution, any(_is_opposite(b, o) for o in others))
+        opposite = any(_is_opposite(b, o) and not self._is_touched(o, b.i) for o in others)
+        return _Contact(j, gap, nats, exchange, restitution, opposite)
+
+    def _gap(self, b: Break, j: int) -> tuple[float, float]:
+        """Between the object that changes and object j (world units), and the evidence of it (nats); infinite where j is not
+        seen."""
+        when, gap, nats = b.window, np.inf, np.inf
+        near = [
+            s for s in self.stretches[j] if s.start - UNSEEN_FRAMES <= when[-1] and when[0] <= s.last + UNSEEN_FRAMES
+        ]
+        for one in (b.before, b.after):
+            for other in near:
+                reach = 2 * OBJECT_RADIUS_WORLD + CORNER_WORLD * (one.shape, other.shape).count("cube")
+                gaps = np.maximum(_distance(one, other, when) - reach, 0.0)
+                found = gaps**2 / (2 * _distance_variance(one, other, when))
+                if found.min() < nats:
+                    gap, nats = float(gaps[found.argmin()]), float(found.min())
+        return gap, nats
+
+    def _is_touched(self, b: Break, i: int) -> bool:
+        """Whether another object than i touches that which changes."""
+        return any(self._gap(b, k)[1] < TOUCH_NATS for k in range(len(self.stretches)) if k not in (b.i, i))
 
     def _is_crowded(self, b: Break, j: int) -> bool:
         """Whether more happens around a contact than that of the two objects, so that its effect alone is not seen."""
-        frame = b.frame
+        frame, pair = b.frame, [b.i, j]
+        around = slice(max(round(frame) - CROWDED_FRAMES, 0), round(frame) + CROWDED_FRAMES + 1)
+        places = self.states.location_world[:, around]
         for k, breaks in enumerate(self.breaks):
             for other in breaks:
                 since = abs(other.frame - frame)
-                if other.is_slight:
+                if since > CROWDED_FRAMES or other.is_doubtful:
                     continue
-                if k in (b.i, j):
-                    if SAME_FRAMES < since <= CROWDED_FRAMES:
+                if k in pair:
+                    if since > SAME_FRAMES:
                         return True
-                elif since <= CROWDED_FRAMES and np.hypot(*(other.place - b.place)) < CROWDED_WORLD:
+                elif (np.linalg.norm(places[pair] - places[k], axis=-1) < CROWDED_WORLD).any():
                     return True
         return False
 

@@ -9,29 +9,41 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from nsdr.dynamics.motion_states import UNRELIABLE_WEIGHT, MotionStates
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.sliding import fit_one, slide_one, slide_roughly
+from nsdr.dynamics.sliding import fit_one, slide_roughly
 from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["CUT_GAIN", "MIN_FRAMES", "SURE_FRAMES", "VELOCITY_NOISE", "Break", "ObjectStretches", "Stretch", "noise_of"]
+__all__ = [
+    "CUT_GAIN",
+    "MIN_EVIDENCE",
+    "SURE_FRAMES",
+    "VELOCITY_NOISE",
+    "Break",
+    "ObjectStretches",
+    "Stretch",
+    "noise_of",
+]
 
 DEGREES_OF_FREEDOM = 4.0
 """Of the distribution of positions."""
 MIN_NOISE_WORLD, FIRST_NOISE_WORLD = 0.004, 0.005
 """Least standard deviation of positions, which is measured in each video; with the second one, stretches are first cut to do so
 (world units)."""
-CUT_GAIN, MERGE_GAIN = 20.0, 2.0
+CUT_GAIN, MERGE_GAIN = 20.0, 6.0
 """Stretches are cut where that gains more than the first, and joined again where one stretch on another ground is worse than
 both by less than the second (nats)."""
+MIN_EVIDENCE = 4.0
+"""Less evidence is none (nats)."""
 MIN_FRAMES, SURE_FRAMES = 4, 8
 """Fewest positions on either side of a cut, and of one that cannot be of another object."""
 BORDER_PX = 10.0
@@ -50,8 +62,33 @@ MIN_MARGIN_FRAMES, MAX_MARGIN_FRAMES = 0.3, 1.2
 """A change happens at most so long before or after the moment at which it seems to (frames)."""
 MIN_SPEED_WORLD_PER_S = 0.15
 """Slower objects tell nothing of the ground (world units/s)."""
-MAX_EXTRA, EXTRA_STEP, MIN_EXTRA_STEP = 2.4, 0.4, 0.02
-"""Decelerations of other grounds that are tried, beyond CLEVRER's (world units/s²)."""
+MAX_EXTRA, FIRST_SHARE = 2.4, 0.1
+"""Largest deceleration of other grounds beyond CLEVRER's (world units/s²), and its share from which fits start."""
+MIN_EXTRA = 0.08
+"""Smaller differences of the deceleration are those of the fit, where an object comes to rest (world units/s²)."""
+SPIN_RELIEF = {"cube": 0.2, "cylinder": 0.2, "sphere": MIN_EXTRA}
+"""So much less slows down an object that spins, as friction acts against both motions (world units/s²)."""
+MIN_ROUGH_SECONDS = 10 * FRAME_SECONDS
+"""It lasts at least so long (s)."""
+LEAST_SQUARES: Any = {"x_scale": (0.01, 0.01, 0.05, 0.05, 0.2, 0.1, 0.1), "max_nfev": 100}
+"""How far the fitted values change: position, velocity, deceleration, when it starts and how long it lasts; and most steps."""
+
+
+class Ground(NamedTuple):
+    """On which an object slides.
+
+    Attributes:
+        extra: how much more than CLEVRER's it slows the object down for a while (world units/s²).
+        onset: when it starts to, after the first position (s).
+        end: when it ceases to (s).
+    """
+
+    extra: float
+    onset: float
+    end: float
+
+
+CLEVRERS = Ground(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,33 +101,61 @@ class _Track:
     location: FloatArray
     weight: FloatArray
     noise: float
+    is_clevrers: bool
     rough: "dict[tuple[int, int], Stretch]" = field(default_factory=dict)
 
-    def stretch(self, a: int, b: int, extra: float = 0.0) -> "Stretch":
-        """The positions a to b - 1 as one stretch."""
+    def stretch(self, a: int, b: int) -> "Stretch":
+        """The positions a to b - 1 as one stretch on CLEVRER's ground."""
         # Referred to the first frame, as what rests for long must not have moved before.
-        seconds, weight = (self.frames[a:b] - self.frames[a]) * FRAME_SECONDS, self.weight[a:b]
-        motion, residual = fit_one(self.shape, seconds, self.location[a:b], weight, extra)
-        return Stretch(self, a, b, motion, residual, float(_cost(residual, weight, self.noise)), extra)
+        seconds, weight = self._seconds(a, b), self.weight[a:b]
+        motion, residual = fit_one(self.shape, seconds, self.location[a:b], weight)
+        return Stretch(self, a, b, motion, residual, float(_costs(residual**2, weight, self.noise).sum()), CLEVRERS)
 
     def rough_stretch(self, a: int, b: int) -> "Stretch":
-        """The same on whatever ground explains it best."""
+        """The same with another ground for a while, whichever explains it best."""
         if (a, b) not in self.rough:
             self.rough[a, b] = self._rough_stretch(a, b)
         return self.rough[a, b]
 
     def _rough_stretch(self, a: int, b: int) -> "Stretch":
         lawful = self.stretch(a, b)
-        if lawful.speed < MIN_SPEED_WORLD_PER_S:
+        tells = self._seconds(a, b)[-1] > MIN_ROUGH_SECONDS and lawful.speed > MIN_SPEED_WORLD_PER_S
+        if self.is_clevrers or not tells or lawful.cost < CUT_GAIN:
             return lawful
-        best, step = lawful, EXTRA_STEP
-        for extra in np.arange(-MAX_EXTRA, MAX_EXTRA + step / 2, step):
-            best = min(best, self.stretch(a, b, float(extra)), key=lambda s: s.cost)
-        while step > MIN_EXTRA_STEP:
-            step /= 2
-            around = [self.stretch(a, b, best.extra + sign * step) for sign in (-1, 1)]
-            best = min([best, *around], key=lambda s: s.cost)
-        return replace(best, gain=lawful.cost - best.cost)
+        lawful = self._on_other_ground(lawful, -SPIN_RELIEF[lawful.shape], MIN_EXTRA)
+        rough = self._on_other_ground(lawful, -MAX_EXTRA, MAX_EXTRA)
+        gain = lawful.reliable_cost - rough.reliable_cost
+        return replace(rough, gain=gain) if gain > CUT_GAIN else lawful
+
+    def _on_other_ground(self, lawful: "Stretch", low: float, high: float) -> "Stretch":
+        """The same with a ground that slows down by `low` to `high` more for a while."""
+        a, b = lawful.a, lawful.b
+        seconds, location, weight = self._seconds(a, b), self.location[a:b], self.weight[a:b]
+        total = float(seconds[-1])
+
+        def unpacked(values: FloatArray) -> tuple[FloatArray, Ground]:
+            extra, onset, duration = values[4:].tolist()
+            return values[:4], Ground(extra, onset, onset + duration)
+
+        def error(values: FloatArray) -> FloatArray:
+            """Whose squares are twice the cost."""
+            off = location - _place(self.shape, *unpacked(values), seconds)
+            squares = (off**2).sum(1)
+            share = np.sqrt(2 * _costs(squares, weight, self.noise) / np.maximum(squares, 1e-24))
+            return np.asarray((off * share[:, None]).ravel())
+
+        bounds = [-np.inf] * 4 + [low, 0.0, MIN_ROUGH_SECONDS], [np.inf] * 4 + [high, total, total]
+        # What rests in the end tells nothing of the ground there.
+        onsets = 0.0, (total - MIN_ROUGH_SECONDS) / 2
+        starts = [[*lawful.motion, high * FIRST_SHARE, onset, total - onset] for onset in onsets]
+        fits = [least_squares(error, start, bounds=bounds, **LEAST_SQUARES) for start in starts]
+        best = min(fits, key=lambda fit: float(fit.cost))
+        motion, ground = unpacked(best.x)
+        residual = np.linalg.norm(location - _place(self.shape, motion, ground, seconds), axis=1)
+        return Stretch(self, a, b, motion, residual, float(best.cost), ground)
+
+    def _seconds(self, a: int, b: int) -> FloatArray:
+        return np.asarray((self.frames[a:b] - self.frames[a]) * FRAME_SECONDS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +168,8 @@ class Stretch:
         motion: (4,) fitted position and velocity at the first frame (world units, world units/s).
         residual: (b - a,) distances of the positions from the fit (world units).
         cost: of the fit (nats).
-        extra: how much more than CLEVRER's ground the ground slows it down (world units/s²).
-        gain: how much better that explains the positions than CLEVRER's ground does (nats).
+        ground: on which it slides.
+        gain: how much better that explains the reliable positions than CLEVRER's ground does (nats).
     """
 
     track: _Track
@@ -113,7 +178,7 @@ class Stretch:
     motion: FloatArray
     residual: FloatArray
     cost: float
-    extra: float
+    ground: Ground
     gain: float = 0.0
 
     def __len__(self) -> int:
@@ -140,37 +205,38 @@ class Stretch:
     def last(self) -> int:
         return int(self.frames[-1])
 
+    @property
+    def rough_frames(self) -> tuple[int, int]:
+        """First and last of those on another ground, counted as in slices."""
+        first = self.start + round(self.ground.onset / FRAME_SECONDS)
+        return first, min(max(self.start + round(self.ground.end / FRAME_SECONDS), first), self.last) + 1
+
     @cached_property
     def speed(self) -> float:
         """At the first frame (world units/s)."""
         return float(np.hypot(*self.motion[2:]))
 
-    def lawful(self) -> "Stretch":
-        """The same on CLEVRER's ground."""
-        return replace(self.track.stretch(self.a, self.b), gain=self.gain)
+    @property
+    def reliable_cost(self) -> float:
+        """Of the positions that are reliable: errors of the others are alike, so that many of them say no more than one."""
+        return float(_costs(self.residual[self.reliable] ** 2, np.ones(self.reliable.sum()), self.track.noise).sum())
 
     def parts(self, frame: float) -> "tuple[Stretch, Stretch] | None":
         """Those before and after a frame; None where one has too few positions."""
         k = self.a + int(np.searchsorted(self.frames, frame))
         if min(k - self.a, self.b - k) < MIN_FRAMES:
             return None
-        return self.track.stretch(self.a, k, self.extra), self.track.stretch(k, self.b, self.extra)
-
-    def onset(self) -> int:
-        """The frame from which another ground explains the positions best, while CLEVRER's explains those before it."""
-        best = self.cost, self.a
-        for k in range(self.a + MIN_FRAMES, self.b - MIN_FRAMES):
-            best = min(best, (self.track.stretch(self.a, k).cost + self.track.rough_stretch(k, self.b).cost, k))
-        return int(self.track.frames[best[1]])
+        fit = self.track.rough_stretch if self.gain else self.track.stretch
+        return fit(self.a, k), fit(k, self.b)
 
     def place(self, frames: FloatArray) -> FloatArray:
-        """(F, 2) positions at frames (F,)."""
-        distance = _slid(self.track.shape, self.speed, (frames - self.start) * FRAME_SECONDS, self.extra)[:, 0]
-        return self.motion[:2] + distance[:, None] * self.motion[2:] / max(self.speed, 1e-9)
+        """(F, 2) positions at frames (F,), in ascending order."""
+        return _place(self.track.shape, self.motion, self.ground, (frames - self.start) * FRAME_SECONDS)
 
     def velocity(self, frame: float) -> FloatArray:
         """(2,) at a frame."""
-        speed = _slid(self.track.shape, self.speed, np.array([frame - self.start]) * FRAME_SECONDS, self.extra)[0, 1]
+        seconds = np.array([(frame - self.start) * FRAME_SECONDS])
+        speed = slide_roughly(self.track.shape, self.speed, seconds, *self.ground)[1][0]
         return np.asarray(speed * self.motion[2:] / max(self.speed, 1e-9))
 
     @cached_property
@@ -270,6 +336,11 @@ class Break:
         return Change(size, size**2 / (2 * (self.before.velocity_variance + self.after.velocity_variance + noise**2)))
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether the positions hardly say that anything changes."""
+        return max(self.jump().nats, self.kick().nats) < MIN_EVIDENCE
+
+    @property
     def is_slight(self) -> bool:
         """Whether nothing changes but some positions that are off, as in the frames of a contact."""
         return self.jump().size < SLIGHT_WORLD and self.kick().size < SLIGHT_WORLD_PER_S
@@ -282,21 +353,23 @@ class ObjectStretches:
         states: the tracks.
         i: the object.
         noise: standard deviation of reliable positions (world units).
+        is_clevrers: whether the ground is CLEVRER's for sure.
     """
 
-    def __init__(self, states: MotionStates, i: int, noise: float = FIRST_NOISE_WORLD) -> None:
+    def __init__(
+        self, states: MotionStates, i: int, noise: float = FIRST_NOISE_WORLD, is_clevrers: bool = True
+    ) -> None:
         frames = np.flatnonzero(states.detected[i])
         box = states.box_xyxy_px[i, frames]
         near_border = ((box[:, :2] < BORDER_PX) | (np.array([WIDTH_PX, HEIGHT_PX]) - box[:, 2:] < BORDER_PX)).any(1)
         weight = np.where(near_border, UNRELIABLE_WEIGHT, states.weight[i, frames])
         shape = SHAPES.index(states.objects[i].shape)
-        self._track = _Track(i, shape, frames, states.location_world[i, frames], weight, noise)
+        self._track = _Track(i, shape, frames, states.location_world[i, frames], weight, noise, is_clevrers)
         self._ends = [0, *_cuts(self._track, 0, len(frames)), len(frames)]
 
     def stretches(self) -> list[Stretch]:
         """In order of time."""
-        found = [self._track.rough_stretch(a, b) for a, b in pairwise(self._ends)]
-        return [s if s.gain > CUT_GAIN else s.lawful() for s in found]
+        return [self._track.rough_stretch(a, b) for a, b in pairwise(self._ends)]
 
     def merge(self, is_explained: Callable[[Break], bool]) -> None:
         """Undo slight cuts, and those that no contact explains where one stretch on another ground explains the positions."""
@@ -304,12 +377,13 @@ class ObjectStretches:
         while len(self._ends) > 2:
             gains = []
             for a, b, c in zip(self._ends, self._ends[1:], self._ends[2:], strict=False):
-                both = Break(p.stretch(a, b), p.stretch(b, c))
+                both = Break(p.rough_stretch(a, b), p.rough_stretch(b, c))
                 if both.is_slight:
                     gains.append(-np.inf)
-                    continue
-                gain = p.rough_stretch(a, c).cost - both.before.cost - both.after.cost
-                gains.append(np.inf if gain < MERGE_GAIN and is_explained(both) else gain)
+                elif not is_explained(both):
+                    gains.append(p.rough_stretch(a, c).cost - both.before.cost - both.after.cost)
+                else:
+                    gains.append(np.inf)
             worst = int(np.argmin(gains))
             if gains[worst] >= MERGE_GAIN:
                 break
@@ -323,26 +397,17 @@ def noise_of(stretches: Iterable[Stretch]) -> float:
     return max(float(np.median(every)) / 1.18 if len(every) else FIRST_NOISE_WORLD, MIN_NOISE_WORLD)
 
 
-@cached_njit
-def _slid(shape, speed, seconds, extra):  # type: ignore[no-untyped-def]
-    """Distance and speed (F, 2) after seconds (F,); what came before the first frame slid on CLEVRER's ground."""
-    out = np.empty((len(seconds), 2))
-    for t in range(len(seconds)):
-        if extra != 0.0 and seconds[t] > 0:
-            out[t, 0], out[t, 1] = slide_roughly(shape, speed, seconds[t], extra)
-        else:
-            found = slide_one(shape, speed, seconds[t])
-            out[t, 0], out[t, 1] = found[0], found[1]
-    return out
+def _place(shape: int, motion: FloatArray, ground: Ground, seconds: FloatArray) -> FloatArray:
+    """(N, 2) positions at seconds (N,), in ascending order, from position and velocity (4,) at second 0."""
+    speed = float(np.hypot(motion[2], motion[3]))
+    distance = slide_roughly(shape, speed, seconds, *ground)[0]
+    return np.asarray(motion[:2] + distance[:, None] * motion[2:4] / max(speed, 1e-9))
 
 
 @cached_njit
-def _cost(residual, weight, noise):  # type: ignore[no-untyped-def]
-    """Negative log likelihood of distances from a fit, up to a constant."""
-    total = 0.0
-    for k in range(len(residual)):
-        total += np.log1p(weight[k] * residual[k] ** 2 / (DEGREES_OF_FREEDOM * noise**2))
-    return total * (DEGREES_OF_FREEDOM + 2) / 2
+def _costs(squares, weight, noise):  # type: ignore[no-untyped-def]
+    """Negative log likelihoods (N,) of squared distances (N,) from a fit, up to a constant."""
+    return np.log1p(weight * squares / (DEGREES_OF_FREEDOM * noise**2)) * ((DEGREES_OF_FREEDOM + 2) / 2)
 
 
 @cached_njit
@@ -354,7 +419,7 @@ def _best_cut(shape, seconds, location, weight, noise, least):  # type: ignore[n
         for side in range(2):
             part = slice(0, k) if side == 0 else slice(k, len(seconds))
             residual = fit_one(shape, seconds[part] - seconds[part][0], location[part], weight[part])[1]
-            total += _cost(residual, weight[part], noise)
+            total += _costs(residual**2, weight[part], noise).sum()
         if total < cost:
             best, cost = k, total
     return best, cost
