@@ -111,9 +111,13 @@ class DatasetConfig(Settings):
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
         return self.seed * SCENES_PER_SEED + self.first_scene + index
 
-    def made(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
-        """The scenes of a job's videos, from index `first` on, and what their truth files say beside them."""
-        return [(simulate_scene(self.scene_seed(first), self.scene), {})]
+    def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
+        """The scene of a video, and what its truth file says beside it."""
+        return simulate_scene(self.scene_seed(index), self.scene), {}
+
+    def made_together(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
+        """The same of each video of a job, from index `first` on."""
+        return [self.made(first)]
 
     def indices(self) -> dict[str, range]:
         """Video indices of each split: the first ones of the release's ranges."""
@@ -261,7 +265,7 @@ def _fingerprint(config: DatasetConfig) -> str:
 def _make_videos(config: DatasetConfig, job: tuple[str, range], _: Path) -> None:
     """Write all files of a job's videos; the ground truth comes last, so that an unfinished video never counts as done."""
     split, indices = job
-    for index, (scene, more_truth) in zip(indices, config.made(indices[0]), strict=True):
+    for index, (scene, more_truth) in zip(indices, config.made_together(indices[0]), strict=True):
         video = split, index
         for world, removed in enumerate(removals_by_effect(scene)[: config.counterfactual_videos], 1):
             files = Files(config.output, *video, world)

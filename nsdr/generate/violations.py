@@ -56,9 +56,13 @@ class ViolationsConfig(DatasetConfig):
         if sum(share > 0 for share in self.splits.values()) != 1:
             raise DataError(f"splits: expected one split, as both videos of a pair are in it; got {dict(self.splits)}")
 
-    def made(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
-        """The scenes of a pair, and the `violation` of the second one."""
-        pair = (first - next(r.start for r in self.indices().values() if len(r))) // 2
+    def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
+        """The scene of a video; that of every other one, with its `violation`, breaks a law."""
+        return self.made_together(index)[self._place(index) % 2]
+
+    def made_together(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
+        """Both videos of a pair."""
+        pair = self._place(first) // 2
         size, law = (names[k % len(names)] for names, k in ((self.sizes, pair // len(self.laws)), (self.laws, pair)))
         for attempt in range(SCENES_PER_PAIR):
             seed = self.scene_seed(pair + attempt * (self.videos // 2))
@@ -68,6 +72,10 @@ class ViolationsConfig(DatasetConfig):
                 broken, violation = found
                 return [(scene, {}), (broken, {"violation": asdict(violation)})]
         raise DataError(f"pair {pair}: {SCENES_PER_PAIR} scenes gave no occasion to break {law} ({size})")
+
+    def _place(self, index: int) -> int:
+        """Of a video in its split."""
+        return index - next(r.start for r in self.indices().values() if len(r))
 
 
 def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> Path:

@@ -13,16 +13,8 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD
-from nsdr.laws.stretches import (
-    CUT_GAIN,
-    MIN_EVIDENCE,
-    SURE_FRAMES,
-    VELOCITY_NOISE,
-    Break,
-    ObjectStretches,
-    Stretch,
-    noise_of,
-)
+from nsdr.laws.breaks import MIN_EVIDENCE, SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, noise_of
+from nsdr.laws.stretches import CUT_GAIN, Stretch
 from nsdr.tracking.visibility import in_image
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
