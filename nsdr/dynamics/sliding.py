@@ -121,10 +121,11 @@ def slide_roughly(shape, speed, seconds, extra, onset, end):  # type: ignore[no-
         seconds: (N,) in ascending order.
         extra: how much more than CLEVRER's ground the other one slows down, or less (world units/s²).
         onset: when the other ground starts (s, 0 or more).
-        end: and ends (s).
+        end: and ends (s, `onset` or later).
     """
     distances, speeds = np.empty(len(seconds)), np.empty(len(seconds))
     law = 0.0 if shape == _SPHERE else _DECELERATION
+    speed = min(speed, MAX_SPEED_WORLD_PER_S)
     covered, now, _, _ = slide_one(shape, speed, onset)
     at = onset
     for k in range(len(seconds)):
@@ -136,7 +137,7 @@ def slide_roughly(shape, speed, seconds, extra, onset, end):  # type: ignore[no-
             later = max(now - step * (law + extra + LINEAR_DAMPING * now * (1 + now)), 0.0) if now > 0 else 0.0
             covered += step * (now + later) / 2
             now, at = min(later, MAX_SPEED_WORLD_PER_S), at + step
-        more, speeds[k], _, _ = slide_one(shape, now, max(seconds[k] - max(end, onset), 0.0))
+        more, speeds[k], _, _ = slide_one(shape, now, max(seconds[k] - end, 0.0))
         distances[k] = covered + more
     return distances, speeds
 

@@ -90,8 +90,9 @@ def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> P
     root = generate_dataset(config, keep_going)
     for split, indices in config.indices().items():
         if indices:
-            paths = [Files(root, split, i).truth for i in indices]
-            scenes = [_questions(read_truth_file(path)) for path in paths if path.exists()]
+            pairs = [[Files(root, split, first + k).truth for k in (0, 1)] for first in indices[::2]]
+            paths = [path for pair in pairs if pair[1].exists() for path in pair]
+            scenes = [_questions(read_truth_file(path)) for path in paths]
             write_questions(root / "questions" / f"{split}.json", scenes)
     return root
 

@@ -21,13 +21,13 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["MIN_EVIDENCE", "SURE_FRAMES", "VELOCITY_NOISE", "Break", "ObjectStretches", "noise_of"]
+__all__ = ["FIRST_NOISE_WORLD", "MIN_EVIDENCE", "SURE_FRAMES", "VELOCITY_NOISE", "Break", "ObjectStretches", "noise_of"]
 
 MIN_NOISE_WORLD, FIRST_NOISE_WORLD = 0.004, 0.005
 """Least standard deviation of positions, which is measured in each video; with the second one, stretches are first cut to do so
 (world units)."""
 MERGE_GAIN = 6.0
-"""Stretches are joined again where one on another ground is worse than both by less (nats)."""
+"""Stretches between which no contact is are joined again where one on another ground is worse than both by less (nats)."""
 MIN_EVIDENCE = 4.0
 """Less evidence is none (nats)."""
 SURE_FRAMES = 8
@@ -141,12 +141,10 @@ class ObjectStretches:
         states: the tracks.
         i: the object.
         noise: standard deviation of reliable positions (world units).
-        is_clevrers: whether the ground is CLEVRER's for sure.
+        is_clevrers: whether the ground is known to be CLEVRER's.
     """
 
-    def __init__(
-        self, states: MotionStates, i: int, noise: float = FIRST_NOISE_WORLD, is_clevrers: bool = True
-    ) -> None:
+    def __init__(self, states: MotionStates, i: int, noise: float, is_clevrers: bool) -> None:
         frames = np.flatnonzero(states.detected[i])
         box = states.box_xyxy_px[i, frames]
         near_border = ((box[:, :2] < BORDER_PX) | (np.array([WIDTH_PX, HEIGHT_PX]) - box[:, 2:] < BORDER_PX)).any(1)

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
-from nsdr.laws.motion import MIN_EVIDENCE, Evidence, Explanation
+from nsdr.laws.breaks import MIN_EVIDENCE
+from nsdr.laws.motion import Evidence, Explanation
 from nsdr.laws.presence import other_words, presence, renamed
 from nsdr.types import VideoProposals, VideoTracks
 
@@ -37,7 +38,7 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     if proposals is not None:
         found = renamed(found, tracks, proposals)
         found += other_words(forwards, tracks, proposals)
-    # If time runs backwards, nothing else is broken.
+    # That the ground is another one, too, would be a second broken law.
     backwards = Explanation(_reversed(states), forwards.noise, is_clevrers=True)
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:

@@ -21,7 +21,7 @@ EVEN_NATS = {
     "permanence": 6.0,
     "identity": 6.0,
     "continuity": 16.1,
-    "inertia": 21.8,
+    "inertia": 22.2,
     "friction": 43.2,
     "solidity": 23.1,
     "reaction": 11.6,

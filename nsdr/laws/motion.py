@@ -13,14 +13,22 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD
-from nsdr.laws.breaks import MIN_EVIDENCE, SURE_FRAMES, VELOCITY_NOISE, Break, ObjectStretches, noise_of
+from nsdr.laws.breaks import (
+    FIRST_NOISE_WORLD,
+    MIN_EVIDENCE,
+    SURE_FRAMES,
+    VELOCITY_NOISE,
+    Break,
+    ObjectStretches,
+    noise_of,
+)
 from nsdr.laws.stretches import CUT_GAIN, Stretch
 from nsdr.tracking.visibility import in_image
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
 
-__all__ = ["MIN_EVIDENCE", "SAME_FRAMES", "Evidence", "Explanation"]
+__all__ = ["SAME_FRAMES", "Evidence", "Explanation"]
 
 REACH_NOISE_WORLD = 0.01
 """Standard deviation of the distance at which two objects touch (world units)."""
@@ -39,8 +47,7 @@ HIDDEN_FRAMES = 24
 TOUCH_NATS = 4.0
 """Objects against whose contact less speaks touch (nats)."""
 BROKEN_NATS = 200.0
-"""Most that a law broken once counts for when both directions of time are compared: a clear one is no reason to turn the video
-around, against which its friction speaks in many frames (nats)."""
+"""Most that each further broken law counts for when both directions of time are compared (nats)."""
 MASS_RATIOS = np.geomspace(MASS_RANGE[0] / MASS_RANGE[1], MASS_RANGE[1] / MASS_RANGE[0], 15)
 MAX_RESTITUTION = 0.8
 """Largest restitution that a collision may show; CLEVRER's is 0.64, and up to 0.76 was measured in official proposals."""
@@ -69,7 +76,7 @@ class Explanation:
     Args:
         states: the tracks.
         noise: standard deviation of their positions; None to measure it.
-        is_clevrers: whether the ground is CLEVRER's for sure.
+        is_clevrers: whether the ground is known to be CLEVRER's.
     """
 
     states: MotionStates
@@ -79,7 +86,8 @@ class Explanation:
     def __post_init__(self) -> None:
         every = range(len(self.states.objects))
         if self.noise is None:
-            self.noise = noise_of(s for i in every for s in ObjectStretches(self.states, i).stretches())
+            first = (ObjectStretches(self.states, i, FIRST_NOISE_WORLD, is_clevrers=True) for i in every)
+            self.noise = noise_of(s for one in first for s in one.stretches())
         objects = [ObjectStretches(self.states, i, self.noise, self.is_clevrers) for i in every]
         self.frames = self.states.present.shape[1]
         self._cut([o.stretches() for o in objects])
@@ -101,8 +109,9 @@ class Explanation:
         """Of the positions, the cuts, and all that is against the laws of motion, of which the worst counts as a cut (nats)."""
         fit = sum(s.cost for one in self.stretches for s in one)
         cuts = CUT_GAIN * sum(len(one) for one in self.breaks)
-        broken = sorted((min(e.nats, BROKEN_NATS) for e in self.motion()), reverse=True)
-        return fit + cuts + min(broken[0], CUT_GAIN) + sum(broken[1:]) if broken else fit + cuts
+        broken = [min(e.nats, BROKEN_NATS) for e in self.motion()]
+        # One broken law is no reason to turn the video around: the worst counts as a cut.
+        return fit + cuts + sum(broken) - max(max(broken, default=0.0) - CUT_GAIN, 0.0)
 
     def _friction(self) -> Iterator[Evidence]:
         for s in (s for one in self.stretches for s in one):
@@ -199,7 +208,7 @@ class Explanation:
         """Whether more happens around a contact than that of the two objects, so that its effect alone is not seen."""
         frame, pair = b.frame, [b.i, j]
         around = slice(max(round(frame) - CROWDED_FRAMES, 0), round(frame) + CROWDED_FRAMES + 1)
-        places = self.states.location_world[:, around]
+        places = np.where(self.states.present[..., None], self.states.location_world, np.nan)[:, around]
         for k, breaks in enumerate(self.breaks):
             for other in breaks:
                 since = abs(other.frame - frame)
@@ -254,7 +263,7 @@ class _Contact(NamedTuple):
         gap_nats: of the gap.
         exchange_nats: of how both change; None where that is not seen.
         restitution: speed of separation over speed of approach.
-        opposite: the other one changes at the same time, in the opposite direction.
+        opposite: the other one changes at the same time, in the opposite direction, and no third object touches it.
     """
 
     j: int

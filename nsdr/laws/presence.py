@@ -7,7 +7,8 @@ from itertools import pairwise, takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.laws.motion import MIN_EVIDENCE, SAME_FRAMES, Evidence, Explanation
+from nsdr.laws.breaks import MIN_EVIDENCE
+from nsdr.laws.motion import SAME_FRAMES, Evidence, Explanation
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import detected_attributes
 from nsdr.tracking.visibility import in_image

@@ -17,7 +17,7 @@ from nsdr.validation import FloatArray
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["CUT_GAIN", "MIN_FRAMES", "Positions", "Stretch", "costs"]
+__all__ = ["CUT_GAIN", "MIN_FRAMES", "Ground", "Positions", "Stretch", "costs"]
 
 DEGREES_OF_FREEDOM = 4.0
 """Of the distribution of positions."""
@@ -30,13 +30,13 @@ HIDDEN_SHARE = 0.02
 MIN_SPEED_WORLD_PER_S = 0.15
 """Slower objects tell nothing of the ground (world units/s)."""
 MAX_EXTRA, FIRST_SHARE = 2.4, 0.1
-"""Largest deceleration of other grounds beyond CLEVRER's (world units/s²), and its share from which fits start."""
+"""Largest deceleration of other grounds beyond CLEVRER's (world units/s²); fits start from this share of their largest."""
 MIN_EXTRA = 0.08
 """Smaller differences of the deceleration are those of the fit, where an object comes to rest (world units/s²)."""
 SPIN_RELIEF = {"cube": 0.2, "cylinder": 0.2, "sphere": MIN_EXTRA}
 """So much less slows down an object that spins, as friction acts against both motions (world units/s²)."""
 MIN_ROUGH_SECONDS = 10 * FRAME_SECONDS
-"""It lasts at least so long (s)."""
+"""Another ground lasts at least so long: in less time it can hardly be told from a push (s)."""
 LEAST_SQUARES: Any = {"x_scale": (0.01, 0.01, 0.05, 0.05, 0.2, 0.1, 0.1), "max_nfev": 100}
 """How far the fitted values change: position, velocity, deceleration, when it starts and how long it lasts; and most steps."""
 
@@ -69,7 +69,7 @@ class Positions:
         location: (N, 2) (world units).
         weight: (N,) 1 for reliable positions.
         noise: standard deviation of reliable positions (world units).
-        is_clevrers: whether the ground is CLEVRER's for sure.
+        is_clevrers: whether the ground is known to be CLEVRER's.
         rough: stretches of `rough_stretch`.
     """
 
@@ -80,7 +80,7 @@ class Positions:
     weight: FloatArray
     noise: float
     is_clevrers: bool
-    rough: "dict[tuple[int, int], Stretch]" = field(default_factory=dict)
+    rough: "dict[tuple[int, int], Stretch]" = field(default_factory=dict, init=False, repr=False)
 
     def stretch(self, a: int, b: int) -> "Stretch":
         """The positions a to b - 1 as one stretch on CLEVRER's ground."""
@@ -103,7 +103,8 @@ class Positions:
         lawful = self._on_other_ground(lawful, -SPIN_RELIEF[lawful.shape], MIN_EXTRA)
         rough = self._on_other_ground(lawful, -MAX_EXTRA, MAX_EXTRA)
         gain = lawful.reliable_cost - rough.reliable_cost
-        return replace(rough, gain=gain) if gain > CUT_GAIN else lawful
+        is_lawful = -SPIN_RELIEF[lawful.shape] <= rough.ground.extra <= MIN_EXTRA
+        return lawful if is_lawful or gain < CUT_GAIN else replace(rough, gain=gain)
 
     def _on_other_ground(self, lawful: "Stretch", low: float, high: float) -> "Stretch":
         """The same with a ground that slows down by `low` to `high` more for a while."""
@@ -122,7 +123,7 @@ class Positions:
             share = np.sqrt(2 * costs(squares, weight, self.noise) / np.maximum(squares, 1e-24))
             return np.asarray((off * share[:, None]).ravel())
 
-        bounds = [-np.inf] * 4 + [low, 0.0, MIN_ROUGH_SECONDS], [np.inf] * 4 + [high, total, total]
+        bounds = [-np.inf] * 4 + [low, 0.0, MIN_ROUGH_SECONDS], [np.inf] * 4 + [high, total - MIN_ROUGH_SECONDS, total]
         # What rests in the end tells nothing of the ground there.
         onsets = 0.0, (total - MIN_ROUGH_SECONDS) / 2
         starts = [[*lawful.motion, high * FIRST_SHARE, onset, total - onset] for onset in onsets]
@@ -147,7 +148,8 @@ class Stretch:
         residual: (b - a,) distances of the positions from the fit (world units).
         cost: of the fit (nats).
         ground: on which it slides.
-        gain: how much better that explains the reliable positions than CLEVRER's ground does (nats).
+        gain: how much better that explains the reliable positions than a lawful ground, which slows down less what spins
+            (nats); 0 where the ground is lawful.
     """
 
     track: Positions
@@ -186,8 +188,8 @@ class Stretch:
     @property
     def rough_frames(self) -> tuple[int, int]:
         """First and last of those on another ground, counted as in slices."""
-        first = self.start + round(self.ground.onset / FRAME_SECONDS)
-        return first, min(max(self.start + round(self.ground.end / FRAME_SECONDS), first), self.last) + 1
+        first, last = (self.start + round(s / FRAME_SECONDS) for s in self.ground[1:])
+        return first, min(last, self.last) + 1
 
     @cached_property
     def speed(self) -> float:
