@@ -51,7 +51,7 @@ PAGES = {
 LEFT_OUT = (
     *("…", "|", "--help", "FORMAT"),  # no whole commands
     *("http:", "--render.assets", "paper.yaml", "--source videos", "--source proposals", "nsdr tag"),
-    *("generate dataset", "--first_scene 362000", "--first_scene 520000", "--first_scene 580000"),
+    *("generate dataset", "--first_scene 36", "--first_scene 370000", "--first_scene 540000", "--first_scene 580000"),
     *("answers.json", "PAIRS/questions", "OTHER"),
 )
 """In commands that need a server, Blender, hours or many videos, that make more data, or that read what these do not make."""
