@@ -27,7 +27,8 @@ MIN_NOISE_WORLD, FIRST_NOISE_WORLD = 0.004, 0.005
 """Least standard deviation of positions, which is measured in each video; with the second one, stretches are first cut to do so
 (world units)."""
 MERGE_GAIN = 6.0
-"""Stretches between which no contact is are joined again where one on another ground is worse than both by less (nats)."""
+"""Stretches between which no contact is are joined again where one on another ground is worse than both by less (nats): chosen
+on the training suites of docs/judge.md."""
 MIN_EVIDENCE = 4.0
 """Less evidence is none (nats)."""
 SURE_FRAMES = 8
@@ -141,16 +142,16 @@ class ObjectStretches:
         states: the tracks.
         i: the object.
         noise: standard deviation of reliable positions (world units).
-        is_clevrers: whether the ground is known to be CLEVRER's.
+        known_ground: whether the ground is known to be CLEVRER's.
     """
 
-    def __init__(self, states: MotionStates, i: int, noise: float, is_clevrers: bool) -> None:
+    def __init__(self, states: MotionStates, i: int, noise: float, known_ground: bool) -> None:
         frames = np.flatnonzero(states.detected[i])
         box = states.box_xyxy_px[i, frames]
         near_border = ((box[:, :2] < BORDER_PX) | (np.array([WIDTH_PX, HEIGHT_PX]) - box[:, 2:] < BORDER_PX)).any(1)
         weight = np.where(near_border, UNRELIABLE_WEIGHT, states.weight[i, frames])
         shape = SHAPES.index(states.objects[i].shape)
-        self._track = Positions(i, shape, frames, states.location_world[i, frames], weight, noise, is_clevrers)
+        self._track = Positions(i, shape, frames, states.location_world[i, frames], weight, noise, known_ground)
         self._ends = [0, *_cuts(self._track, 0, len(frames)), len(frames)]
 
     def stretches(self) -> list[Stretch]:

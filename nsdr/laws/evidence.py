@@ -39,7 +39,7 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
         found = renamed(found, tracks, proposals)
         found += other_words(forwards, tracks, proposals)
     # That the ground is another one, too, would be a second broken law.
-    backwards = Explanation(_reversed(states), forwards.noise, is_clevrers=True)
+    backwards = Explanation(_reversed(states), forwards.noise, known_ground=True)
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:
         every = tuple(range(len(states.objects)))

