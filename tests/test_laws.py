@@ -98,6 +98,9 @@ def test_a_rebound_out_of_all_proportion_is_no_reversed_video() -> None:
         ("friction", "clear", 366362),  # a sphere that is braked until it rolls
         ("reaction", "small", 366751),  # two others collide nearby, but touch neither
         ("inertia", "clear", 366065),  # another object changes at the same time, far away and for a reason of its own
+        ("inertia", "clear", 372065),  # what another one did before its last contact says nothing of where it is now
+        ("friction", "clear", 366114),  # a sphere whose track is cut five frames after the change
+        ("continuity", "clear", 374018),  # after the jump it is partly hidden for long
     ],
 )
 def test_a_law_broken_once_is_told_from_others(law: str, size: str, seed: int) -> None:

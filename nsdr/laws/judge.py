@@ -28,7 +28,7 @@ EVEN_NATS = {
     "distance": 6.0,
     "arrow": 6.0,
 }
-STEEPNESS = 2.3
+STEEPNESS = 3.3
 """Evidence against each law that makes its violation as probable as not (nats), and how fast the log odds grow with the
 evidence's logarithm: of 501 lawful scenes of `train` and of training seeds, printed by `python benchmarks/violations.py SUITE…
 --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the suites were made)."""

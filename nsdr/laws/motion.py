@@ -15,6 +15,7 @@ from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD
 from nsdr.laws.breaks import (
     FIRST_NOISE_WORLD,
+    JUMP_FRAMES,
     MIN_EVIDENCE,
     SURE_FRAMES,
     VELOCITY_NOISE,
@@ -23,7 +24,6 @@ from nsdr.laws.breaks import (
     noise_of,
 )
 from nsdr.laws.stretches import CUT_GAIN, Stretch
-from nsdr.tracking.visibility import in_image
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
@@ -39,9 +39,6 @@ UNSEEN_FRAMES = 10
 CROWDED_FRAMES, CROWDED_WORLD = 10, 0.7
 """Other changes so long before or after a contact make its effect unknown, those of a third object if it comes so near (frames,
 world units): chosen on the training suites of docs/judge.md."""
-JUMP_FRAMES = 6
-"""An object that is hidden for longer may have been hit twice, so that its place tells nothing if something can have touched it
-(frames)."""
 HIDDEN_FRAMES = 24
 """Changes during which an object is hidden for longer do not show the effect of one contact alone (frames)."""
 TOUCH_NATS = 4.0
@@ -126,8 +123,9 @@ class Explanation:
             jump, kick, contacts = b.jump(), b.kick(), self._contacts(b)
             frame = round(b.frame)
             if jump.nats > kick.nats:
+                # What is not seen at all for long may have been hit twice.
                 touched = min((c.gap_nats for c in contacts), default=np.inf)
-                nats = jump.nats if b.hidden_frames <= JUMP_FRAMES else min(jump.nats, touched)
+                nats = jump.nats if b.missing_frames <= JUMP_FRAMES else min(jump.nats, touched)
                 if nats > MIN_EVIDENCE:
                     yield Evidence("continuity", (b.i,), frame, frame + 1, jump.size, "world units", nats)
                 continue
@@ -136,7 +134,7 @@ class Explanation:
             if nats < MIN_EVIDENCE:
                 continue
             touching = [c for c in contacts if c.gap_nats < TOUCH_NATS and c.exchange_nats is not None]
-            apart = [c for c in contacts if c.opposite and (c.exchange_nats or 0.0) < c.gap_nats]
+            apart = [c for c in contacts if self._repels(b, c) and (c.exchange_nats or 0.0) < c.gap_nats]
             if touching:
                 best = min(touching, key=lambda c: c.nats)
                 law, amount, unit = "reaction", best.restitution, "restitution"
@@ -173,24 +171,29 @@ class Explanation:
         frame, (gap, nats) = b.frame, self._gap(b, j)
         if np.isinf(nats):
             return None
-        others = [o for o in self.breaks[j] if abs(o.frame - frame) <= SAME_FRAMES]
         sides = self._sides(j, frame)
         exchange, restitution = None, np.nan
         if sides is not None and not self._is_crowded(b, j):
             # What is hidden for long may have changed twice.
-            hidden = [o.hidden_frames for o in (b, *others)]
+            hidden = [o.hidden_frames for o in (b, *self._changes_with(b, j))]
             if max(hidden) <= HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
                 exchange, restitution = _exchange((b.before, b.after), sides, frame)
-        opposite = any(_is_opposite(b, o) and not self._is_touched(o, b.i) for o in others)
-        return _Contact(j, gap, nats, exchange, restitution, opposite)
+        return _Contact(j, gap, nats, exchange, restitution)
+
+    def _changes_with(self, b: Break, j: int) -> list[Break]:
+        """Changes of object j at the same time."""
+        return [o for o in self.breaks[j] if abs(o.frame - b.frame) <= SAME_FRAMES]
+
+    def _repels(self, b: Break, contact: "_Contact") -> bool:
+        """Whether the other object changes at the same time in the opposite direction, which no third object explains."""
+        opposite = (o for o in self._changes_with(b, contact.j) if _is_opposite(b, o))
+        return any(all(c.nats >= TOUCH_NATS for c in self._contacts(o) if c.j != b.i) for o in opposite)
 
     def _gap(self, b: Break, j: int) -> tuple[float, float]:
         """Between the object that changes and object j (world units), and the evidence of it (nats); infinite where j is not
         seen."""
         when, gap, nats = b.window, np.inf, np.inf
-        near = [
-            s for s in self.stretches[j] if s.start - UNSEEN_FRAMES <= when[-1] and when[0] <= s.last + UNSEEN_FRAMES
-        ]
+        near = self._near(j, when)
         for one in (b.before, b.after):
             for other in near:
                 reach = 2 * OBJECT_RADIUS_WORLD + CORNER_WORLD * (one.shape, other.shape).count("cube")
@@ -200,9 +203,16 @@ class Explanation:
                     gap, nats = float(gaps[found.argmin()]), float(found.min())
         return gap, nats
 
-    def _is_touched(self, b: Break, i: int) -> bool:
-        """Whether another object than i touches that which changes."""
-        return any(self._gap(b, k)[1] < TOUCH_NATS for k in range(len(self.stretches)) if k not in (b.i, i))
+    def _near(self, j: int, when: FloatArray) -> list[Stretch]:
+        """Stretches that may tell where object j is at frames (F,): also those nearby, but not where the next one does."""
+        every = self.stretches[j]
+        ends, starts = [-np.inf, *(s.last for s in every[:-1])], [*(s.start for s in every[1:]), np.inf]
+        return [
+            s
+            for s, end, start in zip(every, ends, starts, strict=True)
+            if max(s.start - UNSEEN_FRAMES, end - SAME_FRAMES) <= when[-1]
+            and when[0] <= min(s.last + UNSEEN_FRAMES, start + SAME_FRAMES)
+        ]
 
     def _is_crowded(self, b: Break, j: int) -> bool:
         """Whether more happens around a contact than that of the two objects, so that its effect alone is not seen."""
@@ -222,10 +232,11 @@ class Explanation:
         return False
 
     def _unseen_nats(self, b: Break) -> float:
-        """Of the explanation that an object hit it that is not in the image."""
+        """Of the explanation that an object hit it whose centre is not in the image."""
         other = b.place - 2 * OBJECT_RADIUS_WORLD * b.change / max(float(np.hypot(*b.change)), 1e-9)
-        near = in_image("sphere", on_ground(other[None]), np.zeros(1), self.states.camera)[0]
-        return np.inf if near else 0.0
+        centre = self.states.camera.pixels(on_ground(other[None]))[0]
+        size = self.states.camera.width, self.states.camera.height
+        return np.inf if (centre > 0).all() and (centre < size).all() else 0.0
 
     def _solidity(self) -> Iterator[Evidence]:
         """Against solidity: objects that are nearer to each other than they can be."""
@@ -263,7 +274,6 @@ class _Contact(NamedTuple):
         gap_nats: of the gap.
         exchange_nats: of how both change; None where that is not seen.
         restitution: speed of separation over speed of approach.
-        opposite: the other one changes at the same time, in the opposite direction, and no third object touches it.
     """
 
     j: int
@@ -271,7 +281,6 @@ class _Contact(NamedTuple):
     gap_nats: float
     exchange_nats: float | None
     restitution: float
-    opposite: bool
 
     @property
     def nats(self) -> float:
