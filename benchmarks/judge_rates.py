@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from violations import judged, suite
+from violations import judged
 
-from nsdr.clevrer import read_compact_proposals
+from nsdr.clevrer import read_compact_proposals, read_proposals
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.io.files import find_files
 from nsdr.types import Judgement, VideoProposals
 from nsdr.world.physics_constants import FPS
 
@@ -66,7 +68,9 @@ def main() -> None:
     o = parser.parse_args()
     warnings.simplefilter("ignore")
     official = [p for _, p in read_compact_proposals(o.official)][:: o.every]
-    made = list(suite(o.suite))
+    truths = [read_truth_file(path) for path in find_files(o.suite / "truth", "truth_*.json")]
+    folder = o.suite / "derender_proposals"
+    made = [(read_proposals(folder / f"proposal_{truth['scene_index']:05d}.json"), truth) for truth in truths]
     print("| frames | found | law right | false alarms, suite | official |\n|---|---|---|---|---|")
     for kind in (*RATES, *LENGTHS):
         is_rate = isinstance(kind, float)

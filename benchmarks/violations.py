@@ -5,14 +5,17 @@
     python benchmarks/violations.py --figure docs/images/violations.png
 
 The suite needs masks. `--lawful` takes official proposals, in which nothing is broken; of these, `--every N --first K` takes a
-part. `--fit` prints the constants of `nsdr.laws.judge`, from a suite of training seeds and proposals of `train`.
+part. `--fit` prints the constants of `nsdr.laws.judge`, from a suite of training seeds and proposals of `train`; `--jumps` how
+far objects seem to jump while they are hidden in part, from those proposals.
 """
 
 import argparse
+import os
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -23,6 +26,7 @@ from tqdm import tqdm
 
 from nsdr.clevrer import read_compact_proposals, read_proposals
 from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.violations import SIZES, break_law
@@ -32,13 +36,16 @@ from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
+from nsdr.laws.breaks import HIDDEN_NOISE_WORLD, JUMP_FRAMES
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judgement_of, on_time
-from nsdr.laws.motion import Evidence
+from nsdr.laws.motion import Evidence, Explanation
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 
+T = TypeVar("T")
+R = TypeVar("R")
 FRAMES = 3
 """Frames that the first frame of a violation may be off."""
 FIGURE_SEED = 340000
@@ -49,6 +56,7 @@ CELL_PX = (240, 160)
 """Width and height of its frames (pixels)."""
 TEXT = (cv2.FONT_HERSHEY_SIMPLEX, 0.5)
 """Font of its texts, and size in OpenCV's unit."""
+QUANTILES = (0.5, 0.9, 0.98, 1.0)
 MARGIN, LEAST = 1.5, 6.0
 """See `fit`; the least evidence that counts as even (nats)."""
 
@@ -61,22 +69,27 @@ class Row(NamedTuple):
     evidence: list[Evidence]
 
 
-def suite(root: Path) -> Iterator[tuple[VideoProposals, dict[str, Any]]]:
-    for path in tqdm(find_files(root / "truth", "truth_*.json"), desc="suite"):
-        truth = read_truth_file(path)
-        yield read_proposals(root / "derender_proposals" / f"proposal_{truth['scene_index']:05d}.json"), truth
-
-
-def rows_of(root: Path) -> list[Row]:
-    rows: list[Row] = []
+def rows_of(root: Path, workers: int) -> list[Row]:
     manifest = read_json(root / "manifest.json")
     laws, sizes = manifest["config"]["laws"], manifest["config"]["sizes"]
     first = next(start for start, stop in manifest["splits"].values() if start < stop)
-    for proposals, truth in suite(root):
+    rows: list[Row] = []
+    truths = [read_truth_file(path) for path in find_files(root / "truth", "truth_*.json")]
+    files = [root / "derender_proposals" / f"proposal_{truth['scene_index']:05d}.json" for truth in truths]
+    for truth, found in zip(truths, in_parallel(judged_file, files, workers), strict=True):
         names = [f"{o['color']} {o['material']} {o['shape']}" for o in truth["objects"]]
         size = sizes[(truth["scene_index"] - first) // 2 // len(laws) % len(sizes)]  # as `ViolationsConfig` orders them
-        rows.append(Row(truth.get("violation"), names, size, *judged(proposals)))
+        rows.append(Row(truth.get("violation"), names, size, *found))
     return rows
+
+
+def in_parallel(function: Callable[[T], R], items: Sequence[T], workers: int) -> list[R]:
+    with ProcessPoolExecutor(workers) as pool:
+        return list(tqdm(pool.map(function, items), total=len(items), desc="videos"))
+
+
+def judged_file(path: Path) -> tuple[Judgement, list[Evidence]]:
+    return judged(read_proposals(path))
 
 
 def judged(proposals: VideoProposals, late: NDArray[np.float64] | None = None) -> tuple[Judgement, list[Evidence]]:
@@ -176,6 +189,15 @@ def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
     print(f"STEEPNESS = {best.x:.1f}")
 
 
+def jumps(proposals: VideoProposals) -> list[float]:
+    """How far objects seem to jump in a lawful video where they are hidden, if only in part (world units)."""
+    explanation = Explanation(states_from_tracks(track(proposals)))
+    breaks = [b for one in explanation.breaks for b in one if b.is_sure]
+    hidden = [b for b in breaks if b.hidden_frames > JUMP_FRAMES >= b.missing_frames]
+    known = [b for b in hidden if b.place_variance < HIDDEN_NOISE_WORLD**2]
+    return [b.jump().size for b in known]
+
+
 def draw(path: Path) -> None:
     """A row of frames around a clear violation of each law, with boxes around the objects that break it."""
     rows = []
@@ -234,15 +256,21 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--jumps", action="store_true")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--figure", type=Path, help="draw each law broken into a PNG file, and no more")
     parser.add_argument("-o", "--output", type=Path)
     o = parser.parse_args()
     if o.figure:
         draw(o.figure)
         return
-    rows = [row for root in o.suites for row in rows_of(root)]
-    given = list(read_compact_proposals(o.lawful))[o.first :: o.every] if o.lawful else []
-    official = [judged(proposals) for _, proposals in tqdm(given, desc="official")]
+    given = [p for _, p in read_compact_proposals(o.lawful)][o.first :: o.every] if o.lawful else []
+    if o.jumps:
+        sizes = np.concatenate(in_parallel(jumps, given, o.workers))
+        print(f"{len(sizes)} jumps in {len(given)} videos:", *(f"{q} {np.quantile(sizes, q):.3f}" for q in QUANTILES))
+        return
+    rows = [row for root in o.suites for row in rows_of(root, o.workers)]
+    official = in_parallel(judged, given, o.workers)
     if o.fit:
         fit(rows, [evidence for _, evidence in official])
         return

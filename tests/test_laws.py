@@ -1,6 +1,7 @@
 """Scenes that break a law, and the judge that finds which."""
 
 import json
+from dataclasses import fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,9 +21,12 @@ from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge
-from nsdr.tracking.tracker import tracks_from_annotation
+from nsdr.laws.motion import Evidence, strongest
+from nsdr.laws.presence import renamed
+from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals, VideoTracks, Violation
 from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.vocabulary import attribute_index
 
 SEEDS = {
     "permanence": 330000,
@@ -76,7 +80,7 @@ def test_what_takes_an_objects_place_does_not_hide_it() -> None:
     assert abs(strongest.frame - made[1].frame) <= 3
 
 
-def test_a_half_hidden_object_that_nothing_can_have_touched_jumps() -> None:
+def test_a_half_hidden_object_jumps() -> None:
     made = break_law(simulate_scene(362022), "continuity", "clear", 362022)
     assert made is not None
     (found,) = evidence_of(tracks_of(made[0]))
@@ -111,6 +115,14 @@ def test_a_law_broken_once_is_told_from_others(law: str, size: str, seed: int) -
     assert abs(strongest.frame - made[1].frame) <= 3
 
 
+def test_both_objects_of_a_broken_collision_are_one_violation() -> None:
+    def one(objects: tuple[int, ...], frame: int, nats: float) -> Evidence:
+        return Evidence("reaction", objects, frame, frame + 1, 1.5, "restitution", nats)
+
+    found = [one((0, 1), 50, 20.0), one((0, 1), 51, 30.0), one((1, 2), 90, 10.0), one((2, 3), 52, 5.0)]
+    assert [e.nats for e in strongest(found)] == [30.0, 10.0, 5.0]
+
+
 def test_before_the_violation_nothing_is_changed() -> None:
     scene = lawful(SEEDS["inertia"])
     made = break_law(scene, "inertia", "small", 1)
@@ -129,6 +141,7 @@ def test_the_same_seed_breaks_a_law_in_the_same_way() -> None:
     assert first is not None
     assert second is not None
     assert first[1] == second[1]
+    assert np.array_equal(first[0].motion.location_world, second[0].motion.location_world)
 
 
 def test_a_scene_without_an_occasion_gives_none() -> None:
@@ -162,6 +175,24 @@ def test_a_colour_that_changes_is_seen_in_the_proposals(tmp_path) -> None:
     assert found.probability > 0.85
 
 
+@pytest.mark.parametrize(("words", "law"), [(("red", "rubber", "cube"), "identity"), (None, "permanence")])
+def test_what_turns_up_was_there_before_with_other_words_at_a_stride(words, law: str, tmp_path) -> None:
+    path = tmp_path / "proposal_00000.json"
+    write_json(path, proposal_document(lawful(SEEDS["identity"]), 0, "video.mp4", CLEVRER_CAMERA))
+    proposals = read_proposals(path)
+    tracks = track(proposals)
+    whole = tracks.tracks[0]
+    assert whole.object.name != "red rubber cube"
+    arrays = {f.name: getattr(whole, f.name) for f in fields(whole) if f.name != "object"}
+    later = replace(whole, **{name: values[whole.frame_index >= 40] for name, values in arrays.items()})
+    if words:
+        mine = proposals.attribute == attribute_index(*whole.object.name.split())
+        proposals = replace(proposals, attribute=np.where(mine, attribute_index(*words), proposals.attribute))
+    turns_up = Evidence("permanence", (0,), 40, 40, 39, "frames", 9.0)
+    (found,) = renamed([turns_up], replace(tracks, tracks=(later,)), proposals, np.arange(128) % 2 == 0)
+    assert found.law == law
+
+
 def test_pairs_are_a_data_set_with_questions(tmp_path) -> None:
     config = ViolationsConfig(
         str(tmp_path / "data"), videos=4, first_scene=SEEDS["continuity"], laws=("continuity", "permanence"), renderer="none",
@@ -177,7 +208,9 @@ def test_pairs_are_a_data_set_with_questions(tmp_path) -> None:
     right = [c.id for c in questions[1].questions[1].choices if c.answer == "correct"]
     assert right == objects
     assert CLEVRER(root).split("validation").question_file is not None
-    assert generate_violations(config) == root  # resumes
+    made = Files(root, "validation", 10000).truth.stat().st_mtime_ns
+    generate_violations(config)  # what is finished is not made again
+    assert Files(root, "validation", 10000).truth.stat().st_mtime_ns == made
 
 
 def test_the_command_judges_videos_and_says_which_it_cannot(tmp_path, capsys) -> None:

@@ -1,6 +1,6 @@
 """Where a track is cut into stretches of free sliding, and the changes of motion there.
 
-A stretch (`nsdr.laws.stretches`) is cut in two where that explains its positions so much better that chance does not (a
+A stretch (`nsdr.laws.stretches`) is cut in two where that explains its positions better than chance would (a
 generalised likelihood ratio), over and over.
 """
 
@@ -23,6 +23,7 @@ from nsdr.world.vocabulary import SHAPES
 
 __all__ = [
     "FIRST_NOISE_WORLD",
+    "HIDDEN_NOISE_WORLD",
     "JUMP_FRAMES",
     "MIN_EVIDENCE",
     "SURE_FRAMES",
@@ -50,11 +51,13 @@ PLACE_NOISE_WORLD = {"cube": 0.015, "cylinder": 0.006, "sphere": 0.006}
 VELOCITY_NOISE = {"cube": 0.06, "cylinder": 0.03, "sphere": 0.03}
 """Standard deviations of a change's place and velocity beside what the positions say (world units, world units/s): cubes turn,
 and their outline with them."""
-HIDDEN_NOISE_WORLD = 0.05
-"""The first of these where an object is hidden, if only in part, for more than `JUMP_FRAMES` (world units): of 231 such changes
-in 181 lawful videos of `train` a tenth seem jumps of more than 0.06, one in fifty of more than 0.11."""
+HIDDEN_NOISE_WORLD = 0.04
+"""As `PLACE_NOISE_WORLD`, where an object is hidden, if only in part, for more than `JUMP_FRAMES` (world units): of 193 such
+changes in lawful videos of `train` one in fifty seems a jump of more than 0.086, the largest of 0.17 (`python
+benchmarks/violations.py --lawful PROPOSALS_TRAIN.npz --every 48 --first 5 --jumps`)."""
 JUMP_FRAMES = 6
-"""After more frames without reliable positions, or without any, a place tells less of a jump."""
+"""After more frames without a reliable position, where an object is tells less of a jump; after more without any position,
+nothing where a visible object can have hit it."""
 SLIGHT_WORLD, SLIGHT_WORLD_PER_S = 0.015, 0.08
 """Smaller changes of place and velocity are none (world units, world units/s)."""
 SEEN_GAP_FRAMES = 3
@@ -91,7 +94,7 @@ class Break:
 
     @cached_property
     def seen(self) -> tuple[int, int]:
-        """The frames of the nearest reliable positions before and after it."""
+        """The frames of the nearest reliable positions before and after it; without one, the ends of the two stretches."""
         before, after = (s.frames[s.reliable] for s in (self.before, self.after))
         return int(before[-1] if len(before) else self.before.start), int(after[0] if len(after) else self.after.last)
 
@@ -103,14 +106,14 @@ class Break:
     @property
     def missing_frames(self) -> int:
         """Between the nearest positions of any kind."""
-        return int(self.after.start - self.before.last)
+        return self.after.start - self.before.last
 
     @cached_property
     def window(self) -> FloatArray:
         """Frames at which it may happen, half a frame apart: around where both stretches meet, or while it is not seen."""
         low, high, margin = float(self.seen[0]), float(self.seen[1]), MAX_MARGIN_FRAMES
         if self.hidden_frames <= SEEN_GAP_FRAMES:
-            error = self._place_variance**0.5 / max(float(np.hypot(*self.change)) * FRAME_SECONDS, 1e-9)
+            error = self.place_variance**0.5 / max(float(np.hypot(*self.change)) * FRAME_SECONDS, 1e-9)
             low, high, margin = self.frame, self.frame, MIN_MARGIN_FRAMES + min(3 * error, MAX_MARGIN_FRAMES)
         low, high = min(low, self.frame) - margin, max(high, self.frame) + margin
         return np.linspace(low, high, 2 + round(2 * (high - low)))
@@ -131,7 +134,8 @@ class Break:
         return self.after.velocity(self.frame) - self.before.velocity(self.frame)
 
     @property
-    def _place_variance(self) -> float:
+    def place_variance(self) -> float:
+        """Of each coordinate of the difference of the places before and after it (world units²)."""
         at = np.array([self.frame])
         return float(self.before.place_variance(at)[0] + self.after.place_variance(at)[0])
 
@@ -139,7 +143,7 @@ class Break:
         """Of the place."""
         size = float(np.hypot(*(self.after.place(np.array([self.frame]))[0] - self.place)))
         noise = HIDDEN_NOISE_WORLD if self.hidden_frames > JUMP_FRAMES else PLACE_NOISE_WORLD[self.before.shape]
-        return Change(size, size**2 / (2 * (self._place_variance + noise**2)))
+        return Change(size, size**2 / (2 * (self.place_variance + noise**2)))
 
     def kick(self) -> Change:
         """Of the velocity."""
@@ -181,8 +185,8 @@ class ObjectStretches:
         return [self._track.rough_stretch(a, b) for a, b in pairwise(self._ends)]
 
     def merge(self, is_explained: Callable[[Break], bool]) -> None:
-        """Undo slight cuts, and those that no contact explains where one stretch on another ground explains the positions; move
-        the others beside another ground, made before it was known, to where both sides fit best."""
+        """Undo slight cuts, and those that nothing lawful explains where one stretch fits as well; move those that nothing
+        explains beside another ground, made before it was known, to where both sides fit best."""
         p = self._track
         while len(self._ends) > 2:
             gains = []
@@ -205,7 +209,7 @@ class ObjectStretches:
                 self._ends[k] = self._moved(a, b, c)
 
     def _moved(self, a: int, b: int, c: int) -> int:
-        """A better cut than b between a and c, by a pattern search."""
+        """The best cut between a and c, or one near b that is better than its neighbours (a pattern search)."""
         p, step = self._track, FIRST_STEP
         while step:
             steps = [m for m in (b, b - step, b + step) if a + MIN_FRAMES <= m <= c - MIN_FRAMES]

@@ -7,14 +7,11 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.laws.breaks import MIN_EVIDENCE
-from nsdr.laws.motion import Evidence, Explanation
+from nsdr.laws.motion import Evidence, Explanation, strongest
 from nsdr.laws.presence import other_words, presence, renamed
 from nsdr.types import VideoProposals, VideoTracks
 
 __all__ = ["evidence_of"]
-
-CAUSE_FRAMES = 6
-"""Weaker evidence about an object so near to other evidence is explained by it (frames)."""
 
 
 def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) -> list[Evidence]:
@@ -36,7 +33,7 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     forwards = Explanation(states)
     motion, found = list(forwards.motion()), presence(forwards, processed)
     if proposals is not None:
-        found = renamed(found, tracks, proposals)
+        found = renamed(found, tracks, proposals, processed)
         found += other_words(forwards, tracks, proposals)
     # That the ground is another one, too, would be a second broken law.
     backwards = Explanation(_reversed(states), forwards.noise, known_ground=True)
@@ -44,19 +41,7 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     if gain > MIN_EVIDENCE:
         every = tuple(range(len(states.objects)))
         motion = [Evidence("arrow", every, 0, tracks.n_frames, gain, "nats", gain)]
-    return _strongest([*motion, *found])
-
-
-def _strongest(found: list[Evidence]) -> list[Evidence]:
-    """The evidence without what stronger one near it explains."""
-    kept: list[Evidence] = []
-    for e in sorted(found, key=lambda e: -e.nats):
-        explained = any(
-            set(e.objects) & set(k.objects) and k.frame - CAUSE_FRAMES <= e.frame <= k.end + CAUSE_FRAMES for k in kept
-        )
-        if not explained:
-            kept.append(e)
-    return kept
+    return strongest([*motion, *found])
 
 
 def _reversed(states: MotionStates) -> MotionStates:

@@ -1,6 +1,5 @@
 """Evidence against the laws -> what a video breaks, and how probably."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -45,9 +44,9 @@ def judge(
 ) -> Judgement:
     """Which laws of CLEVRER's world a video breaks, by which objects, and when.
 
-    The tracks are explained by free sliding between contacts, with free masses and restitutions and the noise of positions as
-    measured in the video, and by the same with a law broken; see `nsdr.laws.motion`. What is hidden, cut by the border or too
-    short to tell is no evidence.
+    The tracks are explained by free sliding between contacts, with masses and restitutions in CLEVRER's range and the noise of
+    positions as measured in the video, and by the same with a law broken; see `nsdr.laws.motion`. What is hidden, cut by the
+    border or short tells less or nothing.
 
     Args:
         proposals: of the video's frames.
@@ -73,7 +72,7 @@ def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement
     """How probable violations are by the evidence of `nsdr.laws.evidence.evidence_of`."""
     violations, lawful = [], 1.0
     for e in evidence:
-        probability = 1 / (1 + math.exp(-STEEPNESS * math.log(e.nats / EVEN_NATS[e.law])))
+        probability = 1 / (1 + (EVEN_NATS[e.law] / e.nats) ** STEEPNESS)
         lawful *= 1 - probability
         if probability > 0.5:
             violations.append(Violation(*e[:-1], probability=probability))

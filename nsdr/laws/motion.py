@@ -4,7 +4,7 @@ A lawful object slides freely between its contacts (`nsdr.laws.stretches`). So e
 both objects change as masses and restitution allow, and objects that meet need to change.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -28,7 +28,7 @@ from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
 
-__all__ = ["SAME_FRAMES", "Evidence", "Explanation"]
+__all__ = ["SAME_FRAMES", "Evidence", "Explanation", "strongest"]
 
 REACH_NOISE_WORLD = 0.01
 """Standard deviation of the distance at which two objects touch (world units)."""
@@ -41,6 +41,8 @@ CROWDED_FRAMES, CROWDED_WORLD = 10, 0.7
 world units): chosen on the training suites of docs/judge.md."""
 HIDDEN_FRAMES = 24
 """Changes during which an object is hidden for longer do not show the effect of one contact alone (frames)."""
+CAUSE_FRAMES = 6
+"""Weaker evidence about an object so near to other evidence is explained by it (frames)."""
 TOUCH_NATS = 4.0
 """Objects against whose contact less speaks touch (nats)."""
 BROKEN_NATS = 200.0
@@ -88,8 +90,9 @@ class Explanation:
         objects = [ObjectStretches(self.states, i, self.noise, self.known_ground) for i in every]
         self.frames = self.states.present.shape[1]
         self._cut([o.stretches() for o in objects])
+        # Each object's cuts are judged beside all that there were at first, also those of others that are merged by now.
         for one in objects:
-            one.merge(lambda b: min((c.nats for c in self._contacts(b)), default=np.inf) < TOUCH_NATS)
+            one.merge(lambda b: self._lawful_nats(b, self._contacts(b)) < TOUCH_NATS)
         self._cut([o.stretches() for o in objects])
 
     def _cut(self, stretches: list[list[Stretch]]) -> None:
@@ -106,7 +109,7 @@ class Explanation:
         """Of the positions, the cuts, and all that is against the laws of motion (nats)."""
         fit = sum(s.cost for one in self.stretches for s in one)
         cuts = CUT_GAIN * sum(len(one) for one in self.breaks)
-        broken = [min(e.nats, BROKEN_NATS) for e in self.motion()]
+        broken = [min(e.nats, BROKEN_NATS) for e in strongest(self.motion())]
         # One broken law is no reason to turn the video around: the worst counts as a cut at most.
         return fit + cuts + sum(broken) - max(max(broken, default=0.0) - CUT_GAIN, 0.0)
 
@@ -129,8 +132,7 @@ class Explanation:
                 if nats > MIN_EVIDENCE:
                     yield Evidence("continuity", (b.i,), frame, frame + 1, jump.size, "world units", nats)
                 continue
-            lawful = min((c.nats for c in contacts), default=np.inf)
-            nats = min(kick.nats, lawful, self._unseen_nats(b))
+            nats = min(kick.nats, self._lawful_nats(b, contacts))
             if nats < MIN_EVIDENCE:
                 continue
             touching = [c for c in contacts if c.gap_nats < TOUCH_NATS and c.exchange_nats is not None]
@@ -152,14 +154,17 @@ class Explanation:
         near = [s for s in self.stretches[j] if s.start - SAME_FRAMES <= frame <= s.last + SAME_FRAMES]
         return min(near, key=lambda s: max(s.start - frame, frame - s.last), default=None)
 
-    def _sides(self, j: int, frame: float) -> tuple[Stretch, Stretch] | None:
-        """Object j's motion before and after a frame: of two stretches, or of the parts of one; None where too little is
-        seen."""
-        for b in self.breaks[j]:
-            if abs(b.frame - frame) <= SAME_FRAMES:
-                return b.before, b.after
-        s = self.at(j, frame)
-        return None if s is None else s.parts(frame)
+    def _sides(self, b: Break, j: int) -> tuple[Stretch, Stretch] | None:
+        """Object j's motion before and after a change of another: of two stretches, or of the parts of one; None where too
+        little is seen."""
+        for other in self._changes_with(b, j):
+            return other.before, other.after
+        s = self.at(j, b.frame)
+        return None if s is None else s.parts(b.frame)
+
+    def _lawful_nats(self, b: Break, contacts: "list[_Contact]") -> float:
+        """Against the best lawful reason of a change of velocity."""
+        return min([self._unseen_nats(b), *(c.nats for c in contacts)])
 
     def _contacts(self, b: Break) -> "list[_Contact]":
         """Contacts with each other object that is seen around a change of motion."""
@@ -171,7 +176,7 @@ class Explanation:
         frame, (gap, nats) = b.frame, self._gap(b, j)
         if np.isinf(nats):
             return None
-        sides = self._sides(j, frame)
+        sides = self._sides(b, j)
         exchange, restitution = None, np.nan
         if sides is not None and not self._is_crowded(b, j):
             # What is hidden for long may have changed twice.
@@ -204,15 +209,11 @@ class Explanation:
         return gap, nats
 
     def _near(self, j: int, when: FloatArray) -> list[Stretch]:
-        """Stretches that may tell where object j is at frames (F,): also those nearby, but not where the next one does."""
+        """Stretches that may tell where object j is at frames (F,): from the one before to the one after it."""
         every = self.stretches[j]
-        ends, starts = [-np.inf, *(s.last for s in every[:-1])], [*(s.start for s in every[1:]), np.inf]
-        return [
-            s
-            for s, end, start in zip(every, ends, starts, strict=True)
-            if max(s.start - UNSEEN_FRAMES, end - SAME_FRAMES) <= when[-1]
-            and when[0] <= min(s.last + UNSEEN_FRAMES, start + SAME_FRAMES)
-        ]
+        first = [every[0].start - UNSEEN_FRAMES, *(s.last - SAME_FRAMES for s in every[:-1])]
+        last = [*(s.start + SAME_FRAMES for s in every[1:]), every[-1].last + UNSEEN_FRAMES]
+        return [s for s, a, b in zip(every, first, last, strict=True) if a <= when[-1] and when[0] <= b]
 
     def _is_crowded(self, b: Break, j: int) -> bool:
         """Whether more happens around a contact than that of the two objects, so that its effect alone is not seen."""
@@ -250,6 +251,7 @@ class Explanation:
                     yield best._replace(frame=min(e.frame for e in found), end=max(e.end for e in found))
 
     def _overlap(self, one: Stretch, other: Stretch) -> Evidence | None:
+        """Against solidity in two stretches; None where they do not overlap."""
         # Near its ends a stretch may have been cut a frame too late.
         frames = np.arange(max(one.start, other.start) + 2.0, min(one.last, other.last) - 1.0)
         if not len(frames):
@@ -263,6 +265,18 @@ class Explanation:
         pair = (other.track.i, one.track.i)
         found = int(inside[0]), int(inside[-1]) + 1, float(distance[deepest])
         return Evidence("solidity", pair, *found, "world units", float(nats[deepest]))
+
+
+def strongest(found: Iterable[Evidence]) -> list[Evidence]:
+    """The evidence without what stronger one near it explains, such as a collision's about either of its objects."""
+    kept: list[Evidence] = []
+    for e in sorted(found, key=lambda e: -e.nats):
+        explained = any(
+            set(e.objects) & set(k.objects) and k.frame - CAUSE_FRAMES <= e.frame <= k.end + CAUSE_FRAMES for k in kept
+        )
+        if not explained:
+            kept.append(e)
+    return kept
 
 
 class _Contact(NamedTuple):
@@ -307,8 +321,9 @@ def _distance_variance(one: Stretch, other: Stretch, frames: FloatArray) -> Floa
 def _exchange(mine: Sequence[Stretch], other: Sequence[Stretch], frame: float) -> tuple[float, float]:
     """Evidence against a lawful collision in how two objects change (nats), and the restitution that they show.
 
-    The impulse on both is opposite, along the line from one to the other or nearly so, and no larger than `MAX_RESTITUTION`
-    allows; the ratio of the masses is free within `MASS_RANGE`.
+    The impulse on both is opposite, along the line from one to the other or nearly so, no larger than `MAX_RESTITUTION` allows,
+    and without cubes, which turn, no smaller than objects need that stick together; the ratio of the masses is free within
+    `MASS_RANGE`.
     """
     at = np.array([frame])
     p, q = mine[0].place(at)[0], other[0].place(at)[0]

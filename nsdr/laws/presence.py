@@ -56,7 +56,7 @@ def _permanence(explanation: Explanation, processed: NDArray[np.bool_]) -> Itera
             missed = list(takewhile(partial(_should_be_seen, explanation, i), (f for f in order if processed[f])))
             nats = len(missed) * MISSED_NATS * states.spacing_frames
             if nats > MIN_EVIDENCE:
-                first, last = (min(end, explanation.frames - 1), end) if start == 0 else (missed[0], missed[-1] + 1)
+                first, last = (end, end) if start == 0 else (missed[0], missed[-1] + 1)
                 yield Evidence("permanence", (i,), first, last, abs(missed[-1] - missed[0]) + 1, "frames", nats)
 
 
@@ -116,23 +116,26 @@ def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]
     return result + [e for e in found if e not in used]
 
 
-def renamed(found: list[Evidence], tracks: VideoTracks, proposals: VideoProposals) -> list[Evidence]:
+def renamed(
+    found: list[Evidence], tracks: VideoTracks, proposals: VideoProposals, processed: NDArray[np.bool_]
+) -> list[Evidence]:
     """The evidence, where an object that vanishes or turns up is seen on with other words as evidence against identity.
 
     The tracker takes two objects of which one rests where the other one did for one that has wrong words at times.
     """
-    result = []
-    for e in found:
-        track = tracks.tracks[e.objects[0]]
-        turns_up = e.frame == e.end
-        beside, k = (e.frame - 1, 0) if turns_up else (e.frame, int(np.searchsorted(track.frame_index, e.frame)) - 1)
-        near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < PLACE_PX
-        rows = np.flatnonzero(near & (proposals.frame_index == beside))
-        if e.law == "permanence" and len(rows):
-            n = differing_words(track.object.name.split(), attributes_of(int(proposals.attribute[rows[0]])))
-            e = e._replace(law="identity", amount=n, unit="words")
-        result.append(e)
-    return result
+    return [_renamed(e, tracks, proposals, processed) if e.law == "permanence" else e for e in found]
+
+
+def _renamed(e: Evidence, tracks: VideoTracks, proposals: VideoProposals, processed: NDArray[np.bool_]) -> Evidence:
+    track = tracks.tracks[e.objects[0]]
+    if e.frame == e.end:  # it turns up
+        beside, k = int(np.flatnonzero(processed[: e.frame])[-1]), 0
+    else:
+        beside, k = e.frame, int(np.searchsorted(track.frame_index, e.frame)) - 1
+    near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < PLACE_PX
+    attributes = proposals.attribute[near & (proposals.frame_index == beside)].tolist()
+    n = max((differing_words(track.object.name.split(), attributes_of(a)) for a in attributes), default=0)
+    return e._replace(law="identity", amount=n, unit="words") if n else e
 
 
 def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
