@@ -6,7 +6,7 @@ both objects change as masses and restitution allow, and objects that meet need 
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -114,9 +114,17 @@ class Explanation:
         return fit + cuts + sum(broken) - max(max(broken, default=0.0) - CUT_GAIN, 0.0)
 
     def _friction(self) -> Iterator[Evidence]:
-        for s in (s for one in self.stretches for s in one):
-            if s.gain:
-                yield Evidence("friction", (s.track.i,), *s.rough_frames, s.ground.extra, "world units/s²", s.gain)
+        """Against friction: stretches on another ground, in a row on the same one."""
+        for is_rough, group in (g for one in self.stretches for g in groupby(one, lambda s: s.gain > 0)):
+            if is_rough:
+                rough = list(group)
+                most, (first, _), (_, end) = (
+                    max(rough, key=lambda s: s.gain),
+                    rough[0].rough_frames,
+                    rough[-1].rough_frames,
+                )
+                nats = sum(s.gain for s in rough)
+                yield Evidence("friction", (most.track.i,), first, end, most.ground.extra, "world units/s²", nats)
 
     def _changes(self) -> Iterator[Evidence]:
         """Against continuity, inertia, reaction and action at a distance alone: changes of motion without a good reason."""
