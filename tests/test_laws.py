@@ -11,6 +11,7 @@ from nsdr.clevrer import CLEVRER, read_proposals, read_questions
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.cli.main import main
+from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
 from nsdr.generate.dataset import Files
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
@@ -21,7 +22,7 @@ from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge
-from nsdr.laws.motion import Evidence, strongest
+from nsdr.laws.motion import Evidence, Explanation, strongest
 from nsdr.laws.presence import renamed
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals, VideoTracks, Violation
@@ -121,6 +122,17 @@ def test_both_objects_of_a_broken_collision_are_one_violation() -> None:
 
     found = [one((0, 1), 50, 20.0), one((0, 1), 51, 30.0), one((1, 2), 90, 10.0), one((2, 3), 52, 5.0)]
     assert [e.nats for e in strongest(found)] == [30.0, 10.0, 5.0]
+
+
+def test_another_ground_in_two_stretches_is_one_violation() -> None:
+    made = break_law(lawful(SEEDS["friction"]), "friction", "clear", SEEDS["friction"])
+    assert made is not None
+    explanation = Explanation(states_from_tracks(tracks_of(made[0])))
+    (whole,) = (e for e in explanation.motion() if e.law == "friction")
+    (i,) = whole.objects
+    explanation.stretches[i] = [s for s in explanation.stretches[i] for _ in range(2 if s.gain else 1)]
+    (both,) = (e for e in explanation.motion() if e.law == "friction")
+    assert both == whole._replace(nats=2 * whole.nats)
 
 
 def test_before_the_violation_nothing_is_changed() -> None:
