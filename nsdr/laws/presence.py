@@ -122,6 +122,12 @@ def renamed(
     """The evidence, where an object that vanishes or turns up is seen on with other words as evidence against identity.
 
     The tracker takes two objects of which one rests where the other one did for one that has wrong words at times.
+
+    Args:
+        found: against permanence and identity.
+        tracks: of the video.
+        proposals: from which they were made.
+        processed: (F,) the frames that were looked at.
     """
     return [_renamed(e, tracks, proposals, processed) if e.law == "permanence" else e for e in found]
 
