@@ -144,7 +144,7 @@ class Explanation:
             if nats < MIN_EVIDENCE:
                 continue
             touching = [c for c in contacts if c.gap_nats < TOUCH_NATS and c.exchange_nats is not None]
-            apart = [c for c in contacts if self._repels(b, c) and (c.exchange_nats or 0.0) < c.gap_nats]
+            apart = [c for c in contacts if (c.exchange_nats or 0.0) < c.gap_nats and self._repels(b, c)]
             if touching:
                 best = min(touching, key=lambda c: c.nats)
                 law, amount, unit = "reaction", best.restitution, "restitution"
