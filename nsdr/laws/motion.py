@@ -118,11 +118,8 @@ class Explanation:
         for is_rough, group in (g for one in self.stretches for g in groupby(one, lambda s: s.gain > 0)):
             if is_rough:
                 rough = list(group)
-                most, (first, _), (_, end) = (
-                    max(rough, key=lambda s: s.gain),
-                    rough[0].rough_frames,
-                    rough[-1].rough_frames,
-                )
+                most = max(rough, key=lambda s: s.gain)
+                first, end = rough[0].rough_frames[0], rough[-1].rough_frames[1]
                 nats = sum(s.gain for s in rough)
                 yield Evidence("friction", (most.track.i,), first, end, most.ground.extra, "world units/s²", nats)
 
